@@ -35,10 +35,10 @@ def dmt(c, n, p):
     `c` is the contact, `n` the result of the normal law, `p` the parameters; see `thirdbody.plugin` for their
     fields. Negative forces are attractive. U closes the energy ledger: dU/dd = F, and zero at first touch.
     """
-    pull = 2.0 * math.pi * p.work_of_adhesion * c.radius
+    pull_off = 2.0 * math.pi * p.work_of_adhesion * c.radius
     # no touch, no force: a select instead of a branch lets the compiler vectorise over contacts
-    pull = pull if c.overlap > 0.0 else 0.0
-    return Adhesion(-pull, -pull * c.overlap)
+    pull_off = pull_off if c.overlap > 0.0 else 0.0
+    return Adhesion(-pull_off, -pull_off * c.overlap)
 
 
 @kernel

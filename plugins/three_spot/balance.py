@@ -163,17 +163,17 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     if isinstance(source, BalanceFile):
         report = source
     else:
-        report = BalanceFile.made(source) if isinstance(source, Mapping) else BalanceFile.load(source)
+        report = BalanceFile.from_tables(source) if isinstance(source, Mapping) else BalanceFile.load(source)
     spots = report.spots()
     pairs = _pairs(report)
-    walk = _Walk(report, spots, pairs, level)
-    stopped = walk.go()
+    drag_run = _DragRun(report, spots, pairs, level)
+    stopped = drag_run.run()
     moduli = {
         side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
         for side, p in zip(("lower", "upper"), pairs, strict=True)
     }
-    warnings = _warnings(report, spots, walk, moduli)
-    return Result(walk.points, _forecast(report, walk), moduli, level, spots.planar, stopped, warnings, walk.seat())
+    warnings = _warnings(report, spots, drag_run, moduli)
+    return Result(drag_run.points, _forecast(report, drag_run), moduli, level, spots.planar, stopped, warnings, drag_run.seat())
 
 
 def _pairs(report: BalanceFile) -> tuple[Pair, Pair]:
@@ -183,15 +183,15 @@ def _pairs(report: BalanceFile) -> tuple[Pair, Pair]:
     return lower, upper
 
 
-class _Walk:
+class _DragRun:
     """Solver, observer and the points so far."""
 
-    def __init__(self, told: BalanceFile, spots: Spots, pairs: tuple[Pair, Pair], level: str) -> None:
-        z, up = spots.place[:, 2], spots.upper
+    def __init__(self, document: BalanceFile, spots: Spots, pairs: tuple[Pair, Pair], level: str) -> None:
+        z, up = spots.position[:, 2], spots.upper
         gap = np.where(up, z[up].max() - z, z - z[~up].min())
-        self.path, self.planar = told.path, spots.planar
-        self.under_load = told.path.load is not None
-        grip = Grip(spots.place, gap, up, told.particle.weight, spots.planar)
+        self.path, self.planar = document.path, spots.planar
+        self.under_load = document.path.load is not None
+        grip = Grip(spots.position, gap, up, document.particle.weight, spots.planar)
         contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES})
         self.solver = QuasiStatic(grip, contacts, self.under_load)
         self.radius, self.level = spots.radius, level
@@ -207,12 +207,12 @@ class _Walk:
 
     def seat(self) -> Seat | None:
         """Return the posture into which the particle rotated, or None."""
-        turned = self.solver.turned
-        if not turned.any():
+        rotation = self.solver.seat_rotation
+        if not rotation.any():
             return None
-        return Seat(float(turned[1]) if self.planar else turned.tolist(), self.pressed.place.tolist())
+        return Seat(float(rotation[1]) if self.planar else rotation.tolist(), self.pressed.position.tolist())
 
-    def go(self) -> Stop | None:
+    def run(self) -> Stop | None:
         """Press, then drag; return a `Stop` where no static state exists."""
         given = self.path.load if self.under_load else self.path.indentation
         assert given is not None  # one of the two is given: `Path.rules`
@@ -233,7 +233,7 @@ class _Walk:
 
     def _note(self, result: Balance) -> None:
         assert self.observer is not None  # since the end of pressing
-        spots, label, reason, margins = self.observer.see(result, self.grip)
+        spots, label, reason, margins = self.observer.update(result, self.grip)
         downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * result.answer.tangential
         drag = float(np.hypot(*result.plate[1:]))
         t: Any = (-downwards[:, 0]).tolist() if self.planar else downwards.tolist()
@@ -255,12 +255,12 @@ class _Walk:
         return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
 
 
-def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
+def _forecast(report: BalanceFile, drag_run: _DragRun) -> Forecast:
     """Conditions of self-consistency for the spots loaded after pressing; if it cannot be pressed, for those that touch first."""
-    up, place = walk.pressed.upper, walk.pressed.place
-    first = walk.balances[0] if walk.balances else None
-    loaded = first.overlap > 0.0 if first is not None else walk.pressed.gap <= TOUCHING * walk.pressed.arm
-    above, below = place[up & loaded], place[~up & loaded]
+    up, position = drag_run.pressed.upper, drag_run.pressed.position
+    first = drag_run.balances[0] if drag_run.balances else None
+    loaded = first.overlap > 0.0 if first is not None else drag_run.pressed.gap <= TOUCHING * drag_run.pressed.arm
+    above, below = position[up & loaded], position[~up & loaded]
     if not len(above) or not len(below):
         return Forecast(None, None, None, [])
     h = float(above[:, 2].mean() - below[:, 2].mean())
@@ -269,7 +269,7 @@ def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
     heading, friction = report.path.heading(), report.friction
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = report.particle.weight / load if load > 0.0 else 0.0
-    if walk.planar:
+    if drag_run.planar:
         # the theory drags toward -x: positions along the opposite of the drag
         over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
         low, high = conditions.planar_interval(over, under, h, ratio)
@@ -279,35 +279,35 @@ def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
         low, high = hull_conditions.sliding_interval(above[:, :2], below[:, :2], h, heading)
         required = hull_conditions.required_friction(above[:, :2], below[:, :2], h)
     limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
-    slack = conditions.ROUND_OFF * float(np.ptp(place[:, :2], axis=0).max()) / h
+    slack = conditions.ROUND_OFF * float(np.ptp(position[:, :2], axis=0).max()) / h
     possible = ["sticking"] if required <= limit + slack else []
     possible += ["sliding"] if low - slack <= limit <= high + slack else []
     ever = bool(np.isfinite([low, high]).all())
     return Forecast(float(required), float(low) if ever else None, float(high) if ever else None, possible)
 
 
-def _warnings(report: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
+def _warnings(report: BalanceFile, spots: Spots, drag_run: _DragRun, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
     result = []
-    turned = float(np.linalg.norm(walk.solver.turned))
-    if turned > 0.0:
-        result.append(f"the first contacts do not hold the particle: it turns by {turned:.3g} rad and is pressed there")
+    rotation = float(np.linalg.norm(drag_run.solver.seat_rotation))
+    if rotation > 0.0:
+        result.append(f"the first contacts do not hold the particle: it rotates by {rotation:.3g} rad and is pressed there")
     for side, values in moduli.items():
         beta = values["dundurs_beta"]
         if abs(beta) > MISMATCH:
             result.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
-    if not walk.balances:
+    if not drag_run.balances:
         return result
-    dropped = walk.solver.remembered("exact.dropped")
+    dropped = drag_run.solver.history_column("exact.dropped")
     if dropped.any():
-        spots_told = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
-        result.append(f"spots {spots_told} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
-    deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
-    if any(b.free for b in walk.balances) and any(point.label == "sliding" for point in walk.points):
+        spots_text = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
+        result.append(f"spots {spots_text} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
+    overlap = max(float((b.overlap / spots.radius).max()) for b in drag_run.balances)
+    if any(b.free for b in drag_run.balances) and any(point.label == "sliding" for point in drag_run.points):
         result.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
-    if deep > LARGE:
-        result.append(f"overlaps of {deep:.3g} radii, beyond Hertz' theory")
+    if overlap > LARGE:
+        result.append(f"overlaps of {overlap:.3g} radii, beyond Hertz' theory")
     if report.particle.weight > 0.0 and not spots.planar:
         result.append("the forecast leaves out the weight")
-    if any(point.label == "rolling" for point in walk.points) and not walk.under_load:
+    if any(point.label == "rolling" for point in drag_run.points) and not drag_run.under_load:
         result.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")
     return result

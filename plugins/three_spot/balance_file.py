@@ -51,9 +51,9 @@ from thirdbody.plugin import (
 )
 
 VERSION = 1
-MOST_SPHERES = 100
+MAX_SPHERES = 100
 """Maximum number of spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
-MOST_SPOTS = 1000
+MAX_SPOTS = 1000
 """Maximum number of candidates of a balance, whose equations are solved together."""
 
 Array = NDArray[np.float64]
@@ -136,11 +136,11 @@ class Particle(Part):
         if self.quaternion is not None and not any(self.quaternion):
             return [(("quaternion",), "has no length")]
         if self.spots is None:
-            if self.clump and len(self.clump) > MOST_SPHERES:
-                return [(("clump",), f"{len(self.clump)} spheres, at most {MOST_SPHERES} make a body")]
+            if self.clump and len(self.clump) > MAX_SPHERES:
+                return [(("clump",), f"{len(self.clump)} spheres, at most {MAX_SPHERES} make a body")]
             return [] if self.clump else [(("clump",), "at least one sphere is needed")]
-        if len(self.spots) > MOST_SPOTS:
-            return [(("spots",), f"{len(self.spots)} spots, at most {MOST_SPOTS}")]
+        if len(self.spots) > MAX_SPOTS:
+            return [(("spots",), f"{len(self.spots)} spots, at most {MAX_SPOTS}")]
         sides = {spot.side for spot in self.spots}
         missing = [side for side in ("lower", "upper") if side not in sides]
         if missing:
@@ -178,7 +178,7 @@ class Path(Part):
 class Spots:
     """Spots of a particle: place (n, 3) from its centre of mass [m], radius (n,) [m], upper (n,) bool."""
 
-    place: Array
+    position: Array
     radius: Array
     upper: NDArray[np.bool_]
     planar: bool
@@ -210,7 +210,7 @@ class BalanceFile(Part):
         return result
 
     @classmethod
-    def made(cls, tables: Mapping[str, Any]) -> BalanceFile:
+    def from_tables(cls, tables: Mapping[str, Any]) -> BalanceFile:
         """Return the particle from tables built in Python, numbers in SI or texts with units. Raises InputError."""
         return cls(**tables)
 
@@ -219,9 +219,9 @@ class BalanceFile(Part):
         flat = self.path.heading()[1] == 0.0
         if self.particle.spots is not None:
             spots = self.particle.spots
-            place = np.array([(s.x, s.y, s.z) for s in spots])
+            position = np.array([(s.x, s.y, s.z) for s in spots])
             upper = np.array([s.side == "upper" for s in spots])
-            return Spots(place, np.array([s.radius for s in spots]), upper, flat and not place[:, 1].any())
+            return Spots(position, np.array([s.radius for s in spots]), upper, flat and not position[:, 1].any())
         return self._clump_spots(flat)
 
     def _clump_spots(self, flat: bool) -> Spots:
@@ -236,7 +236,7 @@ class BalanceFile(Part):
         arm = (center - centroid) @ matrix_from_quaternion(rotation / np.linalg.norm(rotation)).T
         if planar:
             arm[:, 1] = 0.0  # the centroid of coplanar spheres is off their plane by rounding only
-        place = np.repeat(arm, 2, axis=0)
-        place[::2, 2] += radius
-        place[1::2, 2] -= radius
-        return Spots(place, np.repeat(radius, 2), np.arange(2 * len(radius)) % 2 == 0, planar)
+        position = np.repeat(arm, 2, axis=0)
+        position[::2, 2] += radius
+        position[1::2, 2] -= radius
+        return Spots(position, np.repeat(radius, 2), np.arange(2 * len(radius)) % 2 == 0, planar)

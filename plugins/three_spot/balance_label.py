@@ -19,25 +19,25 @@ AT_LIMIT = {"mdr": 1e-3}
 """Smallest 1 - eta that is not the limit: the springs of `mdr` fall short of mu N by 4e-4."""
 RING = {"mdr": 0.15}
 """Detectable loss of tangential stiffness, the width of the slip ring over a: `mdr` has 16 to 32 springs."""
-SPREAD = 0.02
+SPATIAL_TOLERANCE = 0.02
 """The same in space, as in `classify`: springs of a contact that slid along a curved path differ slightly in direction."""
 ROUNDING, ANNULUS = 1e-9, 1e-6
 
 
 class Observer:
-    """Labels one particle; call `see` for the pressed state first, then for every point of the drag."""
+    """Labels one particle; call `update` for the pressed state first, then for every point of the drag."""
 
     def __init__(self, labeller: Labeller, grip: Grip, radius: Array, heading: tuple[float, float], level: str) -> None:
         self.labeller = labeller
         self.labels = StaticLabels(labeller, grip, radius, heading)
-        self.limit = AT_LIMIT.get(level, ROUNDING) if grip.planar else SPREAD
+        self.limit = AT_LIMIT.get(level, ROUNDING) if grip.planar else SPATIAL_TOLERANCE
         self.ring = RING.get(level, ANNULUS)
 
-    def see(self, point: Balance, grip: Grip) -> tuple[list[str], str, str, dict[str, Any]]:
+    def update(self, point: Balance, grip: Grip) -> tuple[list[str], str, str, dict[str, Any]]:
         """Return (state of each spot, label, reason, margins) of the next point, computed with the spots at `grip`."""
         loaded = point.overlap > 0.0
         eta = utilisation(point, loaded)
-        report = self.labels.see(point, grip)
+        report = self.labels.update(point, grip)
         margins: dict[str, Any] = {name: report[name] for name in self.labeller.margins}
         margins["friction_spots"] = (1.0 - eta).tolist()
         state, reason = self.labeller.states[int(report["state"])], self.labeller.reasons[int(report["reason"])]
@@ -51,7 +51,7 @@ class Observer:
             elif eta[k] >= 1.0 - self.limit:
                 states.append("slide")
             else:
-                partial = point.answer.limit[k] > 0.0 and point.hold[k] < 1.0 - self.ring
+                partial = point.answer.limit[k] > 0.0 and point.stiffness_ratio[k] < 1.0 - self.ring
                 states.append("partial" if partial else "stick")
         return states
 

@@ -67,8 +67,8 @@ def _loaded(result: Result) -> list[int]:
 
 def _forces(axes: Any, result: Result, drag: np.ndarray) -> None:
     forces, unit = scaled(np.array([p.N for p in result.points]))
-    for place, k in enumerate(_loaded(result)):
-        axes.plot(drag, forces[:, k], color=LINES[place % len(LINES)], label=f"spot {k + 1}", **_style(drag))
+    for number, k in enumerate(_loaded(result)):
+        axes.plot(drag, forces[:, k], color=LINES[number % len(LINES)], label=f"spot {k + 1}", **_style(drag))
     axes.set_ylabel(f"normal force $N$ ({unit}N)")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
@@ -80,8 +80,8 @@ def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
     eta[np.array([p.N for p in result.points]) <= 0.0] = np.nan
     if result.planar:
         eta = eta * np.sign(np.array([p.T for p in result.points]))
-    for place, k in enumerate(_loaded(result)):
-        axes.plot(drag, eta[:, k], color=LINES[place % len(LINES)], **_style(drag))
+    for number, k in enumerate(_loaded(result)):
+        axes.plot(drag, eta[:, k], color=LINES[number % len(LINES)], **_style(drag))
     for limit in (1.0, -1.0) if np.nanmin(eta) < 0.0 else (1.0,):
         axes.axhline(limit, color="#555555", linewidth=0.8, linestyle="--")
     axes.set_ylabel(r"utilisation  $T/(\mu\,N)$")
@@ -118,9 +118,9 @@ def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
     axes.tick_params(left=False)
     if len(drag) > 1:
         axes.set_xlim(drag[0], drag[-1])
-    met = {p.label for p in result.points}, {s for p in result.points for s in p.spots}
-    patches = [Patch(color=c, label=f"particle {n}") for n, c in LABELS.items() if n in met[0]]
-    patches += [Patch(facecolor=c, edgecolor="#999999", label=f"spot: {n}") for n, c in SPOTS.items() if n in met[1]]
+    present = {p.label for p in result.points}, {s for p in result.points for s in p.spots}
+    patches = [Patch(color=c, label=f"particle {n}") for n, c in LABELS.items() if n in present[0]]
+    patches += [Patch(facecolor=c, edgecolor="#999999", label=f"spot: {n}") for n, c in SPOTS.items() if n in present[1]]
     axes.legend(handles=patches, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.45), columnspacing=1.2)
 
 

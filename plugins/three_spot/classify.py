@@ -52,7 +52,7 @@ from .body_memory import CHANGE, CHANGE_X, CHANGE_Y, LIFTED, PIVOTED, REFERENCE,
 from .contact_memory import SLIP_LAST, SLIP_REFERENCE
 from .forecast_output import UNTOLD, write_outlook, write_plain_outlook
 from .label_output import CODES, EXTRAS, MARGINS
-from .motion_history import EPS_ROLL, LEAST_TRAVEL, update_history
+from .motion_history import EPS_ROLL, MIN_TRAVEL, update_history
 from .support_geometry import (
     ABOVE,
     BELOW,
@@ -92,7 +92,7 @@ REASONS = (
     10
 )
 EPS_LIMIT = 0.02
-TURN = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
+MAX_ROTATION_OVER_DRAG = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05
 ROUND_OFF = 1e-9  # slip over the contact radius that counts as zero; matters at mu = 0 only
 LOWEST = -1e9  # margins stay finite and fit a float32
@@ -183,34 +183,34 @@ def determinacy(C: Array, n: int, b: Array, a: float) -> float:
 
 
 @helper
-def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
+def rotation_over_drag(b: Array, m: Array, pose: Posture) -> float:
     """Fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
     x, y = m[CHANGE_X], m[CHANGE_Y]
     size = length(x, y, 0.0)
-    if size < LEAST_TRAVEL * pose[1] or size <= 0.0:
+    if size < MIN_TRAVEL * pose[1] or size <= 0.0:
         return 0.0
     rotation = rotation_since(b, m, CHANGE)
     return pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
 
 
 @helper
-def rotation_margin(b: Array, m: Array, pose: Posture, p: float, held: bool) -> float:
+def rotation_margin(b: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
     """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling."""
     margin = 1.0 - p / pose[1]
     if m[WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[ROLL_RATIO] / EPS_ROLL)
-    if pose[0] == BOTH and not held:
-        margin = min(margin, 1.0 - turn_with_drag(b, m, pose) / TURN)
+    if pose[0] == BOTH and not determinate:
+        margin = min(margin, 1.0 - rotation_over_drag(b, m, pose) / MAX_ROTATION_OVER_DRAG)
     return max(margin, LOWEST)
 
 
 @helper
-def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
+def rolling_reason(m: Array, pose: Posture, rotation: Triple, p: float) -> int:
     """Reason of the label rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
     if m[LIFTED] > 0.0:
         return LIFT_OFF
     if p >= pose[1]:
-        tilt, twist = split(turn, pose[3], pose[4], pose[5])
+        tilt, twist = split(rotation, pose[3], pose[4], pose[5])
         return PIVOTING if twist > tilt else ROTATION
     if m[WINDOWS] > 0.0 and m[ROLL_RATIO] >= EPS_ROLL:
         return PIVOTING if m[PIVOTED] > 0.0 else ROTATION
@@ -218,13 +218,13 @@ def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
 
 
 @helper
-def ratios_so_far(C: Array, n: int, m: Array, pose: Posture, turn: Triple, out: Array) -> None:
+def write_ratios(C: Array, n: int, m: Array, pose: Posture, rotation: Triple, out: Array) -> None:
     """Write roll ratio and slip over travel of the last window, or of the first one so far."""
     if m[WINDOWS] > 0.0:
         out[label_output.ROLL] = m[ROLL_RATIO]
         out[label_output.SLIP] = m[SLIP_RATIO]
-    elif m[TRAVEL] >= LEAST_TRAVEL * pose[1] and m[TRAVEL] > 0.0:
-        out[label_output.ROLL] = length(turn[0], turn[1], turn[2]) * pose[2] / m[TRAVEL]
+    elif m[TRAVEL] >= MIN_TRAVEL * pose[1] and m[TRAVEL] > 0.0:
+        out[label_output.ROLL] = length(rotation[0], rotation[1], rotation[2]) * pose[2] / m[TRAVEL]
         for i in range(n):
             out[label_output.SLIP] = max(out[label_output.SLIP], (C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
 
@@ -278,9 +278,9 @@ def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array)
     p = patch_travel(C, n, rotation)
     static_margins(b, normal_sum(C, n), pose[2], out)
     out[label_output.DETERMINACY] = determinacy(C, n, b, pose[1])
-    held = out[label_output.DETERMINACY] > 0.0
-    out[label_output.ROTATION] = rotation_margin(b, m, pose, p, held)
-    ratios_so_far(C, n, m, pose, rotation, out)
+    determinate = out[label_output.DETERMINACY] > 0.0
+    out[label_output.ROTATION] = rotation_margin(b, m, pose, p, determinate)
+    write_ratios(C, n, m, pose, rotation, out)
     slides = friction_margins(C, n, pose, out)
     if slides and (pose[0] != BOTH or out[label_output.ROTATION] > 0.0):
         out[label_output.STATE], out[label_output.REASON] = SLIDING, FRICTION_LIMIT
@@ -288,6 +288,6 @@ def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array)
         out[label_output.STATE], out[label_output.REASON] = ROLLING, rolling_reason(m, pose, rotation, p)
     else:
         out[label_output.STATE] = STICKING
-        out[label_output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if held else INDETERMINATE)
+        out[label_output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if determinate else INDETERMINATE)
     if out[label_output.FORCE] < 0.0 or out[label_output.MOMENT] < 0.0:
         out[label_output.REASON] = UNBALANCED

@@ -85,7 +85,7 @@ def dragged_friction(upper: Sequence[float], lower: Sequence[float], h: float, m
 # -- normal problem with tilt and weight --
 
 
-def _shares(x: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def _load_coefficients(x: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """(b, a): N_i = b_i N_1 + a_i m g from force and moment balance without friction (Eqs. 1, 2)."""
     span = x[2] - x[1]
     return (1.0, (x[2] - x[0]) / span, (x[0] - x[1]) / span), (0.0, x[2] / span, -x[1] / span)
@@ -99,7 +99,7 @@ def _compliances(e_1: float, e_2: float, radii: Sequence[float]) -> list[float]:
 
 def _closing(x: Sequence[float], c: Sequence[float], force: float, weight: float) -> float:
     """dh = sum b_i d_i (Eq. 6 without w and phi) [m], with N_1 = `force` [N]. Grows with `force`: each term has b_i^2."""
-    b, a = _shares(x)
+    b, a = _load_coefficients(x)
     return sum(bi * ci * max(bi * force + ai * weight, 0.0) ** (2.0 / 3.0) for bi, ai, ci in zip(b, a, c, strict=True))
 
 
@@ -112,7 +112,7 @@ def tilted_normal_forces(
     `theory.tilted_state` at mu h = 0. Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the
     lower spots.
     """
-    b, a = _shares(x)
+    b, a = _load_coefficients(x)
     c = _compliances(e_1, e_2, radii)
     # N_i >= 0 bounds N_1 from below where b_i > 0 and from above where b_i < 0
     low = max([0.0, *(-ai * weight / bi for bi, ai in zip(b, a, strict=True) if bi > 0.0)])
@@ -144,7 +144,7 @@ def tilted_force_series(
 
     Needs x_2 < x_1 < x_3; raises ValueError elsewhere.
     """
-    b, a = _shares(x)
+    b, a = _load_coefficients(x)
     if min(b) <= 0.0:
         raise ValueError("x_1 must lie between x_2 and x_3")
     c = _compliances(e_1, e_2, radii)

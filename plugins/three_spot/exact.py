@@ -29,9 +29,9 @@ from thirdbody.plugin import (
     Pair,
     Tangential,
     e_star,
-    fresh_ground,
     g_star,
     kernel,
+    moved_ground,
     renewal_rate,
     renewed,
 )
@@ -62,8 +62,8 @@ def step_of(c, load, p, h):
     """
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
-    ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
-    renewal = renewed(p.renewal * ground.way / load.contact_radius)
+    ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
+    renewal = renewed(p.renewal * ground.path / load.contact_radius)
     after *= renewal.fill
     k = p.kappa * load.force / load.elastic
     return FieldStep(after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, ground, renewal
@@ -82,19 +82,19 @@ def energy_of(w, n):
 
 
 @helper
-def rolled_field(w, n, kept, step):
+def rolled_field(w, n, retained, step):
     """Return the field, or the springs if n is negative, after rolling has carried it outward before the step, and its number."""
-    if kept >= 1.0 or n == 0:
+    if retained >= 1.0 or n == 0:
         return w, n
     v = np.empty(len(w) + 6)
     if n > 0:
-        return v, carry_field(w, n, kept, (step.overlap_before, step.overlap), v)
-    carry_springs(w, -n - 1, kept, max(step.overlap_before, step.overlap), v[: len(w)])
+        return v, carry_field(w, n, retained, (step.overlap_before, step.overlap), v)
+    carry_springs(w, -n - 1, retained, max(step.overlap_before, step.overlap), v[: len(w)])
     return v[: len(w)], n
 
 
 @helper
-def turn_of(w, n, w_new, step):
+def rotated_springs(w, n, w_new, step):
     """Springs after one step that turns, from a field (w, n) or from springs.
 
     Returns (number for the history, slip of the centre, loss/(2 G*)). Springs that all slid along one line become one straight
@@ -128,14 +128,14 @@ def moved(w, n, w_new, step):
 
     Returns (number for the history, slip of the centre, loss/(2 G*), nodes dropped).
     """
-    turned = n < 0
-    if not turned:
-        count, slip, loss, dropped, turned = advance_field(w, n, w_new, step)
-        if not turned:
+    as_springs = n < 0
+    if not as_springs:
+        count, slip, loss, dropped, as_springs = advance_field(w, n, w_new, step)
+        if not as_springs:
             if step.overlap < step.overlap_before:
                 loss += 0.5 * field_energy(w, n, step.overlap)
             return count, slip, loss, dropped
-    count, slip, loss = turn_of(w, n, w_new, step)
+    count, slip, loss = rotated_springs(w, n, w_new, step)
     return count, slip, loss, 0
 
 
@@ -161,8 +161,8 @@ def exact(c, load, p, h, w, w_new):
     step, _, ground, renewal = step_of(c, load, p, h)
     n = int(h[1])
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
-    if renewal.kept < 1.0 and n != 0:
-        v, m = rolled_field(w, n, renewal.kept, step)
+    if renewal.retained < 1.0 and n != 0:
+        v, m = rolled_field(w, n, renewal.retained, step)
         count, slip, loss, dropped = moved(v, m, w_new, step)
         loss += 0.5 * renewal_loss(w, n, v, m, step, renewal, (c.slip_x, c.slip_y), slip > 0.0)
     else:
@@ -193,14 +193,14 @@ def spring_at(w, n, q):
 def spring_rates(w, n, rates, step, q):
     """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step, from the field (w, n).
 
-    `rates` = (fraction of the slip that counts, its rate with the overlap; that of log `kept`, by which rolling has scaled the
-    field and carried it outward; that of the bound per compression).
+    `rates` = (fraction of the slip that counts, its rate with the overlap; that of log `retained`, by which rolling has scaled
+    the field and carried it outward; that of the bound per compression).
     """
     sx, sy, d_old, d, k = step
-    after, after_rate, kept_rate, k_rate = rates
+    after, after_rate, retained_rate, k_rate = rates
     x, y, slope_x, slope_y = spring_at(w, n, q)
     # d/dd of kept w(kept^2 q)
-    x_rate, y_rate = kept_rate * (x + 2.0 * q * slope_x), kept_rate * (y + 2.0 * q * slope_y)
+    x_rate, y_rate = retained_rate * (x + 2.0 * q * slope_x), retained_rate * (y + 2.0 * q * slope_y)
     f, f_rate = 1.0, 0.0
     if q > d_old:
         f = (d - q) / (d - d_old)
@@ -226,11 +226,11 @@ def tangent_of_field(c, load, p, h, w):
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
     k_rate = step.bound * (load.stiffness / load.force - 1.5 / d) if load.force > 0.0 else 0.0
     # the exponent of renewal goes as d^-0.5
-    kept_rate = 0.5 * (1.0 - renewal.kept) / renewal.fill / d
+    retained_rate = 0.5 * (1.0 - renewal.retained) / renewal.fill / d
     after_rate = (1.0 / d - 1.0 / (d - h[0])) if h[0] < 0.0 else 0.0
-    after_rate += 0.5 * (1.0 - renewal.kept / renewal.fill) / d
+    after_rate += 0.5 * (1.0 - renewal.retained / renewal.fill) / d
     new = np.zeros(len(w))
-    v, n = rolled_field(w, int(h[1]), renewal.kept, step)
+    v, n = rolled_field(w, int(h[1]), renewal.retained, step)
     count, _, _, _, _ = advance_field(v, n, new, step)
     xx = xy = yy = x_d = y_d = 0.0
     for i in range(0, 3 * count - 3, 3):
@@ -239,10 +239,10 @@ def tangent_of_field(c, load, p, h, w):
         for q_a, q_b in ((new[i], corner), (corner, new[i + 3])):
             h_piece, _ = piece_mean(q_a, q_b)
             y_a = math.sqrt(q_a)
-            for place, weight in GAUSS:
-                y = y_a + place * h_piece
+            for node, weight in GAUSS:
+                y = y_a + node * h_piece
                 q = min(y * y, d)
-                rates = spring_rates(v, n, (after, after_rate, kept_rate, k_rate), step, q)
+                rates = spring_rates(v, n, (after, after_rate, retained_rate, k_rate), step, q)
                 part = -2.0 * modulus * weight * h_piece
                 xx, xy, yy = xx + part * rates[0], xy + part * rates[1], yy + part * rates[2]
                 x_d, y_d = x_d + part * rates[3], y_d + part * rates[4]
@@ -289,7 +289,7 @@ NODES = Option(
     48.0,
     low=24.0,
     high=4096.0,
-    doc="room per contact: bends of its history on a line, or two thirds of the springs on a curve",
+    doc="capacity per contact: bends of its history on a line, or two thirds of the springs on a curve",
 )
 
 

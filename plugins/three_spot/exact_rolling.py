@@ -12,18 +12,18 @@ from .spring_field import field_energy, field_force, piece_mean, piece_products
 
 
 @helper
-def carry_field(w, n, kept, ends, new):
+def carry_field(w, n, retained, ends, new):
     """Write the field (w, n) carried outward by rolling; return its number of nodes. `new` needs space for two more nodes.
 
     `ends` = (overlap before and after the step): zero beyond the larger one. If they differ, a node is placed at the first, as
     springs beyond it touch within the step.
     """
     d_old, d = ends
-    stretch, end = 1.0 / (kept * kept), max(d_old, d)
-    new[0], new[1], new[2] = 0.0, kept * w[1], kept * w[2]
+    stretch, end = 1.0 / (retained * retained), max(d_old, d)
+    new[0], new[1], new[2] = 0.0, retained * w[1], retained * w[2]
     count = 3
     for i in range(3, 3 * n, 3):
-        q, x, y = stretch * w[i], kept * w[i + 1], kept * w[i + 2]
+        q, x, y = stretch * w[i], retained * w[i + 1], retained * w[i + 2]
         for stop in (d_old, end):
             q_0, x_0, y_0 = new[count - 3], new[count - 2], new[count - 1]
             if q_0 < stop < q:
@@ -82,11 +82,11 @@ def cell_at(y, m, h):
 
 
 @helper
-def carry_springs(w, m, kept, overlap, new):
+def carry_springs(w, m, retained, overlap, new):
     """Write the springs (w, m) carried outward by rolling, as means over the cells.
 
-    Zero beyond the larger `overlap` of the step. A cell holds the content of `kept` times its ends, so force is lost across the
-    edge only. That interval is no wider than any cell that it intersects: two at most.
+    Zero beyond the larger `overlap` of the step. A cell holds the content of `retained` times its ends, so force is lost across
+    the edge only. That interval is no wider than any cell that it intersects: two at most.
     """
     n, h = cells_of(w), w[0]
     new[0] = h
@@ -95,12 +95,12 @@ def carry_springs(w, m, kept, overlap, new):
     for i in range(n):
         if gap_of(i, m, h) < overlap:
             y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
-            first = min(cell_at(kept * y_1, m, h), i)
+            first = min(cell_at(retained * y_1, m, h), i)
             second = min(first + 1, n - 1)
-            far = min(max(kept * y_2 - lower_end(first + 1, m, h), 0.0) / (y_2 - y_1), kept)
-            near = kept - far
-            new[1 + i] = near * w[1 + first] + far * w[1 + second]
-            new[1 + n + i] = near * w[1 + n + first] + far * w[1 + n + second]
+            outer = min(max(retained * y_2 - lower_end(first + 1, m, h), 0.0) / (y_2 - y_1), retained)
+            inner = retained - outer
+            new[1 + i] = inner * w[1 + first] + outer * w[1 + second]
+            new[1 + n + i] = inner * w[1 + n + first] + outer * w[1 + n + second]
 
 
 @helper
@@ -114,7 +114,7 @@ def springs_product(w, v, m):
 
 
 @helper
-def lost_by(w, n, v, kept, end):
+def lost_by(w, n, v, retained, end):
     """(int w_x dy, int w_y dy, int |w|^2 dy) of a field or of springs, and the loss of each when v is carried outward.
 
     `end`: the larger overlap of the step.
@@ -122,8 +122,8 @@ def lost_by(w, n, v, kept, end):
     if n >= 0:
         x, y = field_force(w, n)
         energy = field_energy(w, n, 0.0)
-        gone_x, gone_y, initial_gap = field_beyond(w, n, kept * kept * end)
-        return x, y, energy, gone_x, gone_y, (1.0 - kept) * energy + kept * initial_gap
+        beyond_x, beyond_y, initial_gap = field_beyond(w, n, retained * retained * end)
+        return x, y, energy, beyond_x, beyond_y, (1.0 - retained) * energy + retained * initial_gap
     m = -n - 1
     x, y = spring_force(w, m)
     x_new, y_new = spring_force(v, m)
@@ -140,12 +140,12 @@ def renewal_loss(w, n, v, m, step, renewal, slip, slides):
     first order in the renewal of a step in between.
     """
     s_x, s_y = slip
-    x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step.overlap_before, step.overlap))
+    x, y, energy, beyond_x, beyond_y, loss = lost_by(w, n, v, renewal.retained, max(step.overlap_before, step.overlap))
     left, work = 1.0 - renewal.fill, s_x * x + s_y * y
     if slides:
         common = field_product(w, n, v, m) if n >= 0 else springs_product(w, v, -n - 1)
         apart = 2.0 * (energy - common) - loss
         return max(loss + apart + 2.0 * left * work, 0.0)
-    mixed = renewal.fill - left / (1.0 - renewal.kept)
+    mixed = renewal.fill - left / (1.0 - renewal.retained)
     own = renewal.own * (s_x * s_x + s_y * s_y) * math.sqrt(min(step.overlap_before, step.overlap))
-    return max(loss + 2.0 * (left * work + mixed * (s_x * gone_x + s_y * gone_y) + own), 0.0)
+    return max(loss + 2.0 * (left * work + mixed * (s_x * beyond_x + s_y * beyond_y) + own), 0.0)

@@ -174,15 +174,15 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
     square = x * x + y * y
     size = math.sqrt(square)
     b_0 = max(b_0, size)
-    rise, along = b_1 - b_0, x * e_x + y * e_y
-    b, c, b_t, rest = along * length - b_0 * rise, square - b_0 * b_0, b_0, length
+    bound_change, along = b_1 - b_0, x * e_x + y * e_y
+    b, c, b_t, remaining = along * length - b_0 * bound_change, square - b_0 * b_0, b_0, length
     if not (b > 0.0 and c >= -1e-15 * square):
         # |w + t l e| = b_0 + t rise, the root where the bound is crossed outwards
-        a = length * length - rise * rise
+        a = length * length - bound_change * bound_change
         root = math.sqrt(max(b * b - a * c, 0.0))
         t = -c / (b + root) if b > 0.0 else (root - b) / a if a > 0.0 else 1.0
         t = min(max(t, 0.0), 1.0)
-        x, y, b_t, rest = x + t * length * e_x, y + t * length * e_y, b_0 + t * rise, (1.0 - t) * length
+        x, y, b_t, remaining = x + t * length * e_x, y + t * length * e_y, b_0 + t * bound_change, (1.0 - t) * length
         size = math.sqrt(x * x + y * y)
         along = x * e_x + y * e_y
     cosine, sine = 1.0, 0.0
@@ -190,22 +190,22 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
         per_size = 1.0 / size
         cosine, sine = along * per_size, (y * e_x - x * e_y) * per_size
     if cosine > 0.0 and abs(sine) < IN_LINE:
-        distance = max(rest - (b_1 - b_t), 0.0)
+        distance = max(remaining - (b_1 - b_t), 0.0)
         return b_1 * e_x, b_1 * e_y, 0.5 * (b_t + b_1) * distance, distance
     mean = mean_bound(b_t, b_1)
-    distances = rest / max(mean, 1e-300)
+    distances = remaining / max(mean, 1e-300)
     fall = math.exp(-distances)
     ahead, behind = 1.0 + cosine, (1.0 - cosine) * fall * fall
     total = ahead + behind
     # a spring exactly opposite to the slip stays so
-    along, across, distance = -1.0, 0.0, -rest
+    along, across, distance = -1.0, 0.0, -remaining
     if total > 1e-300:
         per_total = 1.0 / total
         along, across = (ahead - behind) * per_total, 2.0 * sine * fall * per_total
         if distances < SHORT:
-            distance = rest * (0.5 * (cosine + along) + distances * (sine * sine - across * across) * (1.0 / 12.0))
+            distance = remaining * (0.5 * (cosine + along) + distances * (sine * sine - across * across) * (1.0 / 12.0))
         else:
-            distance = rest + mean * math.log(0.5 * total)
+            distance = remaining + mean * math.log(0.5 * total)
     distance = max(distance - (b_1 - b_t), 0.0)
     return b_1 * (along * e_x - across * e_y), b_1 * (along * e_y + across * e_x), 0.5 * (b_t + b_1) * distance, distance
 
@@ -221,7 +221,7 @@ def advance_springs(w, m, step):
     n, loss = cells_of(w), 0.5 * merged
     length = math.sqrt(sx * sx + sy * sy)
     e_x, e_y = (sx / length, sy / length) if length > 0.0 else (1.0, 0.0)
-    per_rise = 1.0 / max(abs(d - d_old), 1e-300)
+    inverse_change = 1.0 / max(abs(d - d_old), 1e-300)
     centre, straight, y_1 = 0.0, length > 0.0, 0.0
     for i in range(n):
         width = 2.0 * w[0] if i < m else w[0]
@@ -232,7 +232,7 @@ def advance_springs(w, m, step):
         if old + new == 0.0:
             w[1 + i], w[1 + n + i] = 0.0, 0.0
             continue
-        fraction = 1.0 if min(old, new) > 0.0 else min((old + new) * per_rise, 1.0)
+        fraction = 1.0 if min(old, new) > 0.0 else min((old + new) * inverse_change, 1.0)
         x, y, part = w[1 + i], w[1 + n + i], fraction * length
         x_1, y_try, bound = x + part * e_x, y + part * e_y, k * new
         distance = 0.0

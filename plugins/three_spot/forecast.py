@@ -43,8 +43,8 @@ def slice_ends(spots: Array, n: int, x: float, y: float, ex: float, ey: float, n
             d = (spots[j, 1] - y) * ex - (spots[j, 0] - x) * ey
             if (c < 0.0 < d or d < 0.0 < c) and abs(d) > near:
                 b = (spots[j, 0] - x) * ex + (spots[j, 1] - y) * ey
-                met = a + (b - a) * (c / (c - d))
-                low, high = min(low, met), max(high, met)
+                crossing = a + (b - a) * (c / (c - d))
+                low, high = min(low, crossing), max(high, crossing)
     return low, high
 
 

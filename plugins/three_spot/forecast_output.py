@@ -53,23 +53,23 @@ def upper_load(C: Array, n: int) -> float:
 
 
 @helper
-def side_places(C: Array, n: int, side: int) -> Array:
+def side_positions(C: Array, n: int, side: int) -> Array:
     """(m, 2): x, y of the spots of a side from the centre of mass [m]."""
     m = 0
     for i in range(n):
         if side_of(C, i) == side:
             m += 1
-    places = np.empty((m, 2))
+    positions = np.empty((m, 2))
     m = 0
     for i in range(n):
         if side_of(C, i) == side:
-            places[m, 0], places[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
+            positions[m, 0], positions[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
             m += 1
-    return places
+    return positions
 
 
 @helper
-def body_force_share(wrench: Array, load: float, size: float) -> float:
+def body_force_fraction(wrench: Array, load: float, size: float) -> float:
     """Shift of the line of action by body forces over `size`, due to force or moment; inf without load."""
     force = max(abs(wrench[0]), abs(wrench[1]), abs(wrench[2]))
     moment = max(abs(wrench[3]), abs(wrench[4]), abs(wrench[5]))
@@ -94,7 +94,7 @@ def write_plain_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, f
     out[first] = UNTOLD
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
-    upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
+    upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     required, low, high = forecast(
         upper, len(upper), lower, len(lower), pose[2], b[observed_body.DRAG], b[observed_body.DRAG + 1]
     )
@@ -107,13 +107,13 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     out[first] = UNTOLD
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
-    upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
+    upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     load, wrench = upper_load(C, n), np.empty(6)
     for k in range(6):
         wrench[k] = b[observed_body.EFFECT_FORCE + k]
     heights = load_mean(C, n, ABOVE, POINT)[2], load_mean(C, n, BELOW, POINT)[2]
     size = body_size(upper, lower, heights)
-    fraction = body_force_share(wrench, load, size)
+    fraction = body_force_fraction(wrench, load, size)
     if fraction * size < NEGLIGIBLE * pose[1]:
         write_plain_outlook(C, n, b, pose, out, first)
     elif fraction <= HEAVIEST and heights[0] > heights[1]:

@@ -52,17 +52,17 @@ def grasp(
 
     Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load.
     """
-    places, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
-    count = len(places)
+    positions, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+    count = len(positions)
     frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
     chosen = np.asarray(pressed, dtype=bool)
-    if places.shape != (count, 3) or outward.shape != (count, 3) or chosen.shape != (count,) or not count:
+    if positions.shape != (count, 3) or outward.shape != (count, 3) or chosen.shape != (count,) or not count:
         raise ValueError("points and normals must be (n, 3) and pressed (n,), n >= 1")
     if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
         raise ValueError("needs unit normals, a positive load and frictions that are not negative")
     line = None if axis is None else np.asarray(axis, dtype=np.float64)
     push, rotation = np.asarray(force, dtype=np.float64), np.asarray(moment, dtype=np.float64)
-    return Grasp(places, outward, frictions, chosen, load, push, rotation, line)
+    return Grasp(positions, outward, frictions, chosen, load, push, rotation, line)
 
 
 def between_plates(
@@ -81,7 +81,7 @@ def between_plates(
     return grasp(points, normals, mu, signs > 0.0, 1.0, (0.0, 0.0, -weight_ratio), axis=axis)
 
 
-def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
+def required_scale(grasp: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
     """(lower, upper) bracket of the smallest s for which cones of friction s mu_i balance the wrench.
 
     upper/lower = 1/cos(pi/K) up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) the
@@ -90,11 +90,11 @@ def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> t
     """
     if edges < 3:
         raise ValueError(f"{edges} edges are no pyramid")
-    shrink = 1.0 if held.axis is not None else math.cos(math.pi / edges)
-    if can_balance(held, 0.0, edges):
+    shrink = 1.0 if grasp.axis is not None else math.cos(math.pi / edges)
+    if can_balance(grasp, 0.0, edges):
         return 0.0, 0.0
     low, high = 0.0, 1.0
-    while not can_balance(held, high, edges):
+    while not can_balance(grasp, high, edges):
         low, high = high, 4.0 * high
         if high > LARGEST:
             return math.inf, math.inf
@@ -102,44 +102,44 @@ def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> t
         if high - low <= accuracy * max(high, 1.0):
             break
         middle = 0.5 * (low + high)
-        if can_balance(held, middle, edges):
+        if can_balance(grasp, middle, edges):
             high = middle
         else:
             low = middle
     return low * shrink, high
 
 
-def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
+def can_balance(grasp: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
     """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench.
 
     With `scale`/cos(pi/K) the pyramids are circumscribed.
     """
-    return _feasible(held, _cone_rays(held, scale, edges))
+    return _feasible(grasp, _cone_rays(grasp, scale, edges))
 
 
-def can_slide(held: Grasp, pulls: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
+def can_slide(grasp: Grasp, friction_directions: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
     """Return whether spot forces balance the wrench if those of the spots `sliding` (n,), all by default, are at their limit.
 
-    These are N_i (n_i + mu_i pull_i); `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the drag
-    above, against it below. The others lie anywhere inside pyramids of `edges` edges.
+    These are N_i (n_i + mu_i pull_i); `friction_directions` (n, 3): unit direction of the friction on the particle at each spot:
+    along the drag above, against it below. The others lie anywhere inside pyramids of `edges` edges.
     """
-    limits = (held.normals + held.mu[:, None] * np.asarray(pulls, dtype=np.float64))[:, None, :]
-    chosen = np.broadcast_to(np.asarray(sliding, dtype=bool), (len(held.points),))
+    limits = (grasp.normals + grasp.mu[:, None] * np.asarray(friction_directions, dtype=np.float64))[:, None, :]
+    chosen = np.broadcast_to(np.asarray(sliding, dtype=bool), (len(grasp.points),))
     if chosen.all():
-        return _feasible(held, limits)
-    return _feasible(held, np.where(chosen[:, None, None], limits, _cone_rays(held, 1.0, edges)))
+        return _feasible(grasp, limits)
+    return _feasible(grasp, np.where(chosen[:, None, None], limits, _cone_rays(grasp, 1.0, edges)))
 
 
-def _cone_rays(held: Grasp, scale: float, edges: int) -> Array:
+def _cone_rays(grasp: Grasp, scale: float, edges: int) -> Array:
     """Edges (n, k, 3) of the pyramids of friction `scale` mu_i, of normal part 1; in the plane the two edges of the cone."""
-    if held.axis is not None:
-        line = held.axis / np.linalg.norm(held.axis)
-        distances = np.broadcast_to(np.stack([line, -line]), (len(held.points), 2, 3))
+    if grasp.axis is not None:
+        line = grasp.axis / np.linalg.norm(grasp.axis)
+        directions = np.broadcast_to(np.stack([line, -line]), (len(grasp.points), 2, 3))
     else:
         angles = 2.0 * math.pi * np.arange(edges) / edges
-        first, second = _tangents(held.normals)
-        distances = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
-    return held.normals[:, None, :] + scale * held.mu[:, None, None] * distances
+        first, second = _tangents(grasp.normals)
+        directions = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
+    return grasp.normals[:, None, :] + scale * grasp.mu[:, None, None] * directions
 
 
 def _tangents(normals: Array) -> tuple[Array, Array]:
@@ -150,21 +150,21 @@ def _tangents(normals: Array) -> tuple[Array, Array]:
     return first, np.cross(normals, first)
 
 
-def _feasible(held: Grasp, rays: Array) -> bool:
+def _feasible(grasp: Grasp, rays: Array) -> bool:
     """Return whether non-negative multiples of the rays (n, k, 3), each of normal part 1, balance wrench and load."""
     count, edges = rays.shape[:2]
-    arms = held.points - held.points.mean(axis=0)
+    arms = grasp.points - grasp.points.mean(axis=0)
     size = max(float(np.max(np.abs(arms))), np.finfo(np.float64).tiny)  # lengths and forces of order 1 for the solver
-    turns = np.cross(arms[:, None, :] / size, rays)
-    wrench = np.concatenate([rays, turns], axis=2).reshape(count * edges, 6).T
-    pressed = np.repeat(held.pressed.astype(np.float64), edges)
-    rotation = held.moment - np.cross(held.points.mean(axis=0), held.force)
-    right = np.concatenate([-held.force / held.load, -rotation / (held.load * size), [1.0]])
+    moments = np.cross(arms[:, None, :] / size, rays)
+    wrench = np.concatenate([rays, moments], axis=2).reshape(count * edges, 6).T
+    pressed = np.repeat(grasp.pressed.astype(np.float64), edges)
+    rotation = grasp.moment - np.cross(grasp.points.mean(axis=0), grasp.force)
+    right = np.concatenate([-grasp.force / grasp.load, -rotation / (grasp.load * size), [1.0]])
     balance = np.vstack([wrench, pressed])
     # the residual is minimised, not forbidden: at the edge of feasibility, a plain feasibility search fails
-    rest = np.eye(len(balance))
+    identity = np.eye(len(balance))
     costs = np.concatenate([np.zeros(count * edges), np.ones(2 * len(balance))])
-    result = linprog(costs, A_eq=np.hstack([balance, rest, -rest]), b_eq=right, method="highs", options=PRECISE)
+    result = linprog(costs, A_eq=np.hstack([balance, identity, -identity]), b_eq=right, method="highs", options=PRECISE)
     if result.status != 0:
         raise ArithmeticError(f"the linear program gave no answer: {result.message}")
     return bool(result.fun <= RESIDUAL)

@@ -23,11 +23,11 @@ NEVER = (math.inf, -math.inf)
 """The empty interval (t_min, t_max)."""
 
 
-def _places(spots: ArrayLike) -> Array:
-    places = np.asarray(spots, dtype=np.float64)
-    if places.ndim != 2 or places.shape[1] != 2 or not len(places):
-        raise ValueError(f"places must be (n, 2) with n >= 1, not {places.shape}")
-    return places
+def _positions(spots: ArrayLike) -> Array:
+    positions = np.asarray(spots, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != 2 or not len(positions):
+        raise ValueError(f"positions must be (n, 2) with n >= 1, not {positions.shape}")
+    return positions
 
 
 def _height(h: float) -> float:
@@ -38,7 +38,7 @@ def _height(h: float) -> float:
 
 def convex_hull(points: ArrayLike) -> Array:
     """Corners (k, 2) of the convex hull, counter-clockwise; k = 2 for a segment, 1 for a point (A. M. Andrew 1979)."""
-    ordered = [(float(x), float(y)) for x, y in np.unique(_places(points), axis=0)]
+    ordered = [(float(x), float(y)) for x, y in np.unique(_positions(points), axis=0)]
     if len(ordered) < 3:
         return np.array(ordered)
     return np.array(_half(ordered)[:-1] + _half(ordered[::-1])[:-1])
@@ -98,11 +98,11 @@ def sliding_interval(upper: ArrayLike, lower: ArrayLike, h: float, direction: Ar
     corners = difference_hull(upper, lower)
     along, across = corners @ e / size, (corners[:, 1] * e[0] - corners[:, 0] * e[1]) / size
     across[np.abs(across) <= TOLERANCE * np.max(np.hypot(*corners.T))] = 0.0
-    met = list(along[across == 0.0])
+    crossings = list(along[across == 0.0])
     for a, c, b, d in zip(along, across, np.roll(along, -1), np.roll(across, -1), strict=True):
         if c * d < 0.0:
-            met.append(a + (b - a) * (c / (c - d)))
-    return (min(met) / _height(h), max(met) / _height(h)) if met else NEVER
+            crossings.append(a + (b - a) * (c / (c - d)))
+    return (min(crossings) / _height(h), max(crossings) / _height(h)) if crossings else NEVER
 
 
 def can_stick(upper: ArrayLike, lower: ArrayLike, h: float, mu: float) -> bool:

@@ -31,9 +31,9 @@ from thirdbody.plugin import (
     Pair,
     Tangential,
     e_star,
-    fresh_ground,
     g_star,
     kernel,
+    moved_ground,
     renewal_rate,
     renewed,
 )
@@ -102,11 +102,11 @@ def segment(rows, grid, path, slip, bound, roll, scratch):
     """
     (w, new), (n, wide, scale), (before, after), (slip_x, slip_y) = rows, grid, path, slip
     old_x, old_y = 4 * n, 5 * n + 1
-    per_rise = 1.0 / max(abs(after - before), 1e-300)
+    inverse_change = 1.0 / max(abs(after - before), 1e-300)
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth, old_depth = max(after - gap, 0.0), max(before - gap, 0.0)
-        fraction = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * per_rise, 1.0)
+        fraction = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * inverse_change, 1.0)
         near, far, _ = carried_weights(i, wide, roll.lost)
         inside = 1.0 if gap < roll.overlap else 0.0
         near, far = inside * near, inside * far
@@ -120,9 +120,9 @@ def segment(rows, grid, path, slip, bound, roll, scratch):
         start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
         beyond, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
         # b_t from the spring: the limit before the step has no significant digits for huge friction
-        met = start + (size - start) * (margin / max(margin + beyond, 1e-300))
+        crossing = start + (size - start) * (margin / max(margin + beyond, 1e-300))
         scratch[i], scratch[n + i] = back, size
-        scratch[2 * n + i] = 0.5 * (met + limit) * beyond
+        scratch[2 * n + i] = 0.5 * (crossing + limit) * beyond
         slips = 1.0 if before > gap else 0.0
         s_x, s_y = slips * roll.slip_x, slips * roll.slip_y
         x, y = w[i], w[n + i]
@@ -152,22 +152,22 @@ def springs(c, load, p, h, w, w_new):
     scratch = np.empty(6 * n + 2)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
-    ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
-    share = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
-    slip_x, slip_y = share.fill * c.slip_x, share.fill * c.slip_y
+    ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
+    renewal = renewed(p.renewal * ground.path / max(load.contact_radius, 1e-300))
+    slip_x, slip_y = renewal.fill * c.slip_x, renewal.fill * c.slip_y
     end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
     done, slip, energy, released, merged = before, 0.0, 0.0, 0.0, c.overlap > end
-    mean, lost = 1.0 - share.fill, 1.0 - share.kept
-    mixed, last = share.fill - mean / max(lost, 1e-300), max(before, c.overlap)
+    mean, lost = 1.0 - renewal.fill, 1.0 - renewal.retained
+    mixed, last = renewal.fill - mean / max(lost, 1e-300), max(before, c.overlap)
     if lost > 0.0 and (merged or not from_next_cell(n, wide, lost)):
-        carry_outward(w, scratch, 4 * n, grid, last, share.kept)
+        carry_outward(w, scratch, 4 * n, grid, last, renewal.retained)
         start, rest = squares(w, 0, n, n, wide), squares(scratch, 4 * n + 1, n + 1, n, wide)
         released, lost = (start - rest) / max(start + rest, 1e-300), 0.0
         start *= p.g_star * spacing
     else:
         start = 0.0
         copy_rows(w, n, scratch, 4 * n)
-    rows, roll = (w, w_new), Rolled(lost, last, mean, mixed, share.own, c.slip_x, c.slip_y)
+    rows, roll = (w, w_new), Rolled(lost, last, mean, mixed, renewal.own, c.slip_x, c.slip_y)
     while c.overlap > end:
         part = (end - done) / (c.overlap - before)
         heat, _, middle, total = segment(rows, grid, (done, end), (part * slip_x, part * slip_y), bound, roll, scratch)
@@ -198,7 +198,7 @@ def springs(c, load, p, h, w, w_new):
 def springs_tangent(c, load, p, h, w):
     """Consistent tangent of one step, including springs that stick, slip, touch or merge within it (`mdr_tangent`)."""
     merges = int(h[1]) if h[0] > 0.0 else merges_for(c.overlap, len(w) // 2, c.radius)
-    distance = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).way
+    distance = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).path
     return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * distance / max(load.contact_radius, 1e-300))), w)
 
 

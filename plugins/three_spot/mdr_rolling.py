@@ -21,9 +21,9 @@ def carried_weights(i, wide, lost):
     The position is in widths of the cell. The weights hold where `from_next_cell`; their derivatives by 1 - lost are place + 1
     and -place.
     """
-    place = i if i < wide else i + wide
-    far = place * lost
-    return 1.0 - lost - far, far, place
+    position = i if i < wide else i + wide
+    far_weight = position * lost
+    return 1.0 - lost - far_weight, far_weight, position
 
 
 @helper
@@ -33,11 +33,11 @@ def cell_at(y, wide):
 
 
 @helper
-def carry_outward(w, rows, first, grid, overlap, kept):
+def carry_outward(w, rows, first, grid, overlap, retained):
     """Write the springs carried outward by rolling into `rows`, as means over the cells; zero beyond `overlap`.
 
     `first`: position of the pad of the rows x and y (`copy_rows`); `grid` = (springs, wide cells, spacing^2/R). A cell holds the
-    content of the interval of `kept` times its ends, so force is lost across the edge only.
+    content of the interval of `retained` times its ends, so force is lost across the edge only.
     """
     n, wide, scale = grid
     x, y = first + 1, first + n + 2
@@ -45,23 +45,23 @@ def carry_outward(w, rows, first, grid, overlap, kept):
     for i in range(n):
         width, inner = width_of(i, wide), float(i + min(i, wide))
         inside = 1.0 if mean_gap(i, wide, scale) < overlap else 0.0
-        j = min(cell_at(kept * inner, wide), i)
+        j = min(cell_at(retained * inner, wide), i)
         k = min(j + 1, n - 1)
-        far = min(max(kept * (inner + width) - (j + 1 + min(j + 1, wide)), 0.0) / width, kept)
-        near, far = inside * (kept - far), inside * far
-        rows[x + i] = near * w[j] + far * w[k]
-        rows[y + i] = near * w[n + j] + far * w[n + k]
+        far_weight = min(max(retained * (inner + width) - (j + 1 + min(j + 1, wide)), 0.0) / width, retained)
+        near_weight, far_weight = inside * (retained - far_weight), inside * far_weight
+        rows[x + i] = near_weight * w[j] + far_weight * w[k]
+        rows[y + i] = near_weight * w[n + j] + far_weight * w[n + k]
 
 
 @helper
-def carried_rate(w, i, grid, overlap, kept):
-    """Derivative of spring i of `carry_outward` by `kept`, along x and y."""
+def carried_rate(w, i, grid, overlap, retained):
+    """Derivative of spring i of `carry_outward` by `retained`, along x and y."""
     n, wide, scale = grid
     if mean_gap(i, wide, scale) >= overlap:
         return 0.0, 0.0
     width, inner = width_of(i, wide), float(i + min(i, wide))
     outer = inner + width
-    j, k = min(cell_at(kept * inner, wide), n - 1), min(cell_at(kept * outer, wide), n - 1)
+    j, k = min(cell_at(retained * inner, wide), n - 1), min(cell_at(retained * outer, wide), n - 1)
     return (outer * w[k] - inner * w[j]) / width, (outer * w[n + k] - inner * w[n + j]) / width
 
 

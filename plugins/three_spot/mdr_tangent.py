@@ -26,24 +26,24 @@ class RolledRate(NamedTuple):
     which springs have left."""
 
     lost: float
-    kept_rate: float
+    retained_rate: float
     overlap: float
 
 
 @helper
-def load_rows(w, rows, grid, overlap, kept, kept_rate):
+def load_rows(w, rows, grid, overlap, retained, retained_rate):
     """Write the springs at the start of the first piece into `rows`; return what rolling is left to `advance_rows`.
 
-    `kept_rate`: rate of `kept` with the overlap [1/m].
+    `retained_rate`: rate of `retained` with the overlap [1/m].
     """
     n, wide, _ = grid
-    if from_next_cell(n, wide, 1.0 - kept):
+    if from_next_cell(n, wide, 1.0 - retained):
         copy_rows(w, n, rows, ROWS * n)
-        return RolledRate(1.0 - kept, kept_rate, overlap)
-    carry_outward(w, rows, ROWS * n, grid, overlap, kept)
+        return RolledRate(1.0 - retained, retained_rate, overlap)
+    carry_outward(w, rows, ROWS * n, grid, overlap, retained)
     for i in range(n):
-        x_rate, y_rate = carried_rate(w, i, grid, overlap, kept)
-        rows[6 * n + i], rows[7 * n + i] = kept_rate * x_rate, kept_rate * y_rate
+        x_rate, y_rate = carried_rate(w, i, grid, overlap, retained)
+        rows[6 * n + i], rows[7 * n + i] = retained_rate * x_rate, retained_rate * y_rate
     return RolledRate(0.0, 0.0, overlap)
 
 
@@ -59,22 +59,22 @@ def advance_rows(rows, grid, path, slip, roll, ends):
     """
     (n, wide, scale), (before, after) = grid, path
     old_x, old_y = 8 * n, 9 * n + 1
-    (slip_x, slip_y, share, share_rate), (bound, bound_rate, moves) = slip, ends
-    per_rise = 1.0 / max(after - before, 1e-300)
+    (slip_x, slip_y, portion, portion_rate), (bound, bound_rate, moves) = slip, ends
+    inverse_change = 1.0 / max(after - before, 1e-300)
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth = max(after - gap, 0.0)
-        took = 1.0 if before > gap else depth * per_rise
-        took_rate = moves * (1.0 - took) * per_rise if depth > 0.0 else 0.0
-        part, rate = took * share, took * share_rate + took_rate * share
-        near, far, place = carried_weights(i, wide, roll.lost)
+        fraction = 1.0 if before > gap else depth * inverse_change
+        fraction_rate = moves * (1.0 - fraction) * inverse_change if depth > 0.0 else 0.0
+        part, rate = fraction * portion, fraction * portion_rate + fraction_rate * portion
+        near, far, position = carried_weights(i, wide, roll.lost)
         inside = 1.0 if gap < roll.overlap else 0.0
-        near, far, kept_rate = inside * near, inside * far, inside * roll.kept_rate
+        near, far, retained_rate = inside * near, inside * far, inside * roll.retained_rate
         x_w, x_inner, y_w, y_inner = rows[old_x + 1 + i], rows[old_x + i], rows[old_y + 1 + i], rows[old_y + i]
         x, y = near * x_w + far * x_inner - part * slip_x, near * y_w + far * y_inner - part * slip_y
         xx, xy, yx, yy = rows[2 * n + i] - part, rows[3 * n + i], rows[4 * n + i], rows[5 * n + i] - part
-        xd = rows[6 * n + i] - rate * slip_x + kept_rate * ((place + 1) * x_w - place * x_inner)
-        yd = rows[7 * n + i] - rate * slip_y + kept_rate * ((place + 1) * y_w - place * y_inner)
+        xd = rows[6 * n + i] - rate * slip_x + retained_rate * ((position + 1) * x_w - position * x_inner)
+        yd = rows[7 * n + i] - rate * slip_y + retained_rate * ((position + 1) * y_w - position * y_inner)
         size, limit = math.sqrt(x * x + y * y), bound * depth
         slips = 1.0 if size > limit or limit == 0.0 else 0.0
         over = slips / max(size, 1e-300)
@@ -105,26 +105,26 @@ def tangent_of_springs(c, load, p, start, w):
     limit = p.kappa * load.force / load.elastic
     limit_rate = p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap
     # the renewal of a given travel goes as 1/a, so its exponent as d^-0.5
-    exponent = (1.0 - renewal.kept) / renewal.fill
+    exponent = (1.0 - renewal.retained) / renewal.fill
     grid = (n, wide, spacing * spacing / c.radius)
     rows = np.zeros((ROWS + 2) * n + 2)
-    kept_rate = 0.5 * exponent * renewal.kept / c.overlap
-    roll = load_rows(w, rows, grid, max(before, c.overlap), renewal.kept, kept_rate)
-    fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap, before
+    retained_rate = 0.5 * exponent * renewal.retained / c.overlap
+    roll = load_rows(w, rows, grid, max(before, c.overlap), renewal.retained, retained_rate)
+    fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.retained) / c.overlap, before
     part, part_rate, end = fill, fill_rate, end_of(n, wide, spacing, c.radius)
     if c.overlap > end:
-        per_rise = 1.0 / (c.overlap - before)
+        inverse_change = 1.0 / (c.overlap - before)
         while c.overlap > end:
-            part = (end - done) * per_rise
-            slip = (c.slip_x, c.slip_y, part * fill, part * (fill_rate - fill * per_rise))
+            part = (end - done) * inverse_change
+            slip = (c.slip_x, c.slip_y, part * fill, part * (fill_rate - fill * inverse_change))
             advance_rows(rows, grid, (done, end), slip, roll, (limit, limit_rate, 0.0))
             merge(rows, ROWS, n, wide)
             copy_rows(rows, n, rows, ROWS * n)
             roll, merges, done = RolledRate(0.0, 0.0, math.inf), merges + 1, end
             spacing, wide = cells_of(merges, n, c.radius)
             end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
-        part = (c.overlap - done) * per_rise
-        part, part_rate = part * fill, part * fill_rate + (1.0 - part) * per_rise * fill
+        part = (c.overlap - done) * inverse_change
+        part, part_rate = part * fill, part * fill_rate + (1.0 - part) * inverse_change * fill
     advance_rows(rows, grid, (done, c.overlap), (c.slip_x, c.slip_y, part, part_rate), roll, (limit, limit_rate, 1.0))
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):

@@ -9,6 +9,7 @@ from .body_memory import (
     CHANGE_X,
     CHANGE_Y,
     COUNT,
+    FREE_ROTATION,
     HEADING_X,
     HEADING_Y,
     LIFTED,
@@ -19,13 +20,12 @@ from .body_memory import (
     REFERENCE,
     REST_PATH,
     REST_TIME,
+    REVERSED_PATH,
     ROLL_RATIO,
     ROLLED,
     SERIAL,
     SLIP_RATIO,
     TRAVEL,
-    TURNED_FREE,
-    WAY_BACK,
     WINDOWS,
 )
 from .contact_memory import SLIP_LAST, SLIP_REFERENCE, STAMP
@@ -33,8 +33,8 @@ from .support_geometry import BOTH, Array, Posture, Triple, drag, helper, length
 
 WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
-LEAST_TRAVEL = 0.02  # contact radii
-WHOLE_TURN = 1.0  # rad
+MIN_TRAVEL = 0.02  # contact radii
+MAX_WINDOW_ROTATION = 1.0  # rad
 REST_SPAN = 50.0
 
 
@@ -86,10 +86,10 @@ def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
     """Update the heading of a one-sided body; return whether it has moved back by 0.02 a against it."""
     size = length(m[HEADING_X], m[HEADING_Y], 0.0)
     if size > 0.0:
-        m[WAY_BACK] = max(0.0, m[WAY_BACK] - (x * m[HEADING_X] + y * m[HEADING_Y]) / size)
+        m[REVERSED_PATH] = max(0.0, m[REVERSED_PATH] - (x * m[HEADING_X] + y * m[HEADING_Y]) / size)
     m[HEADING_X] += x
     m[HEADING_Y] += y
-    return m[WAY_BACK] > LEAST_TRAVEL * a
+    return m[REVERSED_PATH] > MIN_TRAVEL * a
 
 
 @helper
@@ -102,7 +102,7 @@ def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> b
         load += max(C[i, loaded_contact.LOAD], 0.0)
     if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * b[observed_body.MASS] * a or load <= 0.0:
         return False
-    still = m[REST_PATH] < LEAST_TRAVEL * a
+    still = m[REST_PATH] < MIN_TRAVEL * a
     m[REST_TIME] = 0.0
     m[REST_PATH] = 0.0
     return still
@@ -122,9 +122,9 @@ def follow_free(b: Array, m: Array, broke: bool) -> None:
             m[k] = 0.0
         for k in range(REFERENCE, REFERENCE + 4):
             m[k] = 0.0
-        m[TRAVEL] = m[TURNED_FREE] = 0.0
+        m[TRAVEL] = m[FREE_ROTATION] = 0.0
     elif was_loaded(m):
-        m[TURNED_FREE] += (
+        m[FREE_ROTATION] += (
             length(b[observed_body.SPIN], b[observed_body.SPIN + 1], b[observed_body.SPIN + 2]) * b[observed_body.ELAPSED]
         )
         if b[observed_body.PLATE_SPEED] > 0.0:
@@ -137,7 +137,7 @@ def follow_free(b: Array, m: Array, broke: bool) -> None:
 def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
     """Return whether a stop, a start, a reversal or rest ends the history."""
     if pose[0] == BOTH:
-        m[HEADING_X] = m[HEADING_Y] = m[WAY_BACK] = 0.0
+        m[HEADING_X] = m[HEADING_Y] = m[REVERSED_PATH] = 0.0
         if broke:
             return True
         if b[observed_body.PLATE_SPEED] > 0.0:
@@ -149,20 +149,20 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
 
 
 @helper
-def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Triple, complete: bool) -> None:
+def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, rotation: Triple, complete: bool) -> None:
     """End the window and start the next; store its ratios if it is complete, else clear all.
 
     Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; for a body that was
     free for a time the rotation during that time is excluded.
     """
     a = pose[1]
-    tilt, twist = split(turn, pose[3], pose[4], pose[5])
+    tilt, twist = split(rotation, pose[3], pose[4], pose[5])
     travel = max(m[TRAVEL], WINDOW * a)  # shorter only if closed by a rotation of 1 rad
     ratio = m[ROLL_RATIO]
     if complete:
-        ratio = max(length(tilt, twist, 0.0), m[TURNED_FREE]) * pose[2] / travel  # quaternions do not count whole revolutions
-    if ratio >= EPS_ROLL or patch_travel(C, n, turn) >= a:
-        m[ROLLED] += 0.5 * pose[2] * max(tilt - m[TURNED_FREE], 0.0)
+        ratio = max(length(tilt, twist, 0.0), m[FREE_ROTATION]) * pose[2] / travel  # quaternions do not count whole revolutions
+    if ratio >= EPS_ROLL or patch_travel(C, n, rotation) >= a:
+        m[ROLLED] += 0.5 * pose[2] * max(tilt - m[FREE_ROTATION], 0.0)
     slip = 0.0
     for i in range(n):
         C[i, SLIP_LAST] = C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE] if complete else 0.0
@@ -195,7 +195,7 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     if n == 0:
         follow_free(b, m, broke)
         return
-    fresh = not was_loaded(m)
+    first = not was_loaded(m)
     pose = support_of(C, n)
     step = drag(C, n, b, pose)
     ends = history_ends(C, n, b, m, pose, step, broke)
@@ -203,21 +203,21 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     if landed:  # spots that have just closed
         for i in range(n):
             C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, loaded_contact.SLIP], 0.0
-    if not fresh:
+    if not first:
         if not ends:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
         rotation = rotation_since(b, m, REFERENCE)
-        far = max(length(rotation[0], rotation[1], rotation[2]), m[TURNED_FREE])
-        closes = m[TRAVEL] >= WINDOW * pose[1] or far > WHOLE_TURN
+        rotation_size = max(length(rotation[0], rotation[1], rotation[2]), m[FREE_ROTATION])
+        closes = m[TRAVEL] >= WINDOW * pose[1] or rotation_size > MAX_WINDOW_ROTATION
         if ends or closes:
             finish_window(C, n, b, m, pose, rotation, not ends)
-    if fresh or ends or closes:
+    if first or ends or closes:
         store_orientation(b, m, REFERENCE)
-        m[TRAVEL] = m[LIFTED] = m[TURNED_FREE] = 0.0
+        m[TRAVEL] = m[LIFTED] = m[FREE_ROTATION] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, loaded_contact.SLIP]
     rotation = rotation_since(b, m, CHANGE)
-    if landed or ends or length(rotation[0], rotation[1], rotation[2]) > WHOLE_TURN:
+    if landed or ends or length(rotation[0], rotation[1], rotation[2]) > MAX_WINDOW_ROTATION:
         anchor_change(b, m)

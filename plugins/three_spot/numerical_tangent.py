@@ -15,14 +15,14 @@ def displaced(c, overlap, slip_x, slip_y):
 
 
 @helper
-def risen(load, overlap, rise):
-    """Return the load after the overlap has grown by `rise`.
+def risen(load, overlap, increment):
+    """Return the load after the overlap has grown by `increment`.
 
     The part of Hertz goes as d^1.5, the contact radius as d^0.5, the total by its stiffness.
     """
-    fraction = rise / overlap
+    fraction = increment / overlap
     elastic, radius = load.elastic * (1.0 + 1.5 * fraction), load.contact_radius * (1.0 + 0.5 * fraction)
-    return Load(load.force + load.stiffness * rise, elastic, radius, load.stiffness, load.squared_radius_rate)
+    return Load(load.force + load.stiffness * increment, elastic, radius, load.stiffness, load.squared_radius_rate)
 
 
 def central(law):

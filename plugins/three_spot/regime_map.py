@@ -36,7 +36,7 @@ MARKERS = {"rolling": "o", "sticking": "s", "sliding": "D"}
 PANELS = ("fig2", "regimes")
 
 LEVELS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of zeta_3
-SHARES = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
+N_2_RANGE = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
 ZETA_2 = (0.0, 4.0)
 MU = 1.0  # largest on the map, or the half width if that is more
 GRID = 401
@@ -59,8 +59,8 @@ class MapPoint:
 
 
 def third_spots(n_2: Array, zeta_2: Array, big_h: float) -> Array:
-    """zeta_3 (len(zeta_2), len(n_2)) of Fig. 2 by `theory.third_spot_place`."""
-    return np.array([[theory.third_spot_place(float(n), float(z), big_h) for n in n_2] for z in zeta_2])
+    """zeta_3 (len(zeta_2), len(n_2)) of Fig. 2 by `theory.third_spot_position`."""
+    return np.array([[theory.third_spot_position(float(n), float(z), big_h) for n in n_2] for z in zeta_2])
 
 
 def regime(x_1: float, half_width: float, mu: float) -> str:
@@ -79,13 +79,13 @@ def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, An
     zeta_3[zeta_2][n_2], and the limits of mu over x_1/h.
     """
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
-    places = np.linspace(*_places(half_width), count)
-    limits = [_limits(float(x), half_width) for x in places]
+    positions = np.linspace(*_position_range(half_width), count)
+    limits = [_limits(float(x), half_width) for x in positions]
     return {
         "fig2": {"H": big_h, "n_2": n_2.tolist(), "zeta_2": zeta_2.tolist(), "zeta_3": third_spots(n_2, zeta_2, big_h).tolist()},
         "regimes": {
             "half_width": half_width,
-            "x_1": places.tolist(),
+            "x_1": positions.tolist(),
             **{name: [limit[i] for limit in limits] for i, name in enumerate(("t_min", "t_max", "mu_required"))},
         },
     }
@@ -108,7 +108,7 @@ def draw_map(
     figure.savefig(path, dpi=DOTS)
 
 
-def _places(half_width: float) -> tuple[float, float]:
+def _position_range(half_width: float) -> tuple[float, float]:
     """Range of x_1/h that contains both ends of every regime."""
     top = max(MU, half_width)
     return -half_width - 0.6 * top, half_width + 1.1 * top
@@ -121,12 +121,12 @@ def _limits(x_1: float, half_width: float) -> tuple[float, float, float]:
 
 
 def _draw_fig2(axes: Axes, big_h: float) -> None:
-    n_2, zeta_2 = np.linspace(*SHARES, GRID), np.linspace(*ZETA_2, GRID)
+    n_2, zeta_2 = np.linspace(*N_2_RANGE, GRID), np.linspace(*ZETA_2, GRID)
     values = third_spots(n_2, zeta_2, big_h)
     for level in LEVELS:
         if values.min() < level < values.max():
             line = axes.contour(n_2, zeta_2, values, [level], colors=INK, linewidths=2.0 if level == 0.0 else 1.1)
-            axes.clabel(line, fmt="%g", fontsize=9, manual=_label_places(level, big_h))
+            axes.clabel(line, fmt="%g", fontsize=9, manual=_label_positions(level, big_h))
     if not any(values.min() < level < values.max() for level in LEVELS):
         note = f"$\\zeta_3$ is nowhere in this panel\nbetween {LEVELS[0]:g} and {LEVELS[-1]:g}"
         axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=INK)
@@ -137,11 +137,11 @@ def _draw_fig2(axes: Axes, big_h: float) -> None:
     axes.set_ylim(*ZETA_2)
 
 
-def _label_places(level: float, big_h: float) -> list[tuple[float, float]]:
+def _label_positions(level: float, big_h: float) -> list[tuple[float, float]]:
     """Intersections of a contour with the panel's rising diagonal, or else the falling one, for labels inside."""
     n_2 = np.linspace(0.05, 0.95, GRID)
     for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
-        values = np.array([theory.third_spot_place(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])
+        values = np.array([theory.third_spot_position(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])
         crossed = np.flatnonzero((values[:-1] - level) * (values[1:] - level) < 0.0)
         if len(crossed):
             return [(float(n_2[k]), float(zeta_2[k])) for k in crossed]
@@ -149,23 +149,23 @@ def _label_places(level: float, big_h: float) -> list[tuple[float, float]]:
 
 
 def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> None:
-    ends, highest = _places(half_width), max(MU, half_width)
+    ends, highest = _position_range(half_width), max(MU, half_width)
     kinks = [side * half_width + reach for side in (-1.0, 1.0) for reach in (-highest, 0.0, highest)]  # areas with sharp corners
-    places = np.union1d(np.linspace(*ends, GRID), [x for x in kinks if ends[0] < x < ends[1]])
-    low, high, need = np.array([_limits(float(x), half_width) for x in places]).T
+    positions = np.union1d(np.linspace(*ends, GRID), [x for x in kinks if ends[0] < x < ends[1]])
+    low, high, need = np.array([_limits(float(x), half_width) for x in positions]).T
     areas = {
-        "rolling": (np.zeros(len(places)), need),
+        "rolling": (np.zeros(len(positions)), need),
         "sliding": (np.maximum(low, 0.0), np.maximum(high, 0.0)),
-        "sticking": (np.maximum(need, high), np.full(len(places), highest)),
+        "sticking": (np.maximum(need, high), np.full(len(positions), highest)),
     }
     for name, (bottom, top) in areas.items():
         top = np.minimum(top, highest)
         axes.fill_between(
-            places, bottom, top, where=top >= bottom, facecolor=_pale(colors[name]), edgecolor=colors[name],
+            positions, bottom, top, where=top >= bottom, facecolor=_pale(colors[name]), edgecolor=colors[name],
             hatch=HATCHES[name], linewidth=0.0,
         )  # fmt: skip
     for values, (_, style) in zip((high, low, -high), LINES, strict=True):
-        axes.plot(places, values, color=INK, linewidth=1.8, linestyle=style)
+        axes.plot(positions, values, color=INK, linewidth=1.8, linestyle=style)
     _mark_lower_spots(axes, half_width)
     axes.set_xlim(*ends)
     axes.set_ylim(0.0, highest)

@@ -6,7 +6,7 @@ from .regime_map import MapPoint
 HEIGHT, RADIUS, CLOSING = 4.0, 2.0, 0.01
 """[um]; the indentation is small against all lengths, as the theory assumes."""
 
-PLACES = (-1.0, -0.75, -0.4, -0.1, 0.15, 0.4, 0.7, 0.95, 1.25)
+POSITIONS = (-1.0, -0.75, -0.4, -0.1, 0.15, 0.4, 0.7, 0.95, 1.25)
 FRICTIONS = (0.12, 0.35, 0.6, 0.85)
 STEPS = 60
 
@@ -16,7 +16,7 @@ def computed_points(half_width: float) -> tuple[MapPoint, ...]:
 
     Undecided ones are omitted.
     """
-    result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in PLACES for mu in FRICTIONS]
+    result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in POSITIONS for mu in FRICTIONS]
     return tuple(MapPoint("regimes", x, mu, state) for x, mu, state in result if state is not None)
 
 

@@ -24,7 +24,7 @@ ROUNDING = 8.0 * 2.0**-52
 CURVED = 1e-3
 """Minimum difference of slopes, over the slopes, assumed between pieces when nodes are removed: so the longest of many straight
 ones is removed last."""
-TURNED = 1e-10
+ROTATION_TOLERANCE = 1e-10
 """Permitted error of the force over mu N from neglecting the rotation of springs in a sliding piece in a step."""
 ALIGNED = 1e-7
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
@@ -107,10 +107,10 @@ def push_piece(w, n, q, x, y):
         l_1, l_2 = w[j] - w[i], q - w[j]
         x_1, y_1, x_2, y_2 = w[j + 1] - w[i + 1], w[j + 2] - w[i + 2], x - w[j + 1], y - w[j + 2]
         bend = (x_2 * l_1 - x_1 * l_2) ** 2 + (y_2 * l_1 - y_1 * l_2) ** 2
-        rise_1, rise_2 = x_1 * x_1 + y_1 * y_1, x_2 * x_2 + y_2 * y_2
-        slope = max(rise_1 * l_2 * l_2, rise_2 * l_1 * l_1)
+        slope_1, slope_2 = x_1 * x_1 + y_1 * y_1, x_2 * x_2 + y_2 * y_2
+        slope = max(slope_1 * l_2 * l_2, slope_2 * l_1 * l_1)
         size = w[j + 1] * w[j + 1] + w[j + 2] * w[j + 2]
-        noise = size * (l_1 + l_2) ** 2 + q * q * (rise_1 + rise_2)
+        noise = size * (l_1 + l_2) ** 2 + q * q * (slope_1 + slope_2)
         if bend <= COLLINEAR * COLLINEAR * slope + ROUNDING * ROUNDING * noise or l_2 <= ROUNDING * q or 3 * n == len(w):
             n -= 1
     w[3 * n], w[3 * n + 1], w[3 * n + 2] = q, x, y
@@ -200,9 +200,9 @@ def slip_loss(q, size, x, y, step):
     size_0 = math.sqrt(x_0 * x_0 + y_0 * y_0)
     size_0 = size_0 if size_0 > ROUNDING * size else 0.0
     b_0, b_1 = max(k * (d_old - q), size_0), k * (d - q)
-    far = max(size - b_1, 0.0)
-    t = (b_0 - size_0) / max(b_0 - size_0 + far, 1e-300)
-    return 0.5 * ((1.0 - t) * b_0 + (1.0 + t) * b_1) * far
+    excess = max(size - b_1, 0.0)
+    t = (b_0 - size_0) / max(b_0 - size_0 + excess, 1e-300)
+    return 0.5 * ((1.0 - t) * b_0 + (1.0 + t) * b_1) * excess
 
 
 @helper
@@ -216,17 +216,17 @@ def slide(new, n, a, b, step):
     length = q_b - q_a
     h, _ = piece_mean(q_a, q_b)
     y_a, loss = math.sqrt(q_a), 0.0
-    for place, weight in GAUSS:
-        y = y_a + place * h
+    for node, weight in GAUSS:
+        y = y_a + node * h
         part = min(max((y * y - q_a) / max(length, 1e-300), 0.0), 1.0)
         x, y = ax + part * (bx - ax), ay + part * (by - ay)
         loss += weight * h * slip_loss(q_a + part * length, math.sqrt(x * x + y * y), x, y, step)
     size_a, size_b = math.sqrt(ax * ax + ay * ay), math.sqrt(bx * bx + by * by)
     across = abs(ax * by - ay * bx) + abs(ax * sy - ay * sx) + abs(bx * sy - by * sx)
     noise = ROUNDING * (abs(sx) + abs(sy) + size_a + size_b)
-    turned = across * h > max(size_a, size_b) * (TURNED * k * d * math.sqrt(d) + noise * h)
+    rotates = across * h > max(size_a, size_b) * (ROTATION_TOLERANCE * k * d * math.sqrt(d) + noise * h)
     back = min(k * (d - q_b) / max(size_b, 1e-300), 1.0)
-    return push_piece(new, n, q_b, back * bx, back * by), loss, turned
+    return push_piece(new, n, q_b, back * bx, back * by), loss, rotates
 
 
 @helper
@@ -243,7 +243,7 @@ def span(new, n, a, b, step):
     if not a_out and not b_out:
         return push_piece(new, n, q_b, bx, by), 0.0, False
     dq, dx, dy = q_b - q_a, bx - ax, by - ay
-    first, loss, turned = 0.0, 0.0, False
+    first, loss, rotates = 0.0, 0.0, False
     if a_out:
         # within a right angle the new chord has less energy than the old one if both ends do: a sag inside may be dropped
         acute = b_out and ax * bx + ay * by >= 0.0
@@ -251,15 +251,15 @@ def span(new, n, a, b, step):
         if first < 0.0 and b_out:
             return slide(new, n, a, b, step)
         first = first if first >= 0.0 else 1.0
-        n, loss, turned = slide(new, n, a, Node(q_a + first * dq, ax + first * dx, ay + first * dy), step)
+        n, loss, rotates = slide(new, n, a, Node(q_a + first * dq, ax + first * dx, ay + first * dy), step)
         if not b_out:
-            return push_piece(new, n, q_b, bx, by), loss, turned
+            return push_piece(new, n, q_b, bx, by), loss, rotates
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: lost by rounding at the inner end
     # the trial itself, not k (d - q), which has no significant digits for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push_piece(new, n, q, x, y)
     n, more, again = slide(new, n, Node(q, x, y), b, step)
-    return n, loss + more, turned or again
+    return n, loss + more, rotates or again
 
 
 @helper
@@ -286,33 +286,33 @@ def advance_field(w, n, new, step):
     Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
     """
     sx, sy, d_old, d, k = step
-    per_rise = 1.0 / (d - d_old) if d > d_old else 0.0
+    inverse_change = 1.0 / (d - d_old) if d > d_old else 0.0
     x, y, q = sx, sy, 0.0
     if n > 0:
         x, y = w[1] + sx, w[2] + sy
     size, bound = math.sqrt(x * x + y * y), k * d
-    far = size - bound
-    back = 1.0 if far <= 0.0 else bound / size
+    excess = size - bound
+    back = 1.0 if excess <= 0.0 else bound / size
     count = push_piece(new, 0, 0.0, back * x, back * y)
-    loss, turned = 0.0, False
+    loss, rotates = 0.0, False
     for i in range(3, 3 * n, 3):
         q_b = w[i]
-        touched = 1.0 - max(q_b - d_old, 0.0) * per_rise
+        touched = 1.0 - max(q_b - d_old, 0.0) * inverse_change
         bx, by = w[i + 1] + touched * sx, w[i + 2] + touched * sy
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
-        count, lost, turns = span(new, count, Node(q, x, y), Node(q_b, bx, by), step)
-        loss, turned = loss + lost, turned or turns
+        count, lost, rotated = span(new, count, Node(q, x, y), Node(q_b, bx, by), step)
+        loss, rotates = loss + lost, rotates or rotated
         q, x, y = q_b, bx, by
-        if q >= d or turned:
+        if q >= d or rotates:
             break
-    if q < d and not turned:
-        count, lost, turns = span(new, count, Node(q, x, y), Node(d, 0.0, 0.0), step)
-        loss, turned = loss + lost, turned or turns
+    if q < d and not rotates:
+        count, lost, rotated = span(new, count, Node(q, x, y), Node(d, 0.0, 0.0), step)
+        loss, rotates = loss + lost, rotates or rotated
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0
-    if far > 0.0 and count > 2 and is_straight(new, count, k, d):
+    if excess > 0.0 and count > 2 and is_straight(new, count, k, d):
         new[3], new[4], new[5] = d, 0.0, 0.0
         count = 2
     dropped = 0
@@ -321,4 +321,4 @@ def advance_field(w, n, new, step):
         dropped += 1
     for i in range(3 * count, len(new)):
         new[i] = 0.0
-    return count, max(far, 0.0), loss, dropped, turned
+    return count, max(excess, 0.0), loss, dropped, rotates

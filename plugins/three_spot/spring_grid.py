@@ -33,9 +33,9 @@ def end_of(n, wide, spacing, radius):
 @helper
 def merges_for(overlap, n, radius):
     """Smallest number of merges after which the contact area of an overlap fits the grid."""
-    places = math.sqrt(max(overlap, 0.0) / radius) / FIRST
-    doublings = min(max(math.frexp(places)[1] - 1, 0), DOUBLINGS)
-    wide = int(math.ceil(n * math.ldexp(places, -doublings))) - n
+    cells = math.sqrt(max(overlap, 0.0) / radius) / FIRST
+    doublings = min(max(math.frexp(cells)[1] - 1, 0), DOUBLINGS)
+    wide = int(math.ceil(n * math.ldexp(cells, -doublings))) - n
     return (n - 1) * doublings + min(max(wide, 0), n - 1)
 
 
@@ -48,8 +48,8 @@ def width_of(i, wide):
 @helper
 def mean_gap(i, wide, scale):
     """Mean gap over cell i [m], with `scale` = spacing^2/R."""
-    place, scale = (i + 0.5, 4.0 * scale) if i < wide else (i + 0.5 + wide, scale)
-    return scale * (place * place + 1.0 / 12.0)
+    position, scale = (i + 0.5, 4.0 * scale) if i < wide else (i + 0.5 + wide, scale)
+    return scale * (position * position + 1.0 / 12.0)
 
 
 @helper

@@ -123,20 +123,20 @@ def rotation_since(b: Array, m: Array, k: int) -> Triple:
 
 
 @helper
-def split(turn: Triple, nx: float, ny: float, nz: float) -> tuple[float, float]:
+def split(rotation: Triple, nx: float, ny: float, nz: float) -> tuple[float, float]:
     """Rotation about in-plane axes and about the normal, both as magnitudes [rad]."""
-    about = turn[0] * nx + turn[1] * ny + turn[2] * nz
-    return length(turn[0] - about * nx, turn[1] - about * ny, turn[2] - about * nz), abs(about)
+    about = rotation[0] * nx + rotation[1] * ny + rotation[2] * nz
+    return length(rotation[0] - about * nx, rotation[1] - about * ny, rotation[2] - about * nz), abs(about)
 
 
 @helper
-def patch_travel(C: Array, n: int, turn: Triple) -> float:
-    """Largest distance p [m] of a contact area over the body's surface by the rotation `turn`."""
+def patch_travel(C: Array, n: int, rotation: Triple) -> float:
+    """Largest distance p [m] of a contact area over the body's surface by the rotation `rotation`."""
     cx, cy, cz = load_mean(C, n, NEITHER, ARM)
     p = 0.0
     for i in range(n):
         nx, ny, nz = C[i, loaded_contact.NORMAL], C[i, loaded_contact.NORMAL + 1], C[i, loaded_contact.NORMAL + 2]
-        tilt, twist = split(turn, nx, ny, nz)
+        tilt, twist = split(rotation, nx, ny, nz)
         x, y, z = C[i, loaded_contact.POINT] - cx, C[i, loaded_contact.POINT + 1] - cy, C[i, loaded_contact.POINT + 2] - cz
         height = x * nx + y * ny + z * nz
         arm = length(x - height * nx, y - height * ny, z - height * nz)

@@ -85,12 +85,12 @@ def mindlin_loading(s: float, limit: float, s_c: float) -> float:
     return limit * (1.0 - max(1.0 - s / s_c, 0.0) ** 1.5)
 
 
-def mindlin_reversal(s: float, s_turn: float, limit: float, s_c: float) -> float:
+def mindlin_reversal(s: float, s_reversal: float, limit: float, s_c: float) -> float:
     """T [N] after reversal at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5].
 
     For s* - 2 s_c <= s <= s* <= s_c. Source: Mindlin and Deresiewicz 1953.
     """
-    return mindlin_loading(s_turn, limit, s_c) - 2.0 * mindlin_loading((s_turn - s) / 2.0, limit, s_c)
+    return mindlin_loading(s_reversal, limit, s_c) - 2.0 * mindlin_loading((s_reversal - s) / 2.0, limit, s_c)
 
 
 def stick_ratio(force_ratio: float) -> float:
@@ -130,7 +130,7 @@ def closed_cycle_work(overlap_low: float, overlap_high: float) -> float:
 # -- three spots, normal load --
 
 
-def share_ratio(e_1: float, r_1: float, e_2: float, r_2: float, r_3: float) -> float:
+def compliance_ratio(e_1: float, r_1: float, e_2: float, r_2: float, r_3: float) -> float:
     """alpha of Eq. 8: alpha^-1.5 = E*_2 (sqrt R_2 + sqrt R_3)/(E*_1 sqrt R_1)."""
     return (e_2 * (math.sqrt(r_2) + math.sqrt(r_3)) / (e_1 * math.sqrt(r_1))) ** (-2.0 / 3.0)
 
@@ -140,7 +140,7 @@ def weight_number(weight: float, e_1: float, r_1: float, closing: float) -> floa
     return 0.75 * weight / (e_1 * math.sqrt(r_1) * closing**1.5)
 
 
-def upper_share(alpha: float, m: float) -> float:
+def upper_fraction(alpha: float, m: float) -> float:
     """delta = d_1/dh without tilt: the root of delta^1.5 + m~ = alpha^-1.5 (1-delta)^1.5 (Eq. 9).
 
     Raises ValueError outside 0 <= m~ <= alpha^-1.5, where spot 1 has lifted off.
@@ -158,20 +158,20 @@ def upper_share(alpha: float, m: float) -> float:
             high = middle
 
 
-def upper_share_slope(alpha: float) -> float:
+def upper_fraction_slope(alpha: float) -> float:
     """psi = d delta/d m~ at m~ = 0 (Eq. 10): -2 alpha/(3 sqrt(1 + alpha))."""
     return -2.0 * alpha / (3.0 * math.sqrt(1.0 + alpha))
 
 
-def upper_share_series(alpha: float, m: float) -> float:
+def upper_fraction_series(alpha: float, m: float) -> float:
     """delta to second order in m~: Eq. 10 and its next term, alpha (1-alpha)/9 m~^2."""
-    return 1.0 / (1.0 + alpha) + upper_share_slope(alpha) * m + alpha * (1.0 - alpha) / 9.0 * m**2
+    return 1.0 / (1.0 + alpha) + upper_fraction_slope(alpha) * m + alpha * (1.0 - alpha) / 9.0 * m**2
 
 
 # -- self-consistency --
 
 
-def lower_force_share(x: Sequence[float], mu_h: float) -> float:
+def lower_force_fraction(x: Sequence[float], mu_h: float) -> float:
     """N_2/N_1 of a weightless particle sliding on both sides: (x_3 - x_1 + mu h)/(x_3 - x_2).
 
     From N_2 + N_3 = N_1 and Eq. 20; mu h = 0: no friction; `x` = (x_1, x_2, x_3) [m]. In [0, 1] where the particle can slide.
@@ -200,7 +200,7 @@ def sliding_weight_ratio(mu_upper: float, mu_lower: float) -> float:
 def sliding_moment_without_tilt(x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], delta: float) -> float:
     """mu h [m] at which an untilted particle slides (Eq. 21).
 
-    x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from `upper_share`.
+    x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from `upper_fraction`.
     """
     arms = x[1] * math.sqrt(radii[1] / radii[0]) + x[2] * math.sqrt(radii[2] / radii[0])
     return x[0] - e_2 / e_1 * ((1.0 - delta) / delta) ** 1.5 * arms
@@ -212,7 +212,7 @@ def sliding_moment_weightless(x: Sequence[float], r_2: float, r_3: float) -> flo
     return x[0] - (a * x[1] + b * x[2]) / (a + b)
 
 
-def third_spot_place(n_2: float, zeta_2: float, big_h: float) -> float:
+def third_spot_position(n_2: float, zeta_2: float, big_h: float) -> float:
     """zeta_3 = x_3/x_1 at which the particle can slide (Fig. 2): (1 + n_2 zeta_2 - H)/(1 - n_2).
 
     n_2 = N_2/N_1, zeta_2 = -x_2/x_1, H = mu h/x_1; weightless, equal friction. Raises ZeroDivisionError at n_2 = 1.
@@ -225,13 +225,13 @@ def tilted_state(
 ) -> tuple[float, float, tuple[float, float, float]]:
     """(w, phi, (N_1, N_2, N_3)) of a weightless particle at closing dh, all spots sliding; mu_h = 0: smooth.
 
-    `lower_force_share` determines N_i/N_1; then d_i = c_i N_1^(2/3), and Eq. 6, d_1 = dh - w - phi x_1, d_2 = w + phi x_2, d_3 =
-    w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to pull.
+    `lower_force_fraction` determines N_i/N_1; then d_i = c_i N_1^(2/3), and Eq. 6, d_1 = dh - w - phi x_1, d_2 = w + phi x_2,
+    d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to pull.
     """
-    fraction = lower_force_share(x, mu_h)
+    fraction = lower_force_fraction(x, mu_h)
     fractions = (1.0, fraction, 1.0 - fraction)
     if min(fractions) < 0.0:
-        raise ValueError(f"a spot lifts off: force shares {fractions}")
+        raise ValueError(f"a spot lifts off: force fractions {fractions}")
     moduli = (e_1, e_2, e_2)
     c = [hertz_overlap(e, r, n) for e, r, n in zip(moduli, radii, fractions, strict=True)]
     tilt = (c[2] - c[1]) / (x[2] - x[1])
@@ -260,7 +260,7 @@ def impact_duration(mass: float, radius: float, e: float, speed: float) -> float
     return shape * impact_overlap(mass, radius, e, speed) / speed
 
 
-def damping_with_pull(restitution: float) -> float:
+def damping_with_tension(restitution: float) -> float:
     """alpha of m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 for a given e, if the contact may pull at the end.
 
     -sqrt(5) ln e/sqrt(ln^2 e + pi^2) (Antypov and Elliott 2011). With the force clipped at zero e is higher.

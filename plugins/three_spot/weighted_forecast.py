@@ -41,7 +41,7 @@ def body_size(upper: Array, lower: Array, heights: Pair) -> float:
 
 
 @helper
-def can_hold(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> bool:
+def can_balance(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> bool:
     """Return whether forces inside the friction cones balance the wrench. Lengths over a size, wrench over the upper side's load.
 
     A column per edge of a spot's pyramid: force x, y, z and moment x, y, z per normal force; the last row is the load.
@@ -68,18 +68,18 @@ def can_hold(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions
 def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> float:
     """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`.
 
-    At most 1 exactly if `can_hold` at 1.
+    At most 1 exactly if `can_balance` at 1.
     """
-    if can_hold(upper, lower, heights, wrench, (0.0, 0.0)):
+    if can_balance(upper, lower, heights, wrench, (0.0, 0.0)):
         return 0.0
     low, high = 0.0, 1.0
-    while not can_hold(upper, lower, heights, wrench, (high * frictions[0], high * frictions[1])):
+    while not can_balance(upper, lower, heights, wrench, (high * frictions[0], high * frictions[1])):
         low, high = high, 4.0 * high
         if high > LARGEST:
             return math.inf
     while high - low > ACCURACY * high and high > ACCURACY:
         middle = 0.5 * (low + high)
-        if can_hold(upper, lower, heights, wrench, (middle * frictions[0], middle * frictions[1])):
+        if can_balance(upper, lower, heights, wrench, (middle * frictions[0], middle * frictions[1])):
             high = middle
         else:
             low = middle

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Run", "Scene", "check", "errors", "open", "resume", "run"]
 
-_PLACES = {
+_MODULES = {
     "Scene": ("scene.model", "Scene"),
     "Run": ("trajectory.reader", "Run"),
     "open": ("trajectory.reader", "open_run"),
@@ -41,10 +41,10 @@ except PackageNotFoundError:  # a source tree that is not installed
 
 
 def __getattr__(name: str) -> Any:
-    if name in _PLACES:
+    if name in _MODULES:
         from importlib import import_module
 
-        module, attribute = _PLACES[name]
+        module, attribute = _MODULES[name]
         return getattr(import_module(f".{module}", __name__), attribute)
     for point in () if name.startswith("_") else _plugged():
         if point.name == name:

@@ -75,12 +75,12 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
         with _write_error(path):
             part.mkdir()
             yield part
-            _put_in_place(part, path, ours)
+            _move_into_folder(part, path, ours)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _put_in_place(part: Path, path: Path, ours: Collection[str]) -> None:
+def _move_into_folder(part: Path, path: Path, ours: Collection[str]) -> None:
     """Rename the new folder to `path`; an old one is moved aside first and deleted afterwards."""
     if not os.path.lexists(path):
         part.rename(path)

@@ -64,8 +64,8 @@ class Fault:
         return self._text("--set" if self.file == SETTINGS else self.file, self.command)
 
     def _text(self, file: str | None, remedy: str) -> str:
-        place = ":".join(str(part) for part in (_short(file), self.line, self.column) if part is not None)
-        return printable(": ".join(part for part in (place, _short(self.key), self.message + remedy) if part))
+        position = ":".join(str(part) for part in (_short(file), self.line, self.column) if part is not None)
+        return printable(": ".join(part for part in (position, _short(self.key), self.message + remedy) if part))
 
 
 def printable(text: str) -> str:

@@ -55,8 +55,8 @@ def state_colors(names: Sequence[str]) -> list[str]:
 
 def category_colors(count: int) -> list[str]:
     """Return one colour `#RRGGBB` for each of `count` codes; beyond ten they repeat, without the grey."""
-    first, rest = CATEGORY_COLORS[0], CATEGORY_COLORS[1:]
-    return [first, *(rest[i % len(rest)] for i in range(count - 1))][:count]
+    first, others = CATEGORY_COLORS[0], CATEGORY_COLORS[1:]
+    return [first, *(others[i % len(others)] for i in range(count - 1))][:count]
 
 
 def pale(colors: np.ndarray, white: float) -> np.ndarray:

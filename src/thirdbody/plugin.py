@@ -51,7 +51,7 @@ from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.mindlin import MINDLIN
-from thirdbody.laws.patch_renewal import RENEWAL, Renewal, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.patch_renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole, listing
@@ -117,7 +117,7 @@ __all__ = [
     "clump_with_frame",
     "dundurs_beta",
     "e_star",
-    "fresh_ground",
+    "moved_ground",
     "from_first_touch",
     "g_star",
     "helper",

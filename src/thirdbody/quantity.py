@@ -43,8 +43,8 @@ def with_error(value: float, error: float) -> str:
         return f"{value:z.3f}".replace("-", MINUS)
     if error < 5e-7:
         return f"{value:z.4f} (error below 1e{MINUS}6)".replace("-", MINUS)
-    places = max(1 - math.floor(math.log10(error)), 0)
-    return f"{value:z.{places}f} \N{PLUS-MINUS SIGN} {error:.{places}f}".replace("-", MINUS)
+    decimals = max(1 - math.floor(math.log10(error)), 0)
+    return f"{value:z.{decimals}f} \N{PLUS-MINUS SIGN} {error:.{decimals}f}".replace("-", MINUS)
 
 
 def percent(fraction: float) -> str:

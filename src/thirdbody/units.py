@@ -156,10 +156,10 @@ def _split(text: str, wanted: Dimension) -> tuple[Decimal, str]:
     if len(text) > 100 or not match:
         example = f': write for example "10 {wanted.usual}"' if wanted.usual else ""
         raise ValueError(f"cannot read '{text[:40]}' as {wanted.phrase}{example}")
-    rest = text.strip()[match.end() :]
-    if rest.startswith(","):
+    unit_text = text.strip()[match.end() :]
+    if unit_text.startswith(","):
         raise ValueError(f"cannot read '{text}': the decimal sign is a point, and thousands are not separated")
-    return Decimal(match[0]), rest.strip()
+    return Decimal(match[0]), unit_text.strip()
 
 
 def _rounded(number: Decimal, factor: Fraction, text: str) -> float:

@@ -34,15 +34,15 @@ EVENTS = {"bound": "bound of the time step", "search": "search", "refresh_sphere
           PYTHON: "python between calls"}  # fmt: skip
 """What happens between two calls of the step loop."""
 
-Told = dict[str, Any]
+Reported = dict[str, Any]
 
 
-def profile(simulation: Any, limits: Told, warm: int, steps: int, segments: int) -> Told:
+def profile(simulation: Any, limits: Reported, warm: int, steps: int, segments: int) -> Reported:
     """The passes and the run of a simulation, on one thread: lists of rows, times in ns per sphere and step."""
     advance(simulation, warm)
-    run = min((measured_run(simulation, steps) for _ in range(segments)), key=lambda told: told["ns"])
+    run = min((measured_run(simulation, steps) for _ in range(segments)), key=lambda report: report["ns"])
     tables = Tables(simulation.integrator)
-    rows: list[Told] = []
+    rows: list[Reported] = []
     passes = passes_of(tables)
     for number, one in enumerate(passes):
         for before in passes[:number]:  # what it finds in a tile is what they leave there
@@ -68,7 +68,7 @@ def shortest(run: Callable[[int], Any]) -> float:
     return least
 
 
-def row_of(one: Pass, seconds: float, spheres: int, limits: Told) -> Told:
+def row_of(one: Pass, seconds: float, spheres: int, limits: Reported) -> Reported:
     """What a pass takes and what it could take."""
     counted = Operations()
     for kernel, times in one.kernels:
@@ -91,7 +91,7 @@ def level(tables: float, bandwidth: dict[int, float]) -> tuple[int, float]:
     return size, bandwidth[size]
 
 
-def measured_run(simulation: Any, steps: int) -> Told:
+def measured_run(simulation: Any, steps: int) -> Reported:
     """ns per sphere and step of a run, and of its parts; of those also what they take when nobody disturbs, and calls a step."""
     clock = Clock(simulation.state.A)
     with ExitStack() as stack:
@@ -103,13 +103,13 @@ def measured_run(simulation: Any, steps: int) -> Told:
         taken = advance(simulation, steps)
         seconds = time.perf_counter() - started
     each = 1e9 / simulation.state.n_spheres
-    told: Told = {"steps": taken, "ns": each / taken * seconds}
+    report: Reported = {"steps": taken, "ns": each / taken * seconds}
     for name, calls in clock.spent.items():
         spent, steps_of = np.array(calls or [(0.0, 0.0)]).T
         # a quarter of the calls were quicker, by the step where a call makes steps
         quiet = np.quantile(spent / np.maximum(steps_of, 1.0), 0.25) * (1.0 if name == LOOP else len(calls) / taken)
-        told[name] = {"ns": each / taken * spent.sum(), "quiet_ns": each * quiet, "calls": len(calls) / taken}
-    return told
+        report[name] = {"ns": each / taken * spent.sum(), "quiet_ns": each * quiet, "calls": len(calls) / taken}
+    return report
 
 
 class Clock:
@@ -137,22 +137,23 @@ class Clock:
         return call
 
 
-def print_profile(name: str, told: Told, console: Console) -> None:
+def print_profile(name: str, report: Reported, console: Console) -> None:
     """A scene: a pass a line, then the run."""
     title = (
-        f"{name}: {told['spheres']} spheres, {told['bodies']} bodies, {told['contacts']} contacts of {told['candidates']} "
+        f"{name}: {report['spheres']} spheres, {report['bodies']} bodies, {report['contacts']} contacts of "
+        f"{report['candidates']} "
         f"candidates; one thread"
     )
     table = Table("pass", "ns/sphere-step", "calls/step", "works on, per sphere", "bytes/sphere", "tables", "GB/s",
                   "of the triad", "operations each", "of the peak", title=title)  # fmt: skip
-    for row in told["passes"]:
+    for row in report["passes"]:
         table.add_row(
             row["pass"], f"{row['ns']:.2f}", str(row["calls"]), f"{row['items']:.3g} {row['things']}", f"{row['bytes']:.0f}",
             size(row["tables_KiB"]), f"{row['GB_s']:.1f}", f"{row['of_bandwidth']:.0%} of {size(row['level_KiB'])}",
             f"{row['operations']:.0f}", f"{row['of_arithmetic']:.0%}",
         )  # fmt: skip
     console.print(table)
-    print_run(name, told, console)
+    print_run(name, report, console)
 
 
 def size(kibibytes: float) -> str:
@@ -160,22 +161,22 @@ def size(kibibytes: float) -> str:
     return f"{kibibytes:.0f} KiB" if kibibytes < 1024 else f"{kibibytes / 1024:.3g} MiB"
 
 
-def print_run(name: str, told: Told, console: Console) -> None:
+def print_run(name: str, report: Reported, console: Console) -> None:
     """The run of a scene, with what the passes explain of it."""
-    run = told["run"]
+    run = report["run"]
     quiet = sum(run[part]["quiet_ns"] for part in (LOOP, *EVENTS))
     table = Table("", "ns/sphere-step undisturbed", "in the run", "calls/step", title=f"{name}: a run of {run['steps']} steps")
-    table.add_row("sum of the passes", f"{told['sum_ns']:.2f}")
+    table.add_row("sum of the passes", f"{report['sum_ns']:.2f}")
     for part, words in ({LOOP: "step loop, which makes them"} | EVENTS).items():
         row = run[part]
         table.add_row(words, f"{row['quiet_ns']:.2f}", f"{row['ns']:.2f}", f"{row['calls']:.2g}")
         if part == LOOP:
             table.add_section()
     table.add_section()
-    table.add_row("passes and all that is between", f"{told['total_ns']:.2f}")
+    table.add_row("passes and all that is between", f"{report['total_ns']:.2f}")
     table.add_row("the whole run", f"{quiet:.2f}", f"{run['ns']:.2f}")
     console.print(table)
     console.print(
-        f"{name}: the rows explain {told['total_ns'] / quiet:.0%} of the undisturbed run; the rest is in the step loop: "
+        f"{name}: the rows explain {report['total_ns'] / quiet:.0%} of the undisturbed run; the rest is in the step loop: "
         f"sums over groups, guards, records, patches, calls, less what passes find in a nearer cache there"
     )

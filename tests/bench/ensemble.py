@@ -17,7 +17,7 @@ from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 
-WAY = 10e-6
+PATH = 10e-6
 """Sliding distance that times are told for, m."""
 
 EVERY = 1e-6
@@ -38,7 +38,7 @@ class Case:
     level: str
     speed: float
     bodies: int
-    way: float = WAY
+    path: float = PATH
     every: float = EVERY
 
     @property
@@ -60,7 +60,7 @@ def scene_of(case: Case) -> thirdbody.Scene:
         "contact.debris_contact": "none",
         "plates.upper.motion.x.velocity": f"{case.speed:.9g} m/s",
         "solver.integrator": case.integrator,
-        "solver.distance": f"{case.way:.9g} m",
+        "solver.distance": f"{case.path:.9g} m",
         "output.every": f"{case.every:.9g} m",
     }
     if case.level == "mdr":
@@ -108,18 +108,18 @@ def spread_of(steps: np.ndarray) -> dict[str, float]:
 
 def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
     """Seconds per particle for the whole way, one core; each repeat slides a fresh copy of the settled ensemble."""
-    simulation, told = settled(case)
+    simulation, report = settled(case)
     seconds, busy = [], []
     for _ in range(repeats):
         integrator = copy.deepcopy(simulation.integrator)
         before = integrator.totals[:, run_totals.STEPS].copy()
         started, used = time.perf_counter(), time.process_time()
-        for stop in np.arange(1, round(case.way / case.every) + 1) * case.every:
+        for stop in np.arange(1, round(case.path / case.every) + 1) * case.every:
             integrator.advance_to(distance=float(stop))
         elapsed = time.perf_counter() - started
         busy.append((time.process_time() - used) / elapsed)
-        seconds.append(elapsed / case.bodies * WAY / case.way)
-    taken = (integrator.totals[:, run_totals.STEPS] - before) * WAY / case.way
+        seconds.append(elapsed / case.bodies * PATH / case.path)
+    taken = (integrator.totals[:, run_totals.STEPS] - before) * PATH / case.path
     steps = float(taken.mean())
     result = middle(seconds)
     return {
@@ -131,7 +131,7 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
         "seconds_per_step": result["median"] / steps,
         "busy": middle(busy),
         "unsolved": len(integrator.summary()["unsolved"]),
-        **told,
+        **report,
     }
 
 
@@ -140,22 +140,22 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
 
     The rest is taken to cost as much per step, with steps as long: steps needed = way / speed / mean step of the part.
     """
-    simulation, told = settled(case)
+    simulation, report = settled(case)
     seconds, busy, shares = [], [], []
     for _ in range(repeats):
         integrator = copy.deepcopy(simulation.integrator)
         state = integrator.state
         time_before, steps_before = state.time, state.A[run_totals.STEPS]
         started, used = time.perf_counter(), time.process_time()
-        while time.perf_counter() - started < patience and state.distance < case.way:
-            integrator.advance_to(state.time + 100.0 * state.dt, case.way)
+        while time.perf_counter() - started < patience and state.distance < case.path:
+            integrator.advance_to(state.time + 100.0 * state.dt, case.path)
         elapsed = time.perf_counter() - started
         busy.append((time.process_time() - used) / elapsed)
         steps, simulated = float(state.A[run_totals.STEPS] - steps_before), state.time - time_before
         seconds.append(elapsed / steps)
-        shares.append(state.distance / WAY)
+        shares.append(state.distance / PATH)
     step, per_step = simulated / steps, middle(seconds)
-    needed = WAY / case.speed / step
+    needed = PATH / case.speed / step
     each = needed / case.bodies
     return {
         "engine": case.name,
@@ -167,5 +167,5 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
         "ns_per_sphere_step": 1e9 * per_step["median"] / state.n_spheres,
         "time_step": step,
         "share_run": min(shares),
-        **told,
+        **report,
     }

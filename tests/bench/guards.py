@@ -54,9 +54,9 @@ class Cut(NamedTuple):
 CUTS = (
     # way over radius, numbers, domain; the longest way stays
     Cut("kernels/explicit/drift.py", """\
-    body = b if share > step else body
-    bad, out = check_position(b, x, share, limits, bad, out)
-    return max(longest, distance), max(step, share), body, bad, out
+    body = b if relative_distance > step else body
+    bad, out = check_position(b, x, relative_distance, limits, bad, out)
+    return max(longest, distance), max(step, relative_distance), body, bad, out
 """, """\
     return max(longest, distance), step, body, bad, out
 """),
@@ -70,9 +70,9 @@ CUTS = (
     Cut("kernels/explicit/contact_forces.py", """\
         r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
         if (
-            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
+            less_mask(broadcast(max_overlap) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
-            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, tile, deepest, slot)
+            max_overlap, slot = larger_overlap(q, min(q + LANES, m), slots, tile, max_overlap, slot)
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
@@ -128,7 +128,7 @@ class Engine:
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
         self.conduct = RunLoop(self.simulation, RunFolder(Path()), times=WallTimes(math.inf))  # writes nothing
         advance(self.simulation, warm)
-        self.kept = self.snapshot()
+        self.retained = self.snapshot()
 
     def snapshot(self) -> Any:
         """The state of now, in arrays of its own."""
@@ -139,10 +139,10 @@ class Engine:
 
     def go_back(self) -> None:
         """To the state after the warm-up."""
-        from thirdbody.engine.snapshot import Snapshot, put
+        from thirdbody.engine.snapshot import Snapshot, restore
 
-        arrays = {name: array.copy() for name, array in self.kept.arrays.items()}  # a run takes some of them for its own
-        put(Snapshot(arrays, self.kept.notes), self.state, self.integrator, self.conduct.ledger)
+        arrays = {name: array.copy() for name, array in self.retained.arrays.items()}  # a run takes some of them for its own
+        restore(Snapshot(arrays, self.retained.notes), self.state, self.integrator, self.conduct.ledger)
         self.conduct.energy_guard.above = 0
 
     def segment(self) -> dict[str, Any]:
@@ -204,8 +204,10 @@ def main() -> None:
     parser.add_argument("--tiles", type=tiles, default="1x1")
     parser.add_argument("--warm", type=int, required=True)
     parser.add_argument("--steps", type=int, required=True)
-    asked = parser.parse_args()
-    engine = Engine(start_from(asked.kind, asked.number, asked.tiles, asked.peers), asked.warm, asked.steps)
+    requested = parser.parse_args()
+    engine = Engine(
+        start_from(requested.kind, requested.number, requested.tiles, requested.peers), requested.warm, requested.steps
+    )
     print(json.dumps({"package": str(PACKAGE), "spheres": engine.state.n_spheres, "bodies": engine.state.n_bodies}), flush=True)
     answers = {"segment": engine.segment, "trip": engine.trip}
     for line in sys.stdin:
@@ -237,11 +239,11 @@ class Worker:
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, cwd=package.parent
         )
-        self.told = self._answer()
-        if Path(self.told["package"]) != package:
-            sys.exit(f"{case.name}: the engine {name} is that of {self.told['package']}")
+        self.reported = self._answer()
+        if Path(self.reported["package"]) != package:
+            sys.exit(f"{case.name}: the engine {name} is that of {self.reported['package']}")
 
-    def ask(self, command: str) -> dict[str, Any]:
+    def request(self, command: str) -> dict[str, Any]:
         """The answer to `segment` or `trip`."""
         assert self.process.stdin is not None
         self.process.stdin.write(command + "\n")
@@ -286,12 +288,12 @@ def measure_guards(cases: Iterable[Any], rounds: int, peers: Path | None) -> lis
         for case in cases:
             runs: dict[str, list[list[dict[str, Any]]]] = {AS_IS: [], WITHOUT: []}
             with both(case, peers, folder, pinned=False) as workers:  # compiles on all cores
-                judge_trips(case, workers)
+                verify_trips(case, workers)
             for k in range(rounds):
                 print(f"{case.name}, guards: round {k + 1} of {rounds}", file=sys.stderr, flush=True)
                 with both(case, peers, folder) as workers:
                     pairs = [pair(case, workers, turned=(k + n) % 2 == 1) for n in range(case.reps)]
-                    size = {key: workers[AS_IS].told[key] for key in ("spheres", "bodies")}
+                    size = {key: workers[AS_IS].reported[key] for key in ("spheres", "bodies")}
                 for engine in runs:
                     runs[engine].append([one[engine] for one in pairs])
             rows.append({"scene": case.name, **vars(case), **size, "runs": runs, **summed_up(runs)})
@@ -301,22 +303,27 @@ def measure_guards(cases: Iterable[Any], rounds: int, peers: Path | None) -> lis
 def pair(case: Any, workers: dict[str, Worker], turned: bool = False) -> dict[str, dict[str, Any]]:
     """A segment of each engine from the same state. Exits with a message unless both come to the same bits."""
     names = [WITHOUT, AS_IS] if turned else [AS_IS, WITHOUT]
-    told = {name: workers[name].ask("segment") for name in names}
-    if told[AS_IS]["bits"] != told[WITHOUT]["bits"]:
+    report = {name: workers[name].request("segment") for name in names}
+    if report[AS_IS]["bits"] != report[WITHOUT]["bits"]:
         sys.exit(f"{case.name}: the two engines do not come to the same bits: more than guards is taken out")
-    return told
+    return report
 
 
-def judge_trips(case: Any, workers: dict[str, Worker]) -> None:
+def verify_trips(case: Any, workers: dict[str, Worker]) -> None:
     """Exits with a message unless the engine as it is stops where it must and the other one goes on and looks at nothing."""
-    told = {name: worker.ask("trip") for name, worker in workers.items()}
-    if not told[AS_IS]["stopped"] or told[WITHOUT]["stopped"] or any(told[WITHOUT]["seen"]) or not any(told[AS_IS]["seen"]):
-        sys.exit(f"{case.name}: with a limit of 0 {told[AS_IS]} is told by the engine with guards, {told[WITHOUT]} without")
+    report = {name: worker.request("trip") for name, worker in workers.items()}
+    if (
+        not report[AS_IS]["stopped"]
+        or report[WITHOUT]["stopped"]
+        or any(report[WITHOUT]["seen"])
+        or not any(report[AS_IS]["seen"])
+    ):
+        sys.exit(f"{case.name}: with a limit of 0 {report[AS_IS]} is told by the engine with guards, {report[WITHOUT]} without")
 
 
 def summed_up(runs: dict[str, list[list[dict[str, Any]]]]) -> dict[str, Any]:
     """Ratios with guards to without, pair by pair, of the wall and of the processor; the share of looks in the time with them."""
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     for name, key in (("ratio", "t"), ("of_processor", "processor")):
         ratios = [
             [own[key] / bare[key] for own, bare in zip(*pairs, strict=True)]
@@ -324,9 +331,9 @@ def summed_up(runs: dict[str, list[list[dict[str, Any]]]]) -> dict[str, Any]:
         ]
         medians = [statistics.median(ratio) for ratio in ratios]
         every = statistics.median(ratio for one in ratios for ratio in one)
-        told[name] = {"median": every, "min": min(medians), "max": max(medians), "pairs": ratios}
-    looks = [one["looks"] / one["t"] for run in runs[AS_IS] for one in run]
-    return told | {"looks": statistics.median(looks)}
+        report[name] = {"median": every, "min": min(medians), "max": max(medians), "pairs": ratios}
+    guard = [one["looks"] / one["t"] for run in runs[AS_IS] for one in run]
+    return report | {"looks": statistics.median(guard)}
 
 
 def print_guards(rows: Sequence[dict[str, Any]], console: Console) -> None:

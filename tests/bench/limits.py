@@ -139,16 +139,16 @@ def best(function: Callable, *arguments: Any) -> float:
     return min(seconds)
 
 
-def print_limits(told: dict[str, Any], console: Console) -> None:
+def print_limits(report: dict[str, Any], console: Console) -> None:
     """The limits as two tables."""
     wide = Table("working set", "triad", "two cores over one", title="bandwidth of one core")
-    for size, rate in told["bandwidth_GB_s"].items():
-        wide.add_row(f"{size} KiB", f"{rate:.1f} GB/s", f"{told['two_cores_over_one'][size]:.2f}")
+    for size, rate in report["bandwidth_GB_s"].items():
+        wide.add_row(f"{size} KiB", f"{rate:.1f} GB/s", f"{report['two_cores_over_one'][size]:.2f}")
     single = Table("operation", "ns", title="one core, per element")
-    single.add_row("vector product or sum", f"{1.0 / told['arithmetic_GF_s']:.4f}")
-    single.add_row("vector sqrt", f"{told['sqrt_ns']:.3f}")
-    single.add_row("vector division", f"{told['division_ns']:.3f}")
-    for rows, cost in told["read_ns"].items():
+    single.add_row("vector product or sum", f"{1.0 / report['arithmetic_GF_s']:.4f}")
+    single.add_row("vector sqrt", f"{report['sqrt_ns']:.3f}")
+    single.add_row("vector division", f"{report['division_ns']:.3f}")
+    for rows, cost in report["read_ns"].items():
         single.add_row(f"random read of 32 bytes among {rows} rows", f"{cost:.2f}")
     console.print(wide)
     console.print(single)

@@ -10,7 +10,7 @@ from thirdbody.studies import machine_info as studies
 
 def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, load when asked, and versions; `sources` names the compiled sources."""
-    told = studies.machine()
-    del told["threads"]  # every benchmark tells its own
-    told["versions"]["sources"] = cache_dir.folder().name
-    return told
+    report = studies.machine()
+    del report["threads"]  # every benchmark tells its own
+    report["versions"]["sources"] = cache_dir.folder().name
+    return report

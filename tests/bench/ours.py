@@ -39,9 +39,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--tiles", type=tiles, default="1x1", help="copies along x and y (default %(default)s)")
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    asked.steps = asked.steps or STEPS.get((asked.kind, asked.number), 300)
-    return asked
+    requested = parser.parse_args()
+    requested.steps = requested.steps or STEPS.get((requested.kind, requested.number), 300)
+    return requested
 
 
 def tiles(text: str) -> tuple[int, int]:
@@ -52,59 +52,69 @@ def tiles(text: str) -> tuple[int, int]:
     return columns, rows
 
 
-def measure(asked: argparse.Namespace) -> dict[str, Any]:
+def measure(requested: argparse.Namespace) -> dict[str, Any]:
     """Build, warm up, and time the segments."""
     # imported here: what the imports take is not the scene's memory
     from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of, tiled
 
     from thirdbody.runner.simulate import set_threads
 
-    if asked.peers:
-        start = read(Path(asked.peers) / "configs" / f"{asked.kind}_{asked.number}.npz", asked.tiles)
-    elif asked.kind == "S":
-        start = start_of("S", tiled(generated(asked.number), *asked.tiles))
+    if requested.peers:
+        start = read(Path(requested.peers) / "configs" / f"{requested.kind}_{requested.number}.npz", requested.tiles)
+    elif requested.kind == "S":
+        start = start_of("S", tiled(generated(requested.number), *requested.tiles))
     else:
-        sys.exit(f"{asked.kind} needs its configuration: give --peers DIR")
-    set_threads(asked.threads)
+        sys.exit(f"{requested.kind} needs its configuration: give --peers DIR")
+    set_threads(requested.threads)
     advance(simulation_of(start_of("S", generated(200))), 70)  # compiled code is no memory of the scene
     at_start = count_contacts(start, start.x)  # now, since what it imports is no memory of the scene either
-    base = forget_peak()
+    base = reset_peak()
     began = time.perf_counter()
     simulation = simulation_of(start)
     built, seconds = peak(), time.perf_counter() - began
-    advance(simulation, asked.warm)
-    told: dict[str, list[Any]] = {"t": [], "cpu": [], "rebuild_every": [], "contacts": [], "plate": []}
-    note(told, count_contacts(start, spheres_of(simulation)["points"]))
-    for _ in range(asked.reps):
-        time_segment(simulation, asked.steps, told)
+    advance(simulation, requested.warm)
+    report: dict[str, list[Any]] = {"t": [], "cpu": [], "rebuild_every": [], "contacts": [], "plate": []}
+    note(report, count_contacts(start, spheres_of(simulation)["points"]))
+    for _ in range(requested.reps):
+        time_segment(simulation, requested.steps, report)
         highest = peak()
-        note(told, count_contacts(start, spheres_of(simulation)["points"]))
+        note(report, count_contacts(start, spheres_of(simulation)["points"]))
     energy = kinetic_energy(start, spheres_of(simulation)["velocity"])
     stepping = resident(simulation)
-    touching = statistics.fmean(told["contacts"]) + statistics.fmean(told["plate"])
+    touching = statistics.fmean(report["contacts"]) + statistics.fmean(report["plate"])
     return {
-        "engine": "thirdbody", "scene": asked.kind, "N": asked.number, "tiles": asked.tiles, "cores": asked.threads,
-        "spheres": start.spheres, "bodies": start.bodies, "steps": asked.steps, "setup_s": seconds, **told,
-        "ke_end": energy, "start": at_start,
-        "ns_per_sphere_step": [1e9 * t / start.spheres for t in told["t"]],
-        "processor_ns_per_sphere_step": 1e9 / start.spheres * statistics.median(map(mul, told["t"], told["cpu"])),
-        "ns_per_contact_step": [1e9 * t / touching for t in told["t"]],
+        "engine": "thirdbody",
+        "scene": requested.kind,
+        "N": requested.number,
+        "tiles": requested.tiles,
+        "cores": requested.threads,
+        "spheres": start.spheres,
+        "bodies": start.bodies,
+        "steps": requested.steps,
+        "setup_s": seconds,
+        **report,
+        "ke_end": energy,
+        "start": at_start,
+        "ns_per_sphere_step": [1e9 * t / start.spheres for t in report["t"]],
+        "processor_ns_per_sphere_step": 1e9 / start.spheres * statistics.median(map(mul, report["t"], report["cpu"])),
+        "ns_per_contact_step": [1e9 * t / touching for t in report["t"]],
         "bytes_per_sphere": {
-            "built": (built - base) / start.spheres, "run": (highest - base) / start.spheres,
+            "built": (built - base) / start.spheres,
+            "run": (highest - base) / start.spheres,
             "stepping": (stepping - base) / start.spheres,
         },
-    }  # fmt: skip
+    }
 
 
-def time_segment(simulation: Any, steps: int, told: dict[str, list[Any]]) -> None:
+def time_segment(simulation: Any, steps: int, report: dict[str, list[Any]]) -> None:
     """Seconds per step, share of the processor, and steps per search of one segment."""
     searches = simulation.integrator.summary()["searches"]
     began, busy = time.perf_counter(), time.process_time()
     taken = advance(simulation, steps)
     seconds = time.perf_counter() - began
-    told["t"].append(seconds / taken)
-    told["cpu"].append((time.process_time() - busy) / seconds)
-    told["rebuild_every"].append(taken / max(1, simulation.integrator.summary()["searches"] - searches))
+    report["t"].append(seconds / taken)
+    report["cpu"].append((time.process_time() - busy) / seconds)
+    report["rebuild_every"].append(taken / max(1, simulation.integrator.summary()["searches"] - searches))
 
 
 def advance(simulation: Any, steps: int) -> int:
@@ -121,22 +131,22 @@ def resident(simulation: Any) -> int:
     seen: list[int] = []
     state, libc = simulation.state, ctypes.CDLL(None)
 
-    def look() -> None:
+    def check_number() -> None:
         if hasattr(libc, "malloc_trim"):
             libc.malloc_trim(0)
         seen.append(_status("VmRSS"))
 
-    simulation.integrator.advance_to(time=state.time + 400.5 * state.dt, watch=look)
+    simulation.integrator.advance_to(time=state.time + 400.5 * state.dt, watch=check_number)
     return min(seen)
 
 
-def note(told: dict[str, list[Any]], found: tuple[int, int]) -> None:
+def note(report: dict[str, list[Any]], found: tuple[int, int]) -> None:
     """Keep a count of contacts."""
-    told["contacts"].append(found[0])
-    told["plate"].append(found[1])
+    report["contacts"].append(found[0])
+    report["plate"].append(found[1])
 
 
-def forget_peak() -> int:
+def reset_peak() -> int:
     """Resident memory now, bytes; the peak is counted from here on where the system lets us."""
     try:
         Path("/proc/self/clear_refs").write_text("5")
@@ -160,22 +170,22 @@ def _status(key: str) -> int:
     return 1024 * int(next(line.split()[1] for line in lines if line.startswith(key)))
 
 
-def show(told: dict[str, Any]) -> None:
+def show(report: dict[str, Any]) -> None:
     """The result in words."""
-    each = ", ".join(f"{t:.1f}" for t in told["ns_per_sphere_step"])
-    touching = f"{told['contacts']} + {told['plate']} with plates (at the start {told['start'][0]} + {told['start'][1]})"
-    print(f"{told['scene']} {told['N']}: {told['spheres']} spheres, {told['bodies']} bodies, {told['cores']} threads")
-    print(f"ns per sphere-step   {statistics.median(told['ns_per_sphere_step']):.1f}  ({each}; CPU {min(told['cpu']):.0%})")
-    print(f"  of the processor   {told['processor_ns_per_sphere_step']:.1f}  (steadier where others use the core too)")
-    print(f"ns per contact-step  {statistics.median(told['ns_per_contact_step']):.1f}")
+    each = ", ".join(f"{t:.1f}" for t in report["ns_per_sphere_step"])
+    touching = f"{report['contacts']} + {report['plate']} with plates (at the start {report['start'][0]} + {report['start'][1]})"
+    print(f"{report['scene']} {report['N']}: {report['spheres']} spheres, {report['bodies']} bodies, {report['cores']} threads")
+    print(f"ns per sphere-step   {statistics.median(report['ns_per_sphere_step']):.1f}  ({each}; CPU {min(report['cpu']):.0%})")
+    print(f"  of the processor   {report['processor_ns_per_sphere_step']:.1f}  (steadier where others use the core too)")
+    print(f"ns per contact-step  {statistics.median(report['ns_per_contact_step']):.1f}")
     print(f"contacts             {touching}")
-    print(f"steps per search     {', '.join(f'{n:.0f}' for n in told['rebuild_every'])}")
-    print(f"kinetic energy       {told['ke_end']:.5g} J")
+    print(f"steps per search     {', '.join(f'{n:.0f}' for n in report['rebuild_every'])}")
+    print(f"kinetic energy       {report['ke_end']:.5g} J")
     print(
-        f"bytes per sphere     {told['bytes_per_sphere']['built']:.0f} built, {told['bytes_per_sphere']['run']:.0f} at most, "
-        f"{told['bytes_per_sphere']['stepping']:.0f} between searches"
+        f"bytes per sphere     {report['bytes_per_sphere']['built']:.0f} built, {report['bytes_per_sphere']['run']:.0f} at most, "
+        f"{report['bytes_per_sphere']['stepping']:.0f} between searches"
     )
-    print(f"built in             {told['setup_s']:.2f} s")
+    print(f"built in             {report['setup_s']:.2f} s")
 
 
 if __name__ == "__main__":

@@ -245,7 +245,7 @@ def fields_of(k: Tables) -> list[Pass]:
 def booking_of(k: Tables) -> list[Pass]:
     """What friction takes, where the laws remember their force, and what dashpots take: forces before and after, slip, velocity
     along the normal, energies (no rolling moments)."""
-    (force, moment), place, found = k.physics.remembered_forces, k.physics.dashpots, []
+    (force, moment), place, found = k.physics.force_columns, k.physics.dashpots, []
     if force >= 0 and moment < 0:
         found.append(tiled(k, "book friction", contact_dissipation.book, k.tiles, (k.context, k.tile), 11 + 1))
     if place >= 0 and moment < 0:
@@ -298,16 +298,16 @@ def pushes_of(k: Tables) -> list[Pass]:
 
 def gather_of(k: Tables) -> Pass:
     """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
-    n, guests = len(k.B), len(k.slots.guests)
+    n, remote = len(k.B), len(k.slots.remote_body)
     return Pass(
         "gather",
         lambda many: over_parts(many, kick, len(k.moves), (k.packed, NO_LENGTH)),
         len(k.moves),
         n,
         "bodies",
-        8 * len(k.moves) + (4 + 8 * 24) * guests,
+        8 * len(k.moves) + (4 + 8 * 24) * remote,
         k.B.nbytes + k.F.nbytes,
-        [(gather_forces.add_remote_forces, guests)],
+        [(gather_forces.add_remote_forces, remote)],
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from ensemble import WAY, Case, scene_of
+from ensemble import PATH, Case, scene_of
 
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.runner.simulate import prepare
@@ -42,7 +42,7 @@ class Peer:
 
     def seconds(self, ensemble: dict[str, float], speed: float, step: float) -> float:
         """Seconds per particle for the way at a speed, m/s, in time steps of `step` seconds."""
-        return 1e-9 * self.nanoseconds * ensemble["spheres_per_particle"] * WAY / speed / step
+        return 1e-9 * self.nanoseconds * ensemble["spheres_per_particle"] * PATH / speed / step
 
     def rows(self, ensemble: dict[str, float], steps: dict[float, float]) -> list[dict[str, Any]]:
         """Results of the peer: with the time step that it is run with, and with that of our explicit engine at each speed, s."""

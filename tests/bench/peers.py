@@ -76,28 +76,28 @@ class Case:
 
 def main() -> None:
     """Run what is asked for, print it and write its JSON."""
-    asked = arguments()
+    requested = arguments()
     console = screen()
-    told: dict[str, Any] = {"machine": machine()}
-    head = told["machine"]
+    report: dict[str, Any] = {"machine": machine()}
+    head = report["machine"]
     console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
-    if asked.profile:
-        told["profile"] = part_profile(asked, console)
-    if asked.startup:
-        told["startup"] = measure_startup(asked.rounds)
-        print_startup(told["startup"], console)
-    if asked.small:
-        told["small"] = measure_small(asked.rounds)
-        print_small(told["small"], console)
-    if asked.guards:
-        asked.cores = "1"
-        told["guards"] = measure_guards(cases(asked), asked.rounds, asked.peers)
-        print_guards(told["guards"], console)
-    if not (asked.profile or asked.startup or asked.small or asked.guards):
-        told |= part_peers(asked, console)
-    told["load_at_end"] = machine()["load"]
-    if asked.output:
-        Path(asked.output).write_text(json.dumps(told, indent=1), encoding="utf-8")
+    if requested.profile:
+        report["profile"] = part_profile(requested, console)
+    if requested.startup:
+        report["startup"] = measure_startup(requested.rounds)
+        print_startup(report["startup"], console)
+    if requested.small:
+        report["small"] = measure_small(requested.rounds)
+        print_small(report["small"], console)
+    if requested.guards:
+        requested.cores = "1"
+        report["guards"] = measure_guards(cases(requested), requested.rounds, requested.peers)
+        print_guards(report["guards"], console)
+    if not (requested.profile or requested.startup or requested.small or requested.guards):
+        report |= part_peers(requested, console)
+    report["load_at_end"] = machine()["load"]
+    if requested.output:
+        Path(requested.output).write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 
 def arguments() -> argparse.Namespace:
@@ -116,26 +116,26 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--profile", action="store_true", help="measure the machine and the passes of a step instead")
     parser.add_argument("--guards", action="store_true", help="measure what the guards of a run cost instead")
     parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
-    asked = parser.parse_args()
-    asked.peers = Path(asked.peers) if asked.peers else None
-    asked.scenes = asked.scenes or (PROFILED if asked.profile else GUARDED if asked.guards else SCENES)
-    return asked
+    requested = parser.parse_args()
+    requested.peers = Path(requested.peers) if requested.peers else None
+    requested.scenes = requested.scenes or (PROFILED if requested.profile else GUARDED if requested.guards else SCENES)
+    return requested
 
 
-def part_peers(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     """The comparison: all scenes on all numbers of cores."""
-    versions = installed(asked.peers)
+    versions = installed(requested.peers)
     for name, version in versions.items():
-        console.print(f"{name}: {version or 'not installed' if asked.peers else 'not asked for: no --peers'}")
-    left_out = [name.strip() for name in asked.without.split(",") if name.strip()]
+        console.print(f"{name}: {version or 'not installed' if requested.peers else 'not asked for: no --peers'}")
+    left_out = [name.strip() for name in requested.without.split(",") if name.strip()]
     peers = [engine for engine in ENGINES if versions[engine.name] and not any(engine.name.startswith(n) for n in left_out)]
     rows, threads = [], {}
-    for name, alike in groupby(cases(asked), key=lambda case: case.name):
+    for name, alike in groupby(cases(requested), key=lambda case: case.name):
         found: list[tuple[Case, dict[str, list[Run]]]] = [(case, {}) for case in alike]
-        for k in range(asked.rounds):
+        for k in range(requested.rounds):
             for case, runs in found:
-                print(f"{name}, {case.cores} cores: round {k + 1} of {asked.rounds}", file=sys.stderr, flush=True)
-                run_round(case, peers, asked.peers, runs)
+                print(f"{name}, {case.cores} cores: round {k + 1} of {requested.rounds}", file=sys.stderr, flush=True)
+                run_round(case, peers, requested.peers, runs)
         for case, runs in found:
             summary = summed_up(runs)
             print_case(case, runs, summary, console)
@@ -149,11 +149,11 @@ def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: di
     runs.setdefault(OURS, []).append(run_ours(case, folder))
     for engine in peers:
         if case.kind in engine.kinds and case.tiles == "1x1":
-            told = run_peer(engine, folder, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
-            runs.setdefault(engine.name, []).append(told)
+            report = run_peer(engine, folder, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
+            runs.setdefault(engine.name, []).append(report)
 
 
-def part_profile(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+def part_profile(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     """The limits of the machine, and how near the passes of a step come to them."""
     from breakdown import print_profile, profile  # the engine, which other parts run in processes of their own
     from peers_scenes import generated, read, simulation_of, start_of, tiled
@@ -163,32 +163,34 @@ def part_profile(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
     limits = measure_limits()
     print_limits(limits, console)
     set_threads(1)
-    scenes, asked.cores = {}, "1"
-    for case in cases(asked):
+    scenes, requested.cores = {}, "1"
+    for case in cases(requested):
         print(f"{case.name}: profile", file=sys.stderr, flush=True)
-        copies, folder = tiles(case.tiles), asked.peers and asked.peers / "configs"
+        copies, folder = tiles(case.tiles), requested.peers and requested.peers / "configs"
         given = read(folder / f"{case.kind}_{case.number}.npz", copies) if folder else None
         start = given or start_of(case.kind, tiled(generated(case.number), *copies))
-        told = profile(simulation_of(start), limits, case.warm, case.steps, case.reps)
-        print_profile(case.name, told, console)
-        scenes[case.name] = told
+        report = profile(simulation_of(start), limits, case.warm, case.steps, case.reps)
+        print_profile(case.name, report, console)
+        scenes[case.name] = report
     return {"limits": limits, "scenes": scenes}
 
 
-def cases(asked: argparse.Namespace) -> list[Case]:
+def cases(requested: argparse.Namespace) -> list[Case]:
     """The scenes asked for. Exits with a message for one that is not known."""
     found = []
-    for word in asked.scenes.split(","):
+    for word in requested.scenes.split(","):
         parts = re.fullmatch(r"([SCT])(\d+)(?:@(\d+x\d+))?", word.strip())
         if parts is None:
             sys.exit(f"--scenes {word}: must be S, C or T and a number, such as S16000 or S64000@2x2")
         kind, number, tiles = parts[1], int(parts[2]), parts[3] or "1x1"
-        known = asked.peers is not None and (asked.peers / "configs" / f"{kind}_{number}.npz").exists()
-        if not known and (asked.peers is not None or kind != "S"):
+        known = requested.peers is not None and (requested.peers / "configs" / f"{kind}_{number}.npz").exists()
+        if not known and (requested.peers is not None or kind != "S"):
             print(f"{word}: left out, no configuration {kind}_{number}.npz is given")
             continue
-        steps = asked.steps or STEPS.get((kind, number), 300)
-        found += [Case(kind, number, tiles, int(cores), steps, asked.warm, asked.reps) for cores in asked.cores.split(",")]
+        steps = requested.steps or STEPS.get((kind, number), 300)
+        found += [
+            Case(kind, number, tiles, int(cores), steps, requested.warm, requested.reps) for cores in requested.cores.split(",")
+        ]
     return found
 
 
@@ -268,8 +270,8 @@ def _cells(runs: list[Run]) -> list[str]:
     ]
 
 
-def _ratio(told: dict[str, Any] | None) -> str:
-    return "" if told is None else f"{told['median']:.2f}  ({told['min']:.2f} .. {told['max']:.2f})"
+def _ratio(report: dict[str, Any] | None) -> str:
+    return "" if report is None else f"{report['median']:.2f}  ({report['min']:.2f} .. {report['max']:.2f})"
 
 
 def print_threads(runs: dict[int, dict[str, list[Run]]], console: Console) -> dict[str, Any]:

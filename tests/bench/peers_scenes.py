@@ -87,10 +87,10 @@ def tiled(given: Arrays, columns: int, rows: int) -> Arrays:
         return given
     corner = np.array([(i, j, 0.0) for i in range(columns) for j in range(rows)]) * [*given["L"], 0.0]
     bodies = int(given["mol"].max()) + 1
-    told = {name: np.concatenate([given[name]] * many) for name in ("rad", "v", "w", "bm", "bv", "bw", "bI") if name in given}
-    told |= {name: (corner[:, None] + given[name]).reshape(-1, 3) for name in ("x", "bx") if name in given}
-    told["mol"] = (np.arange(many)[:, None] * bodies + given["mol"]).ravel()
-    return told | {"L": given["L"] * (columns, rows), "H": given["H"], "dt": given["dt"]}
+    report = {name: np.concatenate([given[name]] * many) for name in ("rad", "v", "w", "bm", "bv", "bw", "bI") if name in given}
+    report |= {name: (corner[:, None] + given[name]).reshape(-1, 3) for name in ("x", "bx") if name in given}
+    report["mol"] = (np.arange(many)[:, None] * bodies + given["mol"]).ravel()
+    return report | {"L": given["L"] * (columns, rows), "H": given["H"], "dt": given["dt"]}
 
 
 def start_of(kind: str, given: Arrays) -> Start:

@@ -133,5 +133,5 @@ def in_process_of_its_own(case: Case, threads: int | None) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    asked = json.loads(sys.argv[1])
-    print(json.dumps(measure(Case(**asked["case"]), asked["threads"])))
+    requested = json.loads(sys.argv[1])
+    print(json.dumps(measure(Case(**requested["case"]), requested["threads"])))

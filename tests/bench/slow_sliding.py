@@ -31,7 +31,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ensemble import EXPLICIT, WAY, Case, time_explicit, time_implicit, warm_up
+from ensemble import EXPLICIT, PATH, Case, time_explicit, time_implicit, warm_up
 from machine import machine
 from peer import FRACTION, NAME, NS_PER_SPHERE_STEP, Peer, ensemble_of
 from rich.console import Console
@@ -40,24 +40,24 @@ from scale import in_process_of_its_own
 
 SPEEDS = [1.0, 10e-3, 1e-3]
 LEVELS = ["mindlin", "mdr"]
-SIZES, SCALE_WAY, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
-QUICK_SIZES, QUICK_WAY = [100, 1_000], 1e-6
+SIZES, SCALE_PATH, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
+QUICK_SIZES, QUICK_PATH = [100, 1_000], 1e-6
 
 Rows = list[dict[str, Any]]
 
 
 def main() -> None:
     """Run one part of the benchmark, print it and write its JSON."""
-    asked = arguments()
+    requested = arguments()
     # the width of a file or a pipe is not known
     console = Console() if Console().is_terminal else Console(width=150)
-    told: dict[str, Any] = {"machine": machine()}
-    head = told["machine"]
+    report: dict[str, Any] = {"machine": machine()}
+    head = report["machine"]
     console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
-    told |= part_scale(asked, console) if asked.scale else part_speeds(asked, console)
-    told["load_at_end"] = machine()["load"]
-    if asked.json:
-        Path(asked.json).write_text(json.dumps(told, indent=1), encoding="utf-8")
+    report |= part_scale(requested, console) if requested.scale else part_speeds(requested, console)
+    report["load_at_end"] = machine()["load"]
+    if requested.json:
+        Path(requested.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 
 def arguments() -> argparse.Namespace:
@@ -74,33 +74,38 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
     parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
     parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
-    asked = parser.parse_args()
-    if asked.quick:
-        asked.bodies, asked.repeats, asked.patience = min(asked.bodies, 60), min(asked.repeats, 2), 0.5
-    asked.sizes = asked.sizes or (QUICK_SIZES if asked.quick else SIZES)
-    return asked
+    requested = parser.parse_args()
+    if requested.quick:
+        requested.bodies, requested.repeats, requested.patience = min(requested.bodies, 60), min(requested.repeats, 2), 0.5
+    requested.sizes = requested.sizes or (QUICK_SIZES if requested.quick else SIZES)
+    return requested
 
 
-def part_speeds(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+def part_speeds(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     """Time all engines at all speeds on one core."""
     compiled = {"explicit": warm_up("explicit", "mindlin"), **{level: warm_up("implicit", level) for level in LEVELS}}
-    ensemble = ensemble_of(asked.bodies)
-    ours = [time_explicit(Case("explicit", "mindlin", v, asked.bodies), asked.repeats, asked.patience) for v in SPEEDS]
+    ensemble = ensemble_of(requested.bodies)
+    ours = [
+        time_explicit(Case("explicit", "mindlin", v, requested.bodies), requested.repeats, requested.patience) for v in SPEEDS
+    ]
     steps = {row["speed"]: row["time_step"] for row in ours}
     for level in LEVELS:
-        ours += [time_implicit(Case("implicit", level, v, asked.bodies), asked.repeats) for v in SPEEDS]
-    peer = Peer(asked.peer_name, asked.peer_ns, asked.peer_fraction)
+        ours += [time_implicit(Case("implicit", level, v, requested.bodies), requested.repeats) for v in SPEEDS]
+    peer = Peer(requested.peer_name, requested.peer_ns, requested.peer_fraction)
     rows = peer.rows(ensemble, steps) + ours
-    print_speeds(rows, asked, console)
+    print_speeds(rows, requested, console)
     console.print(f"peer: not run here, but computed. {peer.source}")
     print_explicit([row for row in ours if row["engine"] == EXPLICIT], console)
     print_implicit([row for row in ours if row["engine"] != EXPLICIT], console)
-    return {"compile_s": compiled, "ensemble": ensemble, "peer": {**vars(peer), "source": peer.source}, "way": WAY, "rows": rows}
+    return {"compile_s": compiled, "ensemble": ensemble, "peer": {**vars(peer), "source": peer.source}, "way": PATH, "rows": rows}
 
 
-def print_speeds(rows: Rows, asked: argparse.Namespace, console: Console) -> None:
+def print_speeds(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
     """The main table: an engine a line, a speed a column."""
-    title = f"seconds per particle per {1e6 * WAY:g} um of sliding, one core; {asked.bodies} particles, median of {asked.repeats}"
+    title = (
+        f"seconds per particle per {1e6 * PATH:g} um of sliding, one core; {requested.bodies} particles, median of "
+        f"{requested.repeats}"
+    )
     table = Table("engine", *(_speed(v) for v in SPEEDS), title=title, caption="x: the peer's time (shorter one) over ours")
     by = {(row["engine"], row["speed"]): row["seconds_per_particle"] for row in rows}
     peers = {v: min(cell["median"] for (_, u), cell in by.items() if u == v and cell["spread"] is None) for v in SPEEDS}
@@ -109,10 +114,10 @@ def print_speeds(rows: Rows, asked: argparse.Namespace, console: Console) -> Non
     console.print(table)
 
 
-def _cell(told: dict[str, Any], peer: float) -> str:
-    if told["spread"] is None:
-        return f"{told['median']:.3g}"
-    return f"{told['median']:.3g} (spread {100.0 * told['spread']:.0f} %)  {peer / told['median']:.3g} x"
+def _cell(report: dict[str, Any], peer: float) -> str:
+    if report["spread"] is None:
+        return f"{report['median']:.3g}"
+    return f"{report['median']:.3g} (spread {100.0 * report['spread']:.0f} %)  {peer / report['median']:.3g} x"
 
 
 def _steps(row: dict[str, Any]) -> str:
@@ -149,24 +154,24 @@ def print_implicit(rows: Rows, console: Console) -> None:
     console.print(table)
 
 
-def part_scale(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+def part_scale(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     """Large ensembles, a process each; a table after every one would wait too long, so a line tells it."""
-    way, every = (QUICK_WAY, QUICK_WAY) if asked.quick else (SCALE_WAY, SCALE_EVERY)
+    path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (SCALE_PATH, SCALE_EVERY)
     rows = []
-    for bodies in asked.sizes:
+    for bodies in requested.sizes:
         for level in LEVELS:
-            rows.append(in_process_of_its_own(Case("implicit", level, SPEEDS[-1], bodies, way, every), asked.threads))
+            rows.append(in_process_of_its_own(Case("implicit", level, SPEEDS[-1], bodies, path, every), requested.threads))
             stopped = f"; {rows[-1]['stopped']}" if rows[-1]["stopped"] else ""
             console.print(f"{rows[-1]['engine']}, {bodies} particles: slid in {rows[-1]['seconds']['slide']:.3g} s{stopped}")
-    print_scale(rows, way, console)
+    print_scale(rows, path, console)
     print_memory(rows, console)
-    return {"way": way, "rows": rows}
+    return {"way": path, "rows": rows}
 
 
-def print_scale(rows: Rows, way: float, console: Console) -> None:
+def print_scale(rows: Rows, path: float, console: Console) -> None:
     """Wall seconds of the parts of a run."""
     parts = ["shapes", "poses", "places", "build", "settle", "slide", "output"]
-    title = f"wall seconds, {1e6 * way:g} um at {_speed(SPEEDS[-1])} on all cores (build holds shapes, poses and places)"
+    title = f"wall seconds, {1e6 * path:g} um at {_speed(SPEEDS[-1])} on all cores (build holds shapes, poses and places)"
     table = Table("engine", "particles", "slide, s each", "steps", "largest", *parts, "unsolved", title=title)
     for row in rows:
         times = (f"{row['seconds'][part]:.3g}" for part in parts)

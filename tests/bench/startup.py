@@ -37,15 +37,15 @@ def measure_startup(rounds: int) -> dict[str, Any]:
 
     cold: the first process with a new cache; warm: the next ones with the same; help: `thirdbody --help`.
     """
-    told: dict[str, Any] = {"cold": [], "warm": [], "help": []}
+    report: dict[str, Any] = {"cold": [], "warm": [], "help": []}
     command = [sys.executable, "-c", FIRST_STEP, str(SCENE)]
     for _ in range(COLD):
         with tempfile.TemporaryDirectory() as folder:
             environment = os.environ | {"THIRDBODY_CACHE": folder}
-            told["cold"].append(_seconds(command, environment))
-            told["warm"] += [_seconds(command, environment) for _ in range(-(-rounds // COLD))]
-    told["help"] = [_seconds([sys.executable, "-m", "thirdbody.cli.main", "--help"], dict(os.environ)) for _ in range(rounds)]
-    return told
+            report["cold"].append(_seconds(command, environment))
+            report["warm"] += [_seconds(command, environment) for _ in range(-(-rounds // COLD))]
+    report["help"] = [_seconds([sys.executable, "-m", "thirdbody.cli.main", "--help"], dict(os.environ)) for _ in range(rounds)]
+    return report
 
 
 def _seconds(command: list[str], environment: dict[str, str]) -> dict[str, float]:
@@ -57,10 +57,10 @@ def _seconds(command: list[str], environment: dict[str, str]) -> dict[str, float
     return {"wall": wall, "cpu": busy}
 
 
-def print_startup(told: dict[str, Any], console: Console) -> None:
+def print_startup(report: dict[str, Any], console: Console) -> None:
     """Medians, least and largest."""
     table = Table("start", "wall, s", "processor, s", "budget, s", title=f"start-up: {SCENE.name} to the first step")
-    for name, times in told.items():
+    for name, times in report.items():
         cells = []
         for kind in ("wall", "cpu"):
             values = [row[kind] for row in times]

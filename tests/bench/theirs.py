@@ -71,8 +71,8 @@ def _version(engine: Engine, folder: Path) -> str | None:
     argument, pattern = engine.version
     options: dict[str, Any] = {"capture_output": True, "text": True, "env": _environment(folder), "timeout": 60.0}
     with tempfile.TemporaryDirectory() as aside:  # LIGGGHTS writes a log wherever it is started
-        told = subprocess.run([program, argument], cwd=aside, **options)
-    found = re.search(pattern, told.stdout + told.stderr)
+        report = subprocess.run([program, argument], cwd=aside, **options)
+    found = re.search(pattern, report.stdout + report.stderr)
     return found.group(1) if found else "unknown"
 
 
@@ -97,10 +97,10 @@ def run_peer(
     lines = [line for line in done.stdout.splitlines() if line.startswith('{"engine"')]
     if not lines:
         return {"engine": engine.name, "failed": (done.stdout + done.stderr)[-300:].strip() or f"exit status {done.returncode}"}
-    told = json.loads(lines[-1])
-    energy = told["ke_end"]
-    return told | {
+    report = json.loads(lines[-1])
+    energy = report["ke_end"]
+    return report | {
         "engine": engine.name,
         "ke_end": None if energy is None else 1e-15 * energy,  # pg um2/us2 in J
-        "cpu": [0.01 * share for share in told.get("cpu_pct") or []],
+        "cpu": [0.01 * share for share in report.get("cpu_pct") or []],
     }

@@ -12,7 +12,7 @@ from balls import BALLS
 
 
 @dataclass(frozen=True)
-class Told:
+class Reported:
     """What a command said and how it ended."""
 
     code: int
@@ -37,11 +37,11 @@ def balls(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Told]:
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Reported]:
     """`thirdbody ARGUMENTS` in this process, in the test's folder."""
     monkeypatch.chdir(tmp_path)
 
-    def call(*arguments: object) -> Told:
+    def call(*arguments: object) -> Reported:
         from thirdbody.cli.main import main
 
         monkeypatch.setattr(sys, "argv", ["thirdbody", *map(str, arguments)])
@@ -52,6 +52,6 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
         said = capsys.readouterr()
-        return Told(code, said.out, said.err)
+        return Reported(code, said.out, said.err)
 
     return call

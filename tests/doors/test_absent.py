@@ -198,7 +198,7 @@ def test_without_a_labeller_no_body_has_labels(tmp_path):
     assert all(np.array_equal(first[name], second[name], equal_nan=first[name].dtype.kind == "f") for name in first)
 
 
-def test_bodies_that_do_not_meet_are_not_looked_for():
+def test_bodies_that_do_not_meet_are_not_searched_for():
     alone, together = build(scene(contact__debris_contact="none")), build(scene())
     assert modules(alone) == modules(together), "debris meets debris by the same laws"
     near = {"domain__size": ["40 um", "30 um"]}  # six balls of 10 um
@@ -206,7 +206,7 @@ def test_bodies_that_do_not_meet_are_not_looked_for():
     assert np.all(alone.state.slots.partner < 0) and np.any(together.state.slots.partner >= 0)
 
 
-def test_a_foundation_s_energy_stands_in_the_ledger_only_with_one(tmp_path):
+def test_a_foundation_s_energy_appears_in_the_ledger_only_with_one(tmp_path):
     bare = build(scene())
     founded = build(scene(plates__upper__support="foundation", plates__upper__stiffness="1e5 N/m", plates__upper__load="0.6 mN"))
     first, second = results(bare, tmp_path / "bare"), results(founded, tmp_path / "founded")

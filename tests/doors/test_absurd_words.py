@@ -64,12 +64,12 @@ def played(tmp_path_factory):
 
 
 @pytest.mark.parametrize("row", [*OPTIONS, *NAMES], ids=lambda row: " ".join(row[:-1])[:60])
-def test_an_absurd_word_is_told_in_one_line(row, played, command, monkeypatch):
+def test_an_absurd_word_is_reported_in_one_line(row, played, command, monkeypatch):
     monkeypatch.chdir(played)
     before = sorted(os.listdir(played))
-    told = command(*row[:-1])
-    assert told.code == row[-1], told.err[-2000:]
-    lines = [line for line in told.err.splitlines() if line and not line.startswith(("Usage:", "Try "))]
-    assert len(lines) == 1 or "empty.toml" in row, told.err  # an empty scene lacks several keys
-    assert "Traceback" not in told.err and not told.out
+    report = command(*row[:-1])
+    assert report.code == row[-1], report.err[-2000:]
+    lines = [line for line in report.err.splitlines() if line and not line.startswith(("Usage:", "Try "))]
+    assert len(lines) == 1 or "empty.toml" in row, report.err  # an empty scene lacks several keys
+    assert "Traceback" not in report.err and not report.out
     assert sorted(os.listdir(played)) == before

@@ -11,14 +11,14 @@ import pytest
 
 from thirdbody.cli import main
 from thirdbody.system import address_space
-from thirdbody.system.address_space import LEAST
+from thirdbody.system.address_space import MIN_ADDRESS_SPACE
 
 resource = pytest.importorskip("resource")
 
 
 @pytest.mark.parametrize("megabytes", [150, 250, 350, 450])
 @pytest.mark.parametrize("arguments", [["laws"], ["check", "scene.toml"], ["states", "run"]], ids=" ".join)
-def test_too_small_an_address_space_is_told_before_anything_is_loaded(arguments, megabytes, balls, tmp_path):
+def test_too_small_an_address_space_is_reported_before_anything_is_loaded(arguments, megabytes, balls, tmp_path):
     """Far below what is needed the compiled libraries would end the process in ways of their own."""
     balls()
 
@@ -29,7 +29,10 @@ def test_too_small_an_address_space_is_told_before_anything_is_loaded(arguments,
         [sys.executable, "-m", "thirdbody", *arguments], cwd=tmp_path, preexec_fn=limited, capture_output=True, text=True
     )
     assert done.returncode == 5, done.stderr
-    assert done.stderr == f"thirdbody: `ulimit -v` leaves {megabytes} MB of address space; at least {LEAST} MB are needed\n"
+    assert (
+        done.stderr
+        == f"thirdbody: `ulimit -v` leaves {megabytes} MB of address space; at least {MIN_ADDRESS_SPACE} MB are needed\n"
+    )
 
 
 PROBLEMS = [
@@ -47,8 +50,8 @@ def test_memory_that_runs_out_is_no_bug(problem, command, monkeypatch):
         raise problem
 
     monkeypatch.setattr(main, "app", fail)
-    told = command("laws")
-    assert told.code == 5 and told.err.startswith("thirdbody: not enough memory") and told.err.count("\n") == 1
+    report = command("laws")
+    assert report.code == 5 and report.err.startswith("thirdbody: not enough memory") and report.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("problem", [ImportError("no module"), OSError("strange"), ValueError("Unable to allocate")], ids=repr)

@@ -227,17 +227,17 @@ def refused(command, tmp_path, place: str, words: list[str]) -> None:
     """The command says one line that names the place and holds the words, ends with 3 and leaves nothing behind."""
     before = sorted(tmp_path.rglob("*"))
     for arguments in (("check", "scene.toml"), ("run", "scene.toml", "--quiet")):
-        told = command(*arguments)
-        assert told.code == 3, told
-        assert len(told.err.strip().splitlines()) == 1 and not told.out, told
-        assert told.err.startswith(f"thirdbody: scene.toml:14:1: debris[0].file: {place}: "), told.err
+        report = command(*arguments)
+        assert report.code == 3, report
+        assert len(report.err.strip().splitlines()) == 1 and not report.out, report
+        assert report.err.startswith(f"thirdbody: scene.toml:14:1: debris[0].file: {place}: "), report.err
         for word in words:
-            assert word in told.err, (word, told.err)
+            assert word in report.err, (word, report.err)
     assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_a_bad_table_is_told_in_one_line(name, scene, command, tmp_path):
+def test_a_bad_table_is_reported_in_one_line(name, scene, command, tmp_path):
     file, data, place, words = TABLES[name]
     (tmp_path / file).write_bytes(data)
     scene(file)
@@ -245,7 +245,7 @@ def test_a_bad_table_is_told_in_one_line(name, scene, command, tmp_path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_bad_mesh_is_told_in_one_line(name, scene, command, tmp_path):
+def test_a_bad_mesh_is_reported_in_one_line(name, scene, command, tmp_path):
     file, data, words = MESHES[name]
     (tmp_path / file).write_bytes(data)
     scene(file, "mesh")
@@ -284,22 +284,22 @@ def test_a_file_that_cannot_be_read(kind, suffix, file, words, scene, command, t
     refused(command, tmp_path, place + (": mesh" if kind == "mesh" else ""), words)
 
 
-def test_many_faults_are_told_at_once_and_counted(scene, command, tmp_path):
+def test_many_faults_are_reported_at_once_and_counted(scene, command, tmp_path):
     (tmp_path / "b.csv").write_text(scattered(25))
     scene("b.csv")
-    told = command("check", "scene.toml")
-    lines = told.err.splitlines()
-    assert told.code == 3 and len(lines) == 11
+    report = command("check", "scene.toml")
+    lines = report.err.splitlines()
+    assert report.code == 3 and len(lines) == 11
     assert [line.split("b.csv:")[1].split(":")[0] for line in lines[:10]] == [str(k) for k in range(2, 12)]
     assert lines[-1].endswith("b.csv: and 15 more faults")
 
 
-def test_two_bad_tables_are_told_together(scene, command, tmp_path):
+def test_two_bad_tables_are_reported_together(scene, command, tmp_path):
     (tmp_path / "b.csv").write_bytes(csv(("radius", "raduis")))
     scene("b.csv", more='[[debris]]\nmaterial = "steel"\nkind = "file"\nfile = "none.csv"')
-    told = command("check", "scene.toml")
-    assert told.code == 3
-    assert [line.split(": ")[1] for line in told.err.splitlines()] == ["debris[0].file", "debris[1].file"]
+    report = command("check", "scene.toml")
+    assert report.code == 3
+    assert [line.split(": ")[1] for line in report.err.splitlines()] == ["debris[0].file", "debris[1].file"]
 
 
 @pytest.mark.parametrize(
@@ -316,11 +316,11 @@ def test_two_bad_tables_are_told_together(scene, command, tmp_path):
 def test_keys_that_do_not_go_together(more, words, scene, command, tmp_path):
     (tmp_path / "b.npz").write_bytes(npz(velocity=np.zeros((2, 3))))
     scene("b.npz", more=more)
-    told = command("check", "scene.toml")
+    report = command("check", "scene.toml")
     # a velocity in the file and a placement give a warning besides, in `check` only
-    assert told.code == 3 and len(told.err.strip().splitlines()) == 1
+    assert report.code == 3 and len(report.err.strip().splitlines()) == 1
     for word in words:
-        assert word in told.err
+        assert word in report.err
 
 
 @pytest.mark.parametrize(
@@ -335,10 +335,10 @@ def test_places_that_cannot_be(changes, words, scene, command, tmp_path):
     """Places are those of the file, so the fault is told at its key."""
     (tmp_path / "b.csv").write_bytes(csv(*changes))
     scene("b.csv")
-    told = command("check", "scene.toml")
-    assert told.code == 3 and "debris[0].file: " in told.err
+    report = command("check", "scene.toml")
+    assert report.code == 3 and "debris[0].file: " in report.err
     for word in words:
-        assert word in told.err
+        assert word in report.err
 
 
 @pytest.mark.parametrize(
@@ -351,8 +351,8 @@ def test_a_mesh_in_the_wrong_unit(unit, place, scene, command, tmp_path):
     scene("m.stl", "mesh")
     path = tmp_path / "scene.toml"
     path.write_text(path.read_text().replace('unit = "1 um"', f'unit = "{unit}"'))
-    told = command("check", "scene.toml")
-    assert told.code == 3 and place in told.err and len(told.err.strip().splitlines()) == 1, told
+    report = command("check", "scene.toml")
+    assert report.code == 3 and place in report.err and len(report.err.strip().splitlines()) == 1, report
 
 
 def test_a_shape_with_a_sphere_twice_is_named(balls, command):
@@ -360,8 +360,8 @@ def test_a_shape_with_a_sphere_twice_is_named(balls, command):
     ball = '{center = ["0 m", "0 m", "%s"], radius = "%s"}'
     shapes = [ball % given for given in (("0 m", "5 um"), ("3 um", "5 um"), ("3.000000001 um", "5 um"), ("0 m", "4 um"))]
     balls(('radius = "5 um"', f"shape = [{', '.join(shapes)}]"))
-    told = command("check", "scene.toml")
-    assert told.code == 3 and len(told.err.splitlines()) == 1
-    assert "debris[0].shape[2]: repeats debris[0].shape[1]: the same center and radius; remove one" in told.err
+    report = command("check", "scene.toml")
+    assert report.code == 3 and len(report.err.splitlines()) == 1
+    assert "debris[0].shape[2]: repeats debris[0].shape[1]: the same center and radius; remove one" in report.err
     balls(('radius = "5 um"', f"shape = [{', '.join([*shapes[:2], shapes[3]])}]"))
     assert command("check", "scene.toml").code == 0

@@ -134,7 +134,7 @@ FAULTS = {
     "domain too small for the layer": (
         [('["80 um", "60 um"]', '["22 um", "22 um"]'), ("count = 4", "count = 5")],
         "18:1: domain.size",
-        ["no place for body", "of 5 bodies placed", "make domain.size larger or count smaller"],
+        ["no space for body", "of 5 bodies placed", "make domain.size larger or count smaller"],
     ),
     "domain smaller than a body": ([('["80 um", "60 um"]', '["9 um", "60 um"]')], "18:1: domain.size", ["does not fit"]),
     "count out of all proportion": (
@@ -165,31 +165,31 @@ SOUND = [name for name, (_, _, words) in FAULTS.items() if not words]
 
 
 @pytest.mark.parametrize("name", [name for name in FAULTS if name not in SOUND])
-def test_a_fault_of_the_scene_is_told_with_its_place(name, balls, command, tmp_path):
+def test_a_fault_of_the_scene_is_reported_with_its_place(name, balls, command, tmp_path):
     changes, place, words = FAULTS[name]
     balls(*changes)
-    for told in (command("check", "scene.toml"), command("run", "scene.toml", "--quiet")):
-        assert told.code == 3
-        lines = told.err.strip().splitlines()
-        assert len(lines) == 1, told.err
+    for report in (command("check", "scene.toml"), command("run", "scene.toml", "--quiet")):
+        assert report.code == 3
+        lines = report.err.strip().splitlines()
+        assert len(lines) == 1, report.err
         assert lines[0].startswith(f"thirdbody: scene.toml:{place}: "), lines[0]
         for word in words:
             assert word in lines[0]
-        assert not told.out and "Traceback" not in told.err
+        assert not report.out and "Traceback" not in report.err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_what_only_looks_like_a_fault_is_accepted(name, balls, command):
+def test_what_only_resembles_a_fault_is_accepted(name, balls, command):
     balls(*FAULTS[name][0])
     assert command("check", "scene.toml").code == 0
 
 
-def test_several_faults_are_told_at_once(balls, command):
+def test_several_faults_are_reported_at_once(balls, command):
     balls(("density", "densty"), ("count = 4", "count = -4"), ('"0.5 m/s"', '"0.5 m"'))
-    told = command("check", "scene.toml")
-    assert told.code == 3
-    assert [line.split(": ")[1] for line in told.err.splitlines()] == [
+    report = command("check", "scene.toml")
+    assert report.code == 3
+    assert [line.split(": ")[1] for line in report.err.splitlines()] == [
         "materials.steel.densty",
         "debris[0].count",
         "plates.upper.motion.x.velocity",
@@ -240,7 +240,7 @@ PLUGIN = Plugin("wrong", effects=(LAW,))
 @pytest.mark.parametrize(
     ("verb", "name"), [("check", name) for name in CALLS] + [("run", name) for name in CALLS | RUNS], ids=str
 )
-def test_a_fault_of_the_call_is_told(verb, name, balls, command, tmp_path):
+def test_a_fault_of_the_call_is_reported(verb, name, balls, command, tmp_path):
     arguments, code, words = (CALLS | RUNS)[name]
     balls()
     (tmp_path / "latin.toml").write_bytes(b'title = "\xb5m"\n')
@@ -250,11 +250,11 @@ def test_a_fault_of_the_call_is_told(verb, name, balls, command, tmp_path):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "precious").write_text("x")
     before = everything(tmp_path)
-    told = command(verb, *arguments)
-    assert told.code == code, told
+    report = command(verb, *arguments)
+    assert report.code == code, report
     for word in words:
-        assert word in told.err
-    assert not told.out and "Traceback" not in told.err
+        assert word in report.err
+    assert not report.out and "Traceback" not in report.err
     assert everything(tmp_path) == before
 
 
@@ -263,12 +263,12 @@ def everything(folder):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="nothing is read-only for the superuser")
-def test_a_read_only_folder_is_told(balls, command, tmp_path):
+def test_a_read_only_folder_is_reported(balls, command, tmp_path):
     balls()
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
-    told = command("run", "scene.toml", "-o", "locked/run")
-    assert told.code == 5 and "read-only" in told.err and "Traceback" not in told.err
+    report = command("run", "scene.toml", "-o", "locked/run")
+    assert report.code == 5 and "read-only" in report.err and "Traceback" not in report.err
 
 
 @pytest.mark.parametrize(
@@ -290,28 +290,28 @@ def test_a_read_only_folder_is_told(balls, command, tmp_path):
 )
 def test_other_calls_that_cannot_work(arguments, code, word, balls, command):
     balls()
-    told = command(*arguments)
-    assert told.code == code and word in told.err and "Traceback" not in told.err
+    report = command(*arguments)
+    assert report.code == code and word in report.err and "Traceback" not in report.err
 
 
 def test_frames_that_are_not_there(balls, command):
     balls()
     assert command("run", "scene.toml", "-o", "run", "--quiet").code == 0
     for arguments in (["states", "run", "--frame", "99"], ["render", "run", "--frame", "99", "-o", "x.png"]):
-        told = command(*arguments)
-        assert told.code == 3 and "no frame 99; frames are from -4 to 3" in told.err and "Traceback" not in told.err
-    told = command("render", "run", "-o", "x.png", "--color", "velocty")
-    assert told.code == 3 and "did you mean 'velocity'" in told.err
-    told = command("render", "run", "-o", "x.jpg")
-    assert told.code == 3 and "name it .png" in told.err
+        report = command(*arguments)
+        assert report.code == 3 and "no frame 99; frames are from -4 to 3" in report.err and "Traceback" not in report.err
+    report = command("render", "run", "-o", "x.png", "--color", "velocty")
+    assert report.code == 3 and "did you mean 'velocity'" in report.err
+    report = command("render", "run", "-o", "x.jpg")
+    assert report.code == 3 and "name it .png" in report.err
 
 
 def test_a_forced_time_step_is_stopped_by_a_guard_and_keeps_what_it_has(balls, command):
     balls(('settle = "1 us"', 'settle = "1 us"\ntime_step = "500 ns"'))
     assert command("run", "scene.toml", "-o", "run").code == 3
-    told = command("run", "scene.toml", "-o", "run", "--force")
-    assert told.code == 4
-    last = told.err.splitlines()[-1]
+    report = command("run", "scene.toml", "-o", "run", "--force")
+    assert report.code == 4
+    last = report.err.splitlines()[-1]
     assert last.startswith("thirdbody: stopped at t = ") and "body" in last and "guard" in last
     with thirdbody.open("run") as run:
         assert run.frames >= 1 and not run.summary()["finished"] and run.summary()["stopped"] == last[11:]
@@ -328,8 +328,8 @@ def test_a_guard_in_the_middle_keeps_the_frames_before_it(balls, command):
         ('distance = "0.1 um"\nsettle = "1 us"', 'duration = "40 us"'),
         ('every = "0.05 um"', 'every = "2 us"'),
     )
-    told = command("run", "scene.toml", "-o", "run", "--quiet")
-    assert told.code == 4 and "body 0 at (8e-05" in told.err and "left the domain" in told.err
+    report = command("run", "scene.toml", "-o", "run", "--quiet")
+    assert report.code == 4 and "body 0 at (8e-05" in report.err and "left the domain" in report.err
     with thirdbody.open("run") as run:
         assert run.frames == 13  # 0, 2, ... 24 us
         x = [run.bodies(k)["position"][0, 0] for k in range(run.frames)]
@@ -350,5 +350,5 @@ def test_the_real_command_says_the_same(balls, tmp_path):
 def test_a_bug_of_ours_asks_for_a_report(balls, command, monkeypatch):
     balls()
     monkeypatch.setattr("thirdbody.assembly.simulation.populate", lambda scene: 1 / 0)
-    told = command("check", "scene.toml")
-    assert told.code == 1 and "Traceback" in told.err and "please report it" in told.err
+    report = command("check", "scene.toml")
+    assert report.code == 1 and "Traceback" in report.err and "please report it" in report.err

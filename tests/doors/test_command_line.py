@@ -22,10 +22,10 @@ COMMANDS = (
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_speaks_of_files_and_numbers_not_of_types_of_python(name, command):
-    told = command(name, "--help")
-    assert told.code == 0
-    assert not re.findall(r"<(?!scene)[^>]*>|\b(?:TEXT|INTEGER|FLOAT|RANGE|list\[)", told.out)  # runs/<scene name> may stay
-    assert "--install-completion" not in told.out  # an option of `thirdbody` alone
+    report = command(name, "--help")
+    assert report.code == 0
+    assert not re.findall(r"<(?!scene)[^>]*>|\b(?:TEXT|INTEGER|FLOAT|RANGE|list\[)", report.out)  # runs/<scene name> may stay
+    assert "--install-completion" not in report.out  # an option of `thirdbody` alone
 
 
 @pytest.mark.parametrize("name", [(), *((name,) for name in COMMANDS)], ids=lambda words: " ".join(words) or "thirdbody")
@@ -44,25 +44,25 @@ def test_python_m_is_the_same_program():
 
 
 def test_an_unknown_command_is_answered_with_those_that_exist(command):
-    told = command("sweep")
-    assert told.code == 2 and "no command 'sweep'" in told.err and all(name in told.err for name in COMMANDS)
-    told = command("blance")
-    assert told.code == 2 and told.err == "thirdbody: no command 'blance', did you mean 'balance'?\n"
+    report = command("sweep")
+    assert report.code == 2 and "no command 'sweep'" in report.err and all(name in report.err for name in COMMANDS)
+    report = command("blance")
+    assert report.code == 2 and report.err == "thirdbody: no command 'blance', did you mean 'balance'?\n"
 
 
 @pytest.mark.parametrize("option", ["--wall-limit", "--checkpoint-every"])
 def test_a_time_without_a_unit_is_not_guessed(option, balls, command):
     balls()
-    told = command("run", "scene.toml", option, "5")
+    report = command("run", "scene.toml", option, "5")
     wanted = "expected a unit of time (ps, ns, us, ms, s, min, h)"
-    assert told.code == 2 and told.err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
+    assert report.code == 2 and report.err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
 
 
 def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path):
     scene = thirdbody.Scene.load(balls())
-    told = command("run", "scene.toml", "-o", "run", "--threads", "100000")
-    assert told.code == 0 and "warning: 100000 threads were asked for" in told.err
-    with pytest.warns(UserWarning, match="100000 threads were asked for"):
+    report = command("run", "scene.toml", "-o", "run", "--threads", "100000")
+    assert report.code == 0 and "warning: 100000 threads were requested" in report.err
+    with pytest.warns(UserWarning, match="100000 threads were requested"):
         thirdbody.run(scene, tmp_path / "again", threads=100_000, progress=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
@@ -124,7 +124,7 @@ def test_zsh_completes_when_it_loads_the_function_too(home):
     assert "resume" in shell("zsh", f"fpath+=~/.zfunc; {stand_ins}; autoload -Uz _thirdbody; _thirdbody", home)
 
 
-def test_completion_that_cannot_be_installed_is_told_in_one_line(home, tmp_path):
+def test_completion_that_cannot_be_installed_is_reported_in_one_line(home, tmp_path):
     (tmp_path / ".bash_completions").write_text("a file where a folder has to be")
     done = subprocess.run(["bash", "-c", "thirdbody --install-completion; exit $?"], env=home, capture_output=True, text=True)
     assert done.returncode == 5 and done.stderr.count("\n") == 1 and ".bash_completions" in done.stderr
@@ -138,7 +138,7 @@ pwd.getpwuid = unknown
 """
 
 
-def test_completion_without_a_home_is_told_in_one_line(home, tmp_path):
+def test_completion_without_a_home_is_reported_in_one_line(home, tmp_path):
     """As in a container that runs under the number of an unknown user. (Other shells than bash set HOME themselves.)"""
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "sitecustomize.py").write_text(NO_USER)

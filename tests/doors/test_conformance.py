@@ -77,7 +77,7 @@ def test_no_bad_law_is_left_out():
     assert set(BAD) == set(FOUND_BY)
 
 
-def test_a_law_without_tangent_is_told_not_failed():
+def test_a_law_without_tangent_is_reported_not_failed():
     (finding,) = [f for f in check([BAD["swirl"]]) if f.test == "tangent"]
     assert finding.passed and "explicit only" in finding.detail
 

@@ -48,7 +48,7 @@ def test_the_processes_that_compile_first(planted):
 
 def test_the_worker_of_a_study(planted):
     with Worker() as worker:
-        answer = worker.ask({"do": "run", "scene": "none.toml", "folder": "x", "changes": {}, "plugins": [], "limit": 1.0})
+        answer = worker.request({"do": "run", "scene": "none.toml", "folder": "x", "changes": {}, "plugins": [], "limit": 1.0})
     assert "none.toml: no such file" in answer["message"]
     assert executed(planted) == []
 

@@ -107,10 +107,10 @@ GOOD = 'count = 5\nradius = "4 um"'
 
 def test_a_kind_of_a_file_runs_and_goes_on(tmp_path, dumbbell, command):
     (tmp_path / "scene.toml").write_text(scene(GOOD))
-    told = command("run", "scene.toml", "--plugin", dumbbell, "-q", "-o", "out")
-    assert told.code == 0, told.err
-    told = command("resume", "out", "--plugin", dumbbell, "-q", "--set", "solver.duration=20 ns")
-    assert told.code == 0, told.err
+    report = command("run", "scene.toml", "--plugin", dumbbell, "-q", "-o", "out")
+    assert report.code == 0, report.err
+    report = command("resume", "out", "--plugin", dumbbell, "-q", "--set", "solver.duration=20 ns")
+    assert report.code == 0, report.err
     with thirdbody.open("out") as run:
         # a count of 5 bodies of 2 spheres, 1.5 radii apart; radii differ from body to body
         radii, centers = run.spheres(-1)["radius"].reshape(5, 2), run.spheres(-1)["position"].reshape(5, 2, 3)
@@ -122,27 +122,27 @@ def test_a_kind_of_a_file_runs_and_goes_on(tmp_path, dumbbell, command):
     assert unknown.code == 3 and "debris[0].kind: 'dumbbell' is not one of 'irregular', 'spheres', " in unknown.err
 
 
-def test_its_faults_are_told_as_those_of_built_in_kinds(tmp_path, dumbbell, command):
+def test_its_faults_are_reported_as_those_of_built_in_kinds(tmp_path, dumbbell, command):
     keys = 'count = 0\nradius = "4 kg"\nspacing = 3\nheigth = "5 um"\nplacement = "pile"'
     (tmp_path / "scene.toml").write_text(scene(keys))
-    told = command("check", "scene.toml", "--plugin", dumbbell)
-    assert told.code == 3
-    assert [line.split(": ", 1)[1] for line in told.err.splitlines()] == [
+    report = command("check", "scene.toml", "--plugin", dumbbell)
+    assert report.code == 3
+    assert [line.split(": ", 1)[1] for line in report.err.splitlines()] == [
         "debris[0].count: 0 must be at least 1",
-        next(line for line in told.err.splitlines() if "4 kg" in line).split(": ", 1)[1],
+        next(line for line in report.err.splitlines() if "4 kg" in line).split(": ", 1)[1],
         "debris[0].spacing: 3 must be greater than 0 and at most 2",
         "debris[0].heigth: unknown key, did you mean 'height'?",
         "debris[0].placement: 'pile' is not one of 'layer', 'dilute', 'dense'",
     ]
-    assert all(line.startswith("scene.toml:") for line in told.err.splitlines())
+    assert all(line.startswith("scene.toml:") for line in report.err.splitlines())
     (tmp_path / "scene.toml").write_text(scene('count = 20000000\nradius = "4 um"'))
-    told = command("check", "scene.toml", "--plugin", dumbbell)
-    assert "debris[0].count: the debris would have up to 4e+07 spheres" in told.err
+    report = command("check", "scene.toml", "--plugin", dumbbell)
+    assert "debris[0].count: the debris would have up to 4e+07 spheres" in report.err
 
 
 def test_kinds_are_listed_with_what_brings_them(dumbbell, command):
-    told = command("shapes", "--list", "--plugin", dumbbell)
-    assert told.code == 0 and re.search(r"^dumbbell .* Two equal spheres", told.out, re.MULTILINE)
+    report = command("shapes", "--list", "--plugin", dumbbell)
+    assert report.code == 0 and re.search(r"^dumbbell .* Two equal spheres", report.out, re.MULTILINE)
     kinds = json.loads(command("shapes", "--list", "--plugin", dumbbell, "--json").out)["kinds"]
     sources = {entry["kind"]: entry["from"] for entry in kinds}
     assert sources["dumbbell"] == str(dumbbell) and sources["spheroid"] == "thirdbody" and len(sources) == len(built_in()) + 1
@@ -167,7 +167,7 @@ def test_python_takes_tables_and_objects_of_the_kind(dumbbell, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (("KINDS = (Dumbbell,)", "KINDS = Dumbbell"), "DEBRIS_KINDS must be a tuple of classes derived from DebrisKind"),
         (("DEBRIS_KINDS = (Dumbbell,)", "DEBRIS_KINDS = (dict,)"), "dict is no class derived from DebrisKind"),
@@ -179,13 +179,13 @@ def test_python_takes_tables_and_objects_of_the_kind(dumbbell, tmp_path):
         (("return bodies", "return [1.0]"), "the kind of debris 'dumbbell' gave no list of Clump for debris[0]"),
     ],
 )
-def test_a_kind_that_breaks_the_contract_is_refused(tmp_path, dumbbell, command, change, told):
+def test_a_kind_that_breaks_the_contract_is_refused(tmp_path, dumbbell, command, change, message):
     text = dumbbell.read_text().replace("PlacedDebris,", "PlacedDebris, DebrisKind,")
     assert change[0] in text
     dumbbell.write_text(text.replace(*change))
     (tmp_path / "scene.toml").write_text(scene(GOOD))
     said = command("shapes", "scene.toml", "--plugin", dumbbell)
-    assert (said.code, told or "") == (0, "") if told is None else (said.code == 2 and told in said.err), said.err
+    assert (said.code, message or "") == (0, "") if message is None else (said.code == 2 and message in said.err), said.err
 
 
 @pytest.fixture
@@ -198,20 +198,20 @@ def installed(monkeypatch, dumbbell):
     sys.modules.pop("dumbbell", None)
 
 
-def test_installed_kinds_are_found_and_broken_ones_told(installed, command):
+def test_installed_kinds_are_found_and_broken_ones_reported(installed, command):
     assert Scene.parse(scene(GOOD)).debris[0].max_spheres() == 2
     with pytest.raises(InputError) as caught:
         Scene.parse(scene(GOOD).replace('kind = "dumbbell"', 'kind = "broken"'))
     assert "debris[0].kind: 'broken' (nowhere:Broken) did not load: ModuleNotFoundError" in str(caught.value)
-    told = command("shapes", "--list")
-    assert told.code == 0 and "'broken' (nowhere:Broken) did not load" in told.out and "dumbbell:Dumbbell" in told.out
+    report = command("shapes", "--list")
+    assert report.code == 0 and "'broken' (nowhere:Broken) did not load" in report.out and "dumbbell:Dumbbell" in report.out
     schema = Scene.model_json_schema()
     validator = jsonschema.Draft202012Validator(schema)
     assert not list(validator.iter_errors(tomllib.loads(scene(GOOD))))
     assert list(validator.iter_errors(tomllib.loads(scene(GOOD + "\nspacing = 3.0"))))
 
 
-def test_built_in_kinds_do_not_look_at_what_is_installed(monkeypatch):
+def test_built_in_kinds_do_not_read_what_is_installed(monkeypatch):
     monkeypatch.setattr(kinds_registry, "entry_points", lambda group: pytest.fail("asked"))
     text = scene('count = 5\nradius = "4 um"').replace('"dumbbell"', '"spheres"')
     assert Scene.parse(text).debris[0].count == 5

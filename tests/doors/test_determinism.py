@@ -110,7 +110,7 @@ def test_the_scene_is_hard_enough(folder, one_thread):
     show nothing."""
     state = build(thirdbody.Scene.load(folder / "scene.toml")).state
     assert state.n_bodies > BODIES * GROUP * FEW
-    assert len(state.slots.guests) > 10
+    assert len(state.slots.remote_body) > 10
     with thirdbody.open(one_thread) as run:
         assert sum(np.count_nonzero(run.contacts(k)["side"] == DEBRIS) for k in range(run.frames)) > 10
         assert run.summary()["searches"] > 1

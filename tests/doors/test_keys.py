@@ -102,7 +102,7 @@ def test_options_have_a_meaning_and_an_example(registry):
     assert not [key.path for key in options if not (key.meaning and key.example and key.value)]
 
 
-def test_a_key_of_several_tables_stands_once(registry):
+def test_a_key_of_several_tables_is_listed_once(registry):
     keys = {(key.path, key.tables): key for key in all_keys(registry)}
     assert keys["debris.material", ()].default == "required"
     assert '"mesh"' in keys["debris.kind", ()].value
@@ -113,8 +113,8 @@ def test_a_key_of_several_tables_stands_once(registry):
 
 
 def test_defaults_that_meanings_state():
-    told = next(key for key in all_keys(discover()) if key.path == "solver.tolerance").meaning
-    assert float(re.search(r"[\d.e-]+(?= where it is not given)", told)[0]) == Accuracy().tolerance
+    report = next(key for key in all_keys(discover()) if key.path == "solver.tolerance").meaning
+    assert float(re.search(r"[\d.e-]+(?= where it is not given)", report)[0]) == Accuracy().tolerance
 
 
 def test_names_are_those_of_a_run(registry, tmp_path):
@@ -139,9 +139,9 @@ def test_every_exit_code_is_explained():
 
 @pytest.mark.parametrize("word", ["frequency", "debris[0].size", "debris.0.size.median", "SPRINGS", "virgin", "upper_force"])
 def test_a_word_finds_names_else_meanings(word, command):
-    told = command("keys", word, "--json")
-    assert told.code == 0, told.err
-    found = json.loads(told.out)
+    report = command("keys", word, "--json")
+    assert report.code == 0, report.err
+    found = json.loads(report.out)
     names = [key["path"] for key in found["scene"]] + [name for entries in found["run"].values() for name in entries]
     assert names and len(names) < 20
     if word == "virgin":
@@ -151,11 +151,11 @@ def test_a_word_finds_names_else_meanings(word, command):
 
 
 def test_a_table_shows_unit_default_and_example(command):
-    told = command("keys", "shape")
-    assert "debris.shape.radius" in told.out and '"triangle"' in told.out and "required" in told.out
+    report = command("keys", "shape")
+    assert "debris.shape.radius" in report.out and '"triangle"' in report.out and "required" in report.out
     assert "run.series[name]" in command("keys", "gap").out
 
 
 def test_a_word_that_finds_nothing_names_the_nearest(command):
-    told = command("keys", "freqency")
-    assert told.code == 2 and told.err == "thirdbody: keys freqency: nothing has this name, did you mean 'frequency'?\n"
+    report = command("keys", "freqency")
+    assert report.code == 2 and report.err == "thirdbody: keys freqency: nothing has this name, did you mean 'frequency'?\n"

@@ -26,10 +26,10 @@ FROM_A_RUN = [
 @pytest.mark.parametrize(("arguments", "code"), [*READ, *((arguments, 5) for arguments in WRITTEN)])
 def test_a_name_that_is_too_long(arguments, code, balls, command, tmp_path):
     balls()
-    told = command(*arguments)
-    assert told.code == code, told.err
-    faults = [line for line in told.err.splitlines() if not line.startswith("warning: ")]  # those are of the scene
-    assert len(faults) == 1 and LONG[:200] in faults[0] and "Traceback" not in told.err
+    report = command(*arguments)
+    assert report.code == code, report.err
+    faults = [line for line in report.err.splitlines() if not line.startswith("warning: ")]  # those are of the scene
+    assert len(faults) == 1 and LONG[:200] in faults[0] and "Traceback" not in report.err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
@@ -37,9 +37,9 @@ def test_a_name_that_is_too_long_for_what_is_made_from_a_run(balls, command, tmp
     balls()
     assert command("run", "scene.toml", "-o", "run", "-q").code == 0
     for arguments in FROM_A_RUN:
-        told = command(*arguments)
-        assert told.code == 5, (arguments, told.err)
-        assert told.err.count("\n") == 1 and LONG[:200] in told.err and "Traceback" not in told.err
+        report = command(*arguments)
+        assert report.code == 5, (arguments, report.err)
+        assert report.err.count("\n") == 1 and LONG[:200] in report.err and "Traceback" not in report.err
         assert sorted(path.name for path in tmp_path.iterdir()) == ["run", "scene.toml"]
 
 
@@ -47,6 +47,6 @@ def test_a_name_that_is_too_long_for_what_is_made_from_a_run(balls, command, tmp
 def test_a_name_that_is_nearly_too_long(letters, balls, command, tmp_path):
     """The name itself may be allowed, and that of the file beside it not, which is written first."""
     balls()
-    told = command("new", "b" * letters)
-    assert told.code in (0, 5) and "Traceback" not in told.err
-    assert (tmp_path / ("b" * letters)).exists() == (told.code == 0)
+    report = command("new", "b" * letters)
+    assert report.code in (0, 5) and "Traceback" not in report.err
+    assert (tmp_path / ("b" * letters)).exists() == (report.code == 0)

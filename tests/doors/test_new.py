@@ -21,9 +21,9 @@ SCENES = {path.relative_to(ROOT / "scenes").with_suffix("").as_posix(): path for
 
 
 def test_every_shipped_scene_is_listed_with_its_question(command):
-    told = command("new", "--list")
-    assert told.code == 0
-    lines = {line.split()[0]: line for line in told.out.splitlines() if line}
+    report = command("new", "--list")
+    assert report.code == 0
+    lines = {line.split()[0]: line for line in report.out.splitlines() if line}
     for name, path in SCENES.items():
         question = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         assert question in lines[name]
@@ -33,13 +33,13 @@ def test_every_shipped_scene_is_listed_with_its_question(command):
 
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_a_copy_has_all_that_the_scene_needs(name, command, tmp_path):
-    told = command("new", "mine.toml", "--from", name)
-    assert told.code == 0 and told.out.startswith("mine.toml")
+    report = command("new", "mine.toml", "--from", name)
+    assert report.code == 0 and report.out.startswith("mine.toml")
     assert (tmp_path / "mine.toml").read_bytes() == SCENES[name].read_bytes()
     if name.startswith("balance/"):
-        assert "next: thirdbody balance mine.toml" in told.out
+        assert "next: thirdbody balance mine.toml" in report.out
         return
-    assert "next: thirdbody check mine.toml" in told.out
+    assert "next: thirdbody check mine.toml" in report.out
     scene = Scene.load("mine.toml")
     for debris in scene.debris:
         assert not hasattr(debris, "file") or scene.beside(debris.file).is_file()
@@ -49,11 +49,11 @@ def test_a_file_that_a_scene_needs_is_copied_once_and_never_over_another(command
     assert command("new", "--from", "scanned_debris.toml").code == 0
     mesh = tmp_path / "debris_particle.stl"
     assert mesh.read_bytes() == (ROOT / "scenes" / "debris_particle.stl").read_bytes()
-    told = command("new", "again.toml", "--from", "scanned_debris")
-    assert told.code == 0 and "stl" not in told.out
+    report = command("new", "again.toml", "--from", "scanned_debris")
+    assert report.code == 0 and "stl" not in report.out
     mesh.write_bytes(b"my own")
-    told = command("new", "third.toml", "--from", "scanned_debris")
-    assert told.code == 5 and "debris_particle.stl: exists already" in told.err
+    report = command("new", "third.toml", "--from", "scanned_debris")
+    assert report.code == 5 and "debris_particle.stl: exists already" in report.err
     assert mesh.read_bytes() == b"my own" and not (tmp_path / "third.toml").exists()
 
 
@@ -70,15 +70,15 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_plug_in_to_start_from(command, tmp_path):
-    told = command("new", "--plugin", "sticky.py")
-    assert told.code == 0 and "next: thirdbody laws --check sticky.py" in told.out
+    report = command("new", "--plugin", "sticky.py")
+    assert report.code == 0 and "next: thirdbody laws --check sticky.py" in report.out
     assert (tmp_path / "sticky.py").read_bytes() == (ROOT / "plugins" / "dmt_adhesion.py").read_bytes()
     assert load_file(tmp_path / "sticky.py").effects
     assert command("new", "--plugin", "sticky.py").code == 5
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--from", "freting"), "--from freting: no such scene, did you mean 'fretting'?"),
         (("--from", "../plugins/x"), "no such scene"),
@@ -86,9 +86,9 @@ def test_a_plug_in_to_start_from(command, tmp_path):
         (("--json",), "only with --list"),
     ],
 )
-def test_calls_that_cannot_work(arguments, told, command, tmp_path):
+def test_calls_that_cannot_work(arguments, message, command, tmp_path):
     done = command("new", "x.toml", *arguments)
-    assert done.code == 2 and told in done.err and done.err.count("\n") == 1 and not list(tmp_path.iterdir())
+    assert done.code == 2 and message in done.err and done.err.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 def test_a_wheel_carries_them_and_no_pictures(tmp_path):
@@ -107,5 +107,5 @@ def test_a_wheel_carries_them_and_no_pictures(tmp_path):
 
 def test_the_build_asks_for_a_setuptools_that_knows_its_keys():
     """A licence as an SPDX expression is read since setuptools 77.0.3; older ones refuse it."""
-    (asked,) = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
-    assert tuple(map(int, asked.removeprefix("setuptools>=").split("."))) >= (77, 0, 3)
+    (requested,) = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    assert tuple(map(int, requested.removeprefix("setuptools>=").split("."))) >= (77, 0, 3)

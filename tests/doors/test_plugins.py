@@ -135,23 +135,23 @@ def installed(monkeypatch):
     return put
 
 
-def test_a_broken_plug_in_is_told_and_stops_nothing(installed, balls, command):
+def test_a_broken_plug_in_is_reported_and_stops_nothing(installed, balls, command):
     installed("thirdbody.plugins", Point("rusty", ModuleNotFoundError("No module named 'rust'")), Point("empty", object()))
-    told = command("laws")
-    assert told.code == 0
-    assert "plug-in rusty did not load: ModuleNotFoundError: No module named 'rust'" in told.out
-    assert "plug-in empty did not load: TypeError: the entry point is a object, not a Plugin(...)" in told.out
-    assert "three_spot" in told.out
+    report = command("laws")
+    assert report.code == 0
+    assert "plug-in rusty did not load: ModuleNotFoundError: No module named 'rust'" in report.out
+    assert "plug-in empty did not load: TypeError: the entry point is a object, not a Plugin(...)" in report.out
+    assert "three_spot" in report.out
     balls()
     assert command("check", "scene.toml").code == 0
 
 
-def test_a_law_of_a_broken_plug_in_is_told_with_the_reason(installed, balls, command):
+def test_a_law_of_a_broken_plug_in_is_reported_with_the_reason(installed, balls, command):
     installed("thirdbody.plugins", Point("rusty", ModuleNotFoundError("No module named 'rust'")))
     balls(("[solver]", '[contact]\nlaw = "rusty"\n[solver]'))
-    told = command("check", "scene.toml")
-    assert told.code == 3
-    assert "no law 'rusty' is installed" in told.err and "No module named 'rust'" in told.err
+    report = command("check", "scene.toml")
+    assert report.code == 3
+    assert "no law 'rusty' is installed" in report.err and "No module named 'rust'" in report.err
 
 
 def test_two_plug_ins_with_one_name_are_refused(installed, balls, command):
@@ -159,8 +159,8 @@ def test_two_plug_ins_with_one_name_are_refused(installed, balls, command):
     with pytest.raises(UsageError, match="both bring 'dmt_adhesion'"):
         discover([DMT])
     balls()
-    told = command("check", "scene.toml", "--plugin", DMT)
-    assert told.code == 2 and "both bring 'dmt_adhesion'" in told.err and "Traceback" not in told.err
+    report = command("check", "scene.toml", "--plugin", DMT)
+    assert report.code == 2 and "both bring 'dmt_adhesion'" in report.err and "Traceback" not in report.err
 
 
 def test_real_entry_points_bring_the_flagship():
@@ -181,27 +181,27 @@ def test_a_plug_in_brings_a_command(installed, command):
     installed("thirdbody.commands", Point("weigh", weigh))
     assert command("weigh", "3", "--twice").out == "6 g\n"
     assert "Weigh debris." in command("weigh", "--help").out
-    told = command("weigh", "heavy")
-    assert told.code == 2 and "'grams'" in told.err
+    report = command("weigh", "heavy")
+    assert report.code == 2 and "'grams'" in report.err
 
 
 def test_help_lists_commands_of_plug_ins_without_importing_them(installed, command):
     point = Point("weigh", AssertionError("imported"))
     installed("thirdbody.commands", point)
-    told = command("--help")
-    assert told.code == 0 and "weigh" in told.out and "module_of_weigh" in told.out
+    report = command("--help")
+    assert report.code == 0 and "weigh" in report.out and "module_of_weigh" in report.out
 
 
-def test_help_tells_what_a_command_of_a_plug_in_does(command):
-    told = " ".join(command("--help").out.split())
-    assert "balance Balance of a single particle between two bodies" in told and "map Draw the map of regimes" in told
+def test_help_reports_what_a_command_of_a_plug_in_does(command):
+    report = " ".join(command("--help").out.split())
+    assert "balance Balance of a single particle between two bodies" in report and "map Draw the map of regimes" in report
 
 
-def test_a_broken_command_is_told(installed, command):
+def test_a_broken_command_is_reported(installed, command):
     installed("thirdbody.commands", Point("weigh", ImportError("no scales")))
-    told = command("weigh", "3")
-    assert told.code == 2 and "Traceback" not in told.err
-    assert "weigh: this command of module_of_weigh does not load: ImportError: no scales" in told.err
+    report = command("weigh", "3")
+    assert report.code == 2 and "Traceback" not in report.err
+    assert "weigh: this command of module_of_weigh does not load: ImportError: no scales" in report.err
 
 
 def test_a_plug_in_cannot_take_the_name_of_a_command(installed, command):
@@ -233,8 +233,8 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
     balls(*still)
     assert command("run", "scene.toml", "-o", "dry", "-q").code == 0
     balls(*still, ("[solver]", f'[effects.dmt_adhesion]\nwork_of_adhesion = "{work} J/m2"\n[solver]'))
-    told = command("run", "scene.toml", "-o", "without", "-q")
-    assert told.code == 3 and "no effect 'dmt_adhesion' is installed" in told.err
+    report = command("run", "scene.toml", "-o", "without", "-q")
+    assert report.code == 3 and "no effect 'dmt_adhesion' is installed" in report.err
     assert command("run", "scene.toml", "-o", "sticky", "-q", "--plugin", DMT).code == 0
     with thirdbody.open("dry") as dry, thirdbody.open("sticky") as sticky:
         sunk = [2.0 * radius - run.series["gap"][-1] for run in (dry, sticky)]
@@ -254,19 +254,23 @@ TYPOS = {
 
 
 @pytest.mark.parametrize(("right", "wrong", "words"), TYPOS.values(), ids=TYPOS)
-def test_a_typo_in_a_kernel_is_told_alike_by_the_suite_and_by_a_scene(right, wrong, words, balls, command, tmp_path):
+def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(right, wrong, words, balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     assert text.count(right) == 1
     words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
     (tmp_path / "law.py").write_text(text.replace(right, wrong), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    told = command("laws", "--check", "law.py")
-    (line,) = [line for line in told.out.splitlines() if line.startswith("FAIL")]
-    assert told.code == 2 and "dmt_adhesion" in line and "cannot be compiled" in line and "pipeline" not in line
+    report = command("laws", "--check", "law.py")
+    (line,) = [line for line in report.out.splitlines() if line.startswith("FAIL")]
+    assert report.code == 2 and "dmt_adhesion" in line and "cannot be compiled" in line and "pipeline" not in line
     assert all(word in line for word in words), line
-    told = command("check", "scene.toml", "--plugin", "law.py")
-    assert told.code == 2 and told.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ") and told.err.count("\n") == 1
-    assert all(word in told.err for word in words), told.err
+    report = command("check", "scene.toml", "--plugin", "law.py")
+    assert (
+        report.code == 2
+        and report.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ")
+        and report.err.count("\n") == 1
+    )
+    assert all(word in report.err for word in words), report.err
 
 
 @pytest.mark.parametrize("arguments", [("laws", "--check", "law.py"), ("check", "scene.toml", "--plugin", "law.py")])
@@ -274,12 +278,12 @@ def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(argu
     text = DMT.read_text(encoding="utf-8")
     (tmp_path / "law.py").write_text(text.replace('"energy_per_area"', '"energy_per_aera"'), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    told = command(*arguments)
-    assert told.code == 2 and "option 'work_of_adhesion': unknown dimension 'energy_per_aera'" in told.err
-    assert "did you mean 'energy_per_area'?" in told.err and "law.py" in told.err and told.err.count("\n") == 1
+    report = command(*arguments)
+    assert report.code == 2 and "option 'work_of_adhesion': unknown dimension 'energy_per_aera'" in report.err
+    assert "did you mean 'energy_per_area'?" in report.err and "law.py" in report.err and report.err.count("\n") == 1
 
 
-def test_an_effect_that_is_missing_is_told_with_the_option_that_brings_it(balls, command):
+def test_an_effect_that_is_missing_is_reported_with_the_option_that_brings_it(balls, command):
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    told = command("check", "scene.toml")
-    assert told.code == 3 and "no effect 'dmt_adhesion' is installed" in told.err and "--plugin FILE" in told.err
+    report = command("check", "scene.toml")
+    assert report.code == 3 and "no effect 'dmt_adhesion' is installed" in report.err and "--plugin FILE" in report.err

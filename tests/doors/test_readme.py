@@ -65,7 +65,7 @@ def test_every_shipped_scene_opens_with_its_question():
         assert Scene.load(path).title
 
 
-def test_the_guide_tells_of_every_command():
+def test_the_guide_describes_every_command():
     guide = (ROOT / "src" / "thirdbody" / "README.md").read_text(encoding="utf-8")
     listed = subprocess.run([sys.executable, "-m", "thirdbody", "--help"], capture_output=True, text=True, check=True).stdout
     commands = {line.split()[0] for line in listed.partition("Commands:")[2].splitlines() if re.match(r"  [a-z]", line)}

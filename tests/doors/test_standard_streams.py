@@ -49,7 +49,7 @@ def test_help_may_be_left_too():
 
 
 @needs_full
-def test_a_full_standard_output_is_told_in_one_line(whole):
+def test_a_full_standard_output_is_reported_in_one_line(whole):
     with FULL.open("w") as full:
         code, _, error = program("states", whole, output=full)
         assert code == 5

@@ -53,8 +53,8 @@ def test_help_is_instant():
 
 
 def test_version(command):
-    told = command("--version")
-    assert told.code == 0 and told.out == f"thirdbody {thirdbody.__version__}\n"
+    report = command("--version")
+    assert report.code == 0 and report.out == f"thirdbody {thirdbody.__version__}\n"
 
 
 def test_the_first_steps_of_a_new_user(command, tmp_path):
@@ -62,14 +62,14 @@ def test_the_first_steps_of_a_new_user(command, tmp_path):
     assert "thirdbody check scene.toml" in command("new").out
     short = ("--set", "debris.0.count=8", "--set", "solver.distance=0.1 um", "--set", "solver.settle=1 us",
              "--set", "output.every=0.05 um")  # fmt: skip
-    told = command("check", "scene.toml", *short)
-    assert told.code == 0 and "time step" in told.out and "estimated" in told.out
+    report = command("check", "scene.toml", *short)
+    assert report.code == 0 and "time step" in report.out and "estimated" in report.out
     assert command("run", "scene.toml", *short).code == 0
     assert (tmp_path / "runs" / "scene" / "run.vtkhdf").is_file()
-    told = command("states", "runs/scene")
-    assert told.code == 0 and told.out.split()[:3] == ["frame", "time", "distance"]
-    told = command("states", "runs/scene", "--frame", "-1")
-    assert told.code == 0 and len(told.out.splitlines()) == 2 + 8
+    report = command("states", "runs/scene")
+    assert report.code == 0 and report.out.split()[:3] == ["frame", "time", "distance"]
+    report = command("states", "runs/scene", "--frame", "-1")
+    assert report.code == 0 and len(report.out.splitlines()) == 2 + 8
 
 
 # JSON ---------------------------------------------------------------------------------------------------------------------
@@ -82,11 +82,11 @@ def strict(text: str):
 
 def test_json_of_every_table(balls, command):
     balls()
-    told = strict(command("check", "scene.toml", "--json").out)
-    assert told["bodies"] == 4 and told["frames"] == 4 and told["scene"]["title"] == "four balls"
-    assert told["time_step"]["step"] < told["time_step"]["rayleigh"]
+    report = strict(command("check", "scene.toml", "--json").out)
+    assert report["bodies"] == 4 and report["frames"] == 4 and report["scene"]["title"] == "four balls"
+    assert report["time_step"]["step"] < report["time_step"]["rayleigh"]
     done = command("run", "scene.toml", "-o", "run", "--json", "-q")
-    assert done.code == 0 and strict(done.out)["frames"] == told["frames"] and strict(done.out)["finished"] is True
+    assert done.code == 0 and strict(done.out)["frames"] == report["frames"] and strict(done.out)["finished"] is True
     rows = strict(command("states", "run", "--json").out)["frames"]
     assert [row["frame"] for row in rows] == [0, 1, 2, 3]
     assert all(sum(row[name] for name in ("free", "sticking", "sliding", "rolling")) == 4 for row in rows)
@@ -126,16 +126,16 @@ def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
 
 def test_square_brackets_are_text(balls, command):
     balls(("four balls", "four [bold]balls[/bold] [/]"))
-    told = command("check", "scene.toml")
-    assert told.code == 0 and "four [bold]balls[/bold] [/]: 4 bodies" in told.out
+    report = command("check", "scene.toml")
+    assert report.code == 0 and "four [bold]balls[/bold] [/]: 4 bodies" in report.out
     assert "[effects]" in command("laws").out
 
 
 def test_progress_without_a_terminal_is_plain_lines(balls, command):
     balls()
-    told = command("run", "scene.toml", "-o", "run")
-    lines = [line for line in told.err.splitlines() if not line.startswith("warning:")]
-    assert 3 <= len(lines) <= 11 and "\x1b" not in told.err and "\r" not in told.err
+    report = command("run", "scene.toml", "-o", "run")
+    lines = [line for line in report.err.splitlines() if not line.startswith("warning:")]
+    assert 3 <= len(lines) <= 11 and "\x1b" not in report.err and "\r" not in report.err
     assert lines[0].startswith("  0 %") and lines[-1].startswith("100 %")
     assert all(" t = " in line for line in lines)
 
@@ -144,8 +144,8 @@ def test_a_bar_on_a_terminal(balls, command, monkeypatch):
     """With a terminal a bar is drawn; a title with brackets does not disturb it."""
     balls(("four balls", "four [/] balls"))
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    told = command("run", "scene.toml", "-o", "run")
-    assert told.code == 0 and "four [/] balls" in told.err and "100%" in told.err
+    report = command("run", "scene.toml", "-o", "run")
+    assert report.code == 0 and "four [/] balls" in report.err and "100%" in report.err
 
 
 # being stopped ------------------------------------------------------------------------------------------------------------
@@ -179,8 +179,8 @@ def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
     with thirdbody.open(tmp_path / "run") as run:
         assert run.frames >= 4 and len(run.times) == run.frames == len(run.series["time"])
         run.bodies(-1)
-        told = run.summary()
-        assert not told["finished"] and told["stopped"].startswith("interrupted") and told["frames"] == run.frames
+        report = run.summary()
+        assert not report["finished"] and report["stopped"].startswith("interrupted") and report["frames"] == run.frames
 
 
 def test_a_closed_terminal_ends_a_run_in_order(balls, tmp_path):
@@ -275,11 +275,11 @@ def test_runs_that_are_empty_or_unlabelled(tmp_path, command):
                 point = {"points": np.zeros((1, 3))}
                 series = {"time": 0.0, "distance": 0.0}
                 writer.append(Frame(0.0, {**point}, {**point}, {"points": np.zeros((0, 3))}, None, series))
-    told = command("states", "empty")
-    assert told.code == 0 and "no frame" in told.out
+    report = command("states", "empty")
+    assert report.code == 0 and "no frame" in report.out
     assert command("states", "empty", "--json").code == 0
     assert command("states", "empty", "--frame", "0").code == 3
     assert command("render", "empty", "-o", "x.png").code == 3
     for arguments in (["states", "plain"], ["states", "plain", "--frame", "0"], ["render", "plain", "-o", "x.png"]):
-        told = command(*arguments)
-        assert told.code == 3 and "state" in told.err and "Traceback" not in told.err, told
+        report = command(*arguments)
+        assert report.code == 3 and "state" in report.err and "Traceback" not in report.err, report

@@ -41,15 +41,15 @@ def hostile(balls):
 
 def test_names_are_printed_letter_by_letter(hostile, command):
     for words in (("check",), ("run", "-o", "run", "--threads", "1"), ("shapes",)):
-        told = command(*words, "scene.toml")
-        assert told.code == 0 and not steers(told.out + told.err)
-        assert "".join(SHOWN.split()) in "".join(told.out.split())  # folded in columns, and else as it is: no markup, no emoji
-        assert "\nforged" not in told.out
+        report = command(*words, "scene.toml")
+        assert report.code == 0 and not steers(report.out + report.err)
+        assert "".join(SHOWN.split()) in "".join(report.out.split())  # folded in columns, and else as it is: no markup, no emoji
+        assert "\nforged" not in report.out
 
 
 def test_the_scene_that_check_prints_can_be_read_back(hostile, command):
-    told = command("check", "scene.toml")
-    document = tomllib.loads(told.out[told.out.index("scene = 1") :])
+    report = command("check", "scene.toml")
+    document = tomllib.loads(report.out[report.out.index("scene = 1") :])
     assert document["title"] == HOSTILE and list(document["materials"]) == [HOSTILE]
 
 
@@ -64,8 +64,10 @@ def test_a_run_made_by_others(balls, command, tmp_path):
             file["scene"][name] = values
             file["scene"][name].attrs["json"] = True
     for words in (("states", "run"), ("states", "run", "--frame", "0"), ("states", "run", "--json")):
-        told = command(*words)
-        assert told.code == 0 and "forged" in told.out and not steers(told.out + told.err) and "\nforged" not in told.out
+        report = command(*words)
+        assert (
+            report.code == 0 and "forged" in report.out and not steers(report.out + report.err) and "\nforged" not in report.out
+        )
 
 
 @pytest.mark.parametrize(
@@ -87,17 +89,17 @@ def test_a_run_made_by_others(balls, command, tmp_path):
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_one_line_tells_of_a_hostile_word(words, code, balls, command):
+def test_one_line_describes_a_hostile_word(words, code, balls, command):
     balls()
-    told = command(*words)
-    assert told.code == code and told.err.count("\n") == 1 and not steers(told.err) and told.out == ""
+    report = command(*words)
+    assert report.code == code and report.err.count("\n") == 1 and not steers(report.err) and report.out == ""
 
 
 def test_a_plug_in_may_not_steer_either(balls, command, tmp_path):
     balls()
     (tmp_path / "law.py").write_text(f"raise RuntimeError({HOSTILE!r})\n", encoding="utf-8")
-    told = command("check", "scene.toml", "--plugin", "law.py")
-    assert told.code == 2 and told.err.count("\n") == 1 and not steers(told.err)
+    report = command("check", "scene.toml", "--plugin", "law.py")
+    assert report.code == 2 and report.err.count("\n") == 1 and not steers(report.err)
 
 
 def test_messages_of_python_are_safe_too():
@@ -150,9 +152,9 @@ def test_letters_outside_the_locale_become_escapes(encoding, balls, command, mon
 def test_letters_that_the_font_of_pictures_lacks_are_one_warning(balls, command):
     balls(('title = "four balls"', 'title = "\u4e2d\u6587\\u001b[31m"'))
     assert command("run", "scene.toml", "-o", "run", "-q", "--threads", "1").code == 0
-    told = command("plot", "run", "-o", "p.png")
-    assert told.code == 0 and told.out == "p.png\n" and told.err.count("\n") == 1
-    assert told.err.startswith("warning: p.png: the font has no sign")
+    report = command("plot", "run", "-o", "p.png")
+    assert report.code == 0 and report.out == "p.png\n" and report.err.count("\n") == 1
+    assert report.err.startswith("warning: p.png: the font has no sign")
 
 
 def test_a_closed_stream_swallows_what_is_printed(balls, command, monkeypatch):

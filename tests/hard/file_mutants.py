@@ -312,12 +312,12 @@ def serve() -> None:
         path, started = Path(line.rstrip("\n")), time.process_time()
         try:
             READERS[path.suffix](path)
-            told = ["accepted", ""]
+            report = ["accepted", ""]
         except ThirdbodyError as error:
-            told = ["refused", str(error)]
+            report = ["refused", str(error)]
         except BaseException as error:
-            told = ["bug", f"{type(error).__name__}: {error} {''.join(traceback.format_tb(error.__traceback__)[-4:])}"]
-        print(json.dumps([*told, time.process_time() - started]), flush=True)
+            report = ["bug", f"{type(error).__name__}: {error} {''.join(traceback.format_tb(error.__traceback__)[-4:])}"]
+        print(json.dumps([*report, time.process_time() - started]), flush=True)
 
 
 if __name__ == "__main__":

@@ -378,14 +378,14 @@ def setting(document: dict[str, Any], rng: Random) -> tuple[str, str]:
 _PART = re.compile(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)')
 
 
-def told_keys(fault: Fault) -> list[str | int]:
+def reported_keys(fault: Fault) -> list[str | int]:
     """The parts of the key that a fault names."""
     return [int(index) if index else quoted or bare for quoted, index, bare in _PART.findall(fault.key)]
 
 
 def names_a_key(fault: Fault, document: Any) -> bool:
     """Whether the key is one of the document, or one that a table of the document lacks."""
-    parts = told_keys(fault)
+    parts = reported_keys(fault)
     node = document
     for k, part in enumerate(parts):
         if isinstance(node, dict) and part in node or isinstance(node, list) and isinstance(part, int) and part < len(node):

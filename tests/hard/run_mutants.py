@@ -102,18 +102,18 @@ def answer(folder: str, target: str, command: str) -> tuple[int, str]:
 
     render.draw_elsewhere = _drawn_here
     words = [command.split()[0], folder, *(word.format(target) for word in COMMANDS[command])]
-    told = io.StringIO()
+    report = io.StringIO()
     try:
-        with redirect_stdout(io.StringIO()), redirect_stderr(told):
+        with redirect_stdout(io.StringIO()), redirect_stderr(report):
             app(words, standalone_mode=False)
     except ThirdbodyError as error:
         return error.exit_code, str(error)
     except BaseException as error:
         return BUG, f"{type(error).__name__}: {error} {''.join(traceback.format_tb(error.__traceback__)[-5:])}"
-    return 0, told.getvalue()
+    return 0, report.getvalue()
 
 
-def serve(ask: Callable[..., tuple[int, str]] = answer) -> None:
+def serve(request_from: Callable[..., tuple[int, str]] = answer) -> None:
     """Answers what standard input asks, line by line."""
     import resource
 
@@ -121,7 +121,7 @@ def serve(ask: Callable[..., tuple[int, str]] = answer) -> None:
     out = sys.stdout
     for line in sys.stdin:
         started = time.process_time()
-        found = ask(*json.loads(line))
+        found = request_from(*json.loads(line))
         print(json.dumps([*found, time.process_time() - started]), flush=True, file=out)
 
 

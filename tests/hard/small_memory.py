@@ -41,19 +41,19 @@ def run(words: list[str]) -> None:
 
 def answer(words: list[str]) -> tuple[int, str]:
     """Exit code and what was said."""
-    with tempfile.TemporaryFile() as told:
+    with tempfile.TemporaryFile() as report:
         child = os.fork()
         if not child:
             nowhere = os.open(os.devnull, os.O_RDWR)
-            os.dup2(nowhere, 0), os.dup2(nowhere, 1), os.dup2(told.fileno(), 2)
+            os.dup2(nowhere, 0), os.dup2(nowhere, 1), os.dup2(report.fileno(), 2)
             run(words)
         end = time.monotonic() + PATIENCE
         while not (found := os.waitpid(child, os.WNOHANG))[0]:
             if time.monotonic() > end:
                 os.kill(child, signal.SIGKILL)
             time.sleep(0.005)
-        told.seek(0)
-        return os.waitstatus_to_exitcode(found[1]), told.read(1_000_000).decode("utf-8", "replace")
+        report.seek(0)
+        return os.waitstatus_to_exitcode(found[1]), report.read(1_000_000).decode("utf-8", "replace")
 
 
 if __name__ == "__main__":

@@ -114,10 +114,10 @@ FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 def test_a_checkpoint_that_cannot_be_written_keeps_the_one_before(runs, cut, name, after):
     """From the copy of the trajectory that a resumed run begins with, to its last checkpoint."""
     before, old = names(cut), read_checkpoint(cut).frames
-    with failing(os, name, after, FULL), pytest.raises(OutputError) as told:
+    with failing(os, name, after, FULL), pytest.raises(OutputError) as report:
         take_up(cut)
-    assert told.value.exit_code == 5 and str(told.value).count("\n") == 0
-    assert str(cut) in str(told.value) and "No space left" in str(told.value)
+    assert report.value.exit_code == 5 and str(report.value).count("\n") == 0
+    assert str(cut) in str(report.value) and "No space left" in str(report.value)
     assert read_checkpoint(cut).frames >= old
     goes_on(cut, runs[0], before)
 
@@ -152,25 +152,25 @@ def limited(nbytes: int) -> Iterator[None]:
 def test_a_disk_that_is_full_for_the_copy_of_the_trajectory(runs, cut, share):
     """A resumed run begins with a copy of the frames that count."""
     before, size = names(cut), (cut / "run.vtkhdf").stat().st_size
-    with limited(int(share * size)), pytest.raises(OutputError) as told:
+    with limited(int(share * size)), pytest.raises(OutputError) as report:
         take_up(cut)
-    refused(told.value, cut / "run.vtkhdf")
+    refused(report.value, cut / "run.vtkhdf")
     goes_on(cut, runs[0], before)
 
 
 def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
     """The copy fits, a later frame does not."""
-    before, asked = names(cut), [0]
+    before, requested = names(cut), [0]
 
     def usage(_path):
-        asked[0] += 1
-        return USAGE(10**10, 10**10, 10**10 if asked[0] <= 4 else 1000)
+        requested[0] += 1
+        return USAGE(10**10, 10**10, 10**10 if requested[0] <= 4 else 1000)
 
     with monkeypatch.context() as patch:
         patch.setattr(writer.shutil, "disk_usage", usage)
-        with pytest.raises(OutputError, match="disk is full") as told:
+        with pytest.raises(OutputError, match="disk is full") as report:
             take_up(cut)
-    refused(told.value, cut / "run.vtkhdf")
+    refused(report.value, cut / "run.vtkhdf")
     goes_on(cut, runs[0], before)
 
 
@@ -203,16 +203,16 @@ needs_mount = pytest.mark.skipif(not sys.platform.startswith("linux") or not shu
 
 @needs_mount
 @pytest.mark.parametrize("room", [4096, 300_000])
-def test_a_file_system_without_room(runs, tmp_path, room):
+def test_a_file_system_without_space(runs, tmp_path, room):
     """The real thing: with a page left, and with room for a part of the copy."""
     size = sum(path.stat().st_size for path in runs[1].iterdir())
     with mounted(tmp_path / "small", 2 * size + 10_000_000) as small:
         folder = Path(shutil.copytree(runs[1], small / "run"))
         before, free = names(folder), shutil.disk_usage(small).free
         (small / "ballast").write_bytes(bytes(free - room))
-        with pytest.raises(OutputError) as told:
+        with pytest.raises(OutputError) as report:
             take_up(folder)
-        assert str(told.value).count("\n") == 0 and str(folder) in str(told.value)
+        assert str(report.value).count("\n") == 0 and str(folder) in str(report.value)
         (small / "ballast").unlink()
         goes_on(folder, runs[0], before)
 
@@ -222,10 +222,10 @@ def test_a_file_system_without_room(runs, tmp_path, room):
 def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing(tmp_path, room):
     """Room for a folder, for a part of the file, for all but the checkpoint, and for all but the frame."""
     with mounted(tmp_path / "small", room) as small:
-        with pytest.raises(OutputError) as told:
+        with pytest.raises(OutputError) as report:
             execute(prepare(scene_of("explicit")), small / "runs" / "one")
-        text = str(told.value)
-        assert told.value.exit_code == 5 and text.count("\n") == 0 and str(small / "runs" / "one") in text
+        text = str(report.value)
+        assert report.value.exit_code == 5 and text.count("\n") == 0 and str(small / "runs" / "one") in text
         assert "are kept" not in text and "is kept" not in text
         assert text.endswith(("no frame was written", "there is none before it"))
         assert list(small.iterdir()) == []
@@ -245,9 +245,9 @@ def test_a_read_only_file_system(runs, tmp_path):
         folder = Path(shutil.copytree(runs[1], small / "run"))
         before = names(folder)
         remount(small, "ro")
-        with pytest.raises(OutputError, match="Read-only file system") as told:
+        with pytest.raises(OutputError, match="Read-only file system") as report:
             take_up(folder)
-        refused(told.value, folder / "run.vtkhdf")
+        refused(report.value, folder / "run.vtkhdf")
         with pytest.raises(OutputError, match="checkpoint.npz.*Read-only.*the one before is kept"):
             checkpoint.write_checkpoint(folder, read_checkpoint(folder))
         remount(small, "rw")
@@ -259,9 +259,9 @@ def test_a_folder_without_the_right_to_write(runs, cut):
     before = names(cut)
     cut.chmod(0o555)
     try:
-        with pytest.raises(OutputError, match="Permission denied") as told:
+        with pytest.raises(OutputError, match="Permission denied") as report:
             take_up(cut)
-        refused(told.value, cut / "run.vtkhdf")
+        refused(report.value, cut / "run.vtkhdf")
     finally:
         cut.chmod(0o755)
     goes_on(cut, runs[0], before)

@@ -75,7 +75,7 @@ class Worker:
         self.folder = folder
         self.process: subprocess.Popen[str] | None = None
 
-    def ask(self, path: Path) -> tuple[str, str]:
+    def request(self, path: Path) -> tuple[str, str]:
         """What became of the file: accepted, refused, bug, crash or hang; and what was said."""
         if self.process is None:
             command = [sys.executable, "-W", "ignore", str(HERE / "file_mutants.py")]
@@ -174,7 +174,7 @@ def spoilt_source(folder: Path, number: int, rng: Random) -> Path:
 
 def fuzz(worker: Worker, tmp_path: Path, sound: bytes, numbers: range) -> Counter[str]:
     """Every spoilt file is read or refused by its name; returns how often."""
-    told: Counter[str] = Counter()
+    report: Counter[str] = Counter()
     bugs = []
     for number in numbers:
         rng = Random(number)
@@ -183,14 +183,14 @@ def fuzz(worker: Worker, tmp_path: Path, sound: bytes, numbers: range) -> Counte
             spoilt_run(path, sound, rng)
         else:
             path = spoilt_source(tmp_path, number, rng)
-        kind, text = worker.ask(path)
-        told[kind] += 1
+        kind, text = worker.request(path)
+        report[kind] += 1
         if kind not in ("accepted", "refused") or (kind == "refused" and not names(text, path)):
             bugs.append(f"{number} {path.suffix} {kind}: {text[-1500:]}")
         for file in tmp_path.glob(f"{number}.*"):
             file.unlink()
-    assert not bugs, f"{len(bugs)} of {dict(told)}\n" + "\n".join(bugs[:20])
-    return told
+    assert not bugs, f"{len(bugs)} of {dict(report)}\n" + "\n".join(bugs[:20])
+    return report
 
 
 def names(text: str, path: Path) -> bool:
@@ -199,15 +199,15 @@ def names(text: str, path: Path) -> bool:
 
 
 def test_spoilt_files_are_refused(worker: Worker, tmp_path: Path, run_bytes: bytes) -> None:
-    told = fuzz(worker, tmp_path, run_bytes, range(BATCH))
-    assert told["refused"] > BATCH // 3  # else the mutations are too tame to mean anything
+    report = fuzz(worker, tmp_path, run_bytes, range(BATCH))
+    assert report["refused"] > BATCH // 3  # else the mutations are too tame to mean anything
 
 
 @pytest.mark.fuzz
 def test_a_thousand_spoilt_files_are_refused(worker: Worker, tmp_path: Path, run_bytes: bytes) -> None:
-    told = fuzz(worker, tmp_path, run_bytes, range(MANY))
-    print(dict(told))
-    assert told["refused"] > MANY // 3
+    report = fuzz(worker, tmp_path, run_bytes, range(MANY))
+    print(dict(report))
+    assert report["refused"] > MANY // 3
 
 
 def test_sound_files_are_accepted(worker: Worker, tmp_path: Path, run_bytes: bytes) -> None:
@@ -218,4 +218,4 @@ def test_sound_files_are_accepted(worker: Worker, tmp_path: Path, run_bytes: byt
     text = SCENE.format(debris='kind = "file"\nfile = "a.npz"', motion=MOVING, end="duration", length="2 us", every="0.5 us")
     (tmp_path / "a.toml").write_text(text)
     for name in ("a.vtkhdf", "a.balance", "a.toml"):
-        assert worker.ask(tmp_path / name) == ("accepted", "")
+        assert worker.request(tmp_path / name) == ("accepted", "")

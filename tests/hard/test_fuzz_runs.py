@@ -99,7 +99,7 @@ class Worker:
         self.folder = folder
         self.process: subprocess.Popen[str] | None = None
 
-    def ask(self, *words: str) -> tuple[int | None, str]:
+    def request(self, *words: str) -> tuple[int | None, str]:
         """Exit code of a command, None for a crash or a hang, and what was said."""
         if self.process is None:
             command = [sys.executable, "-W", "ignore", str(HERE / "run_mutants.py")]
@@ -138,13 +138,13 @@ def worker(tmp_path_factory: pytest.TempPathFactory, sound: dict[str, Path]) -> 
     made = Worker(folder)
     for kind, run in sound.items():
         M.copied(run, home / kind)
-        made.ask(str(home / kind), str(home), "resume")
+        made.request(str(home / kind), str(home), "resume")
     yield made
     made.close()
     assert not list(folder.iterdir())
 
 
-def asked(kind: str, rng: Random) -> list[str]:
+def requested(kind: str, rng: Random) -> list[str]:
     """The commands to put a folder through in which this file is spoilt."""
     if kind != M.TRAJECTORY:
         return ["resume"]
@@ -162,7 +162,7 @@ def faults_of(worker: Worker, folder: Path, target: Path, command: str) -> tuple
     """Exit code, and what is wrong with the answer to a command on a spoilt run."""
     before = bytes_of(folder)
     target.mkdir()
-    code, text = worker.ask(str(folder), str(target), command)
+    code, text = worker.request(str(folder), str(target), command)
     after, wrong = bytes_of(folder), []
     if code not in CODES:
         wrong.append(f"ended with {code}: {text[-1500:]}")
@@ -190,7 +190,7 @@ def faults_of(worker: Worker, folder: Path, target: Path, command: str) -> tuple
 
 def fuzz(worker: Worker, sound: dict[str, Path], tmp_path: Path, numbers: Iterable[int]) -> Counter[int | None]:
     """Every spoilt folder through some commands; how often which code came."""
-    told: Counter[int | None] = Counter()
+    report: Counter[int | None] = Counter()
     bugs: list[str] = []
     for number in numbers:
         rng = Random(number)
@@ -200,19 +200,19 @@ def fuzz(worker: Worker, sound: dict[str, Path], tmp_path: Path, numbers: Iterab
         except (OSError, RuntimeError, KeyError):  # HDF5 refuses what a mutation asks of it
             shutil.rmtree(folder)
             continue
-        for command in asked(kind, rng):
+        for command in requested(kind, rng):
             code, wrong = faults_of(worker, folder, tmp_path / "out", command)
-            told[code] += 1
+            report[code] += 1
             bugs += [f"{number} {kind} {line}" for line in wrong]
         shutil.rmtree(folder)
-    print(dict(told))
-    assert not bugs, f"{len(bugs)} of {dict(told)}\n" + "\n".join(bugs[:25])
-    return told
+    print(dict(report))
+    assert not bugs, f"{len(bugs)} of {dict(report)}\n" + "\n".join(bugs[:25])
+    return report
 
 
-def test_spoilt_runs_are_told(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
-    told = fuzz(worker, sound, tmp_path, range(BATCH))
-    assert told[3] > BATCH // 3  # else the mutations are too tame to mean anything
+def test_spoilt_runs_are_reported(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
+    report = fuzz(worker, sound, tmp_path, range(BATCH))
+    assert report[3] > BATCH // 3  # else the mutations are too tame to mean anything
 
 
 FOUND = (85, 91, 100, 119, 167, 177, 222, 377, 516, 536, 570, 597, 608, 782, 791, 815, 896, 909, 951)
@@ -225,9 +225,9 @@ def test_what_was_found_is_mended(worker: Worker, sound: dict[str, Path], tmp_pa
 
 
 @pytest.mark.fuzz
-def test_a_thousand_spoilt_runs_are_told(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
-    told = fuzz(worker, sound, tmp_path, range(MANY))
-    assert told[3] > MANY // 3
+def test_a_thousand_spoilt_runs_are_reported(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
+    report = fuzz(worker, sound, tmp_path, range(MANY))
+    assert report[3] > MANY // 3
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -237,7 +237,7 @@ def test_sound_runs_pass_every_command(worker: Worker, sound: dict[str, Path], t
     (tmp_path / "out").mkdir()
     for command in M.COMMANDS:
         if draws() or not command.startswith("render") or "page" in command:
-            code, text = worker.ask(str(folder), str(tmp_path / "out"), command)
+            code, text = worker.request(str(folder), str(tmp_path / "out"), command)
             assert code == 0 or (command == "states picture" and "no body has a forecast" in text), f"{command}: {text}"
     with thirdbody.open(folder) as run:
         assert run.summary()["finished"]

@@ -72,7 +72,7 @@ class Clocks(Listener):
     def __init__(self) -> None:
         self.depth, self.used, self.left = 0, 0.0, (float(SECONDS), float(PATIENCE))
 
-    def go(self) -> None:
+    def start(self) -> None:
         """Set both alarms to what is left."""
         self.since = time.process_time()
         for timer, left in zip((signal.ITIMER_PROF, signal.ITIMER_REAL), self.left, strict=True):
@@ -92,7 +92,7 @@ class Clocks(Listener):
     def on_end(self, event: Event) -> None:
         self.depth -= 1
         if self.depth == 0:
-            self.go()
+            self.start()
 
 
 @contextmanager
@@ -107,7 +107,7 @@ def bounded() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, old[1]))
     handlers = {number: signal.signal(number, too_long) for number in (signal.SIGALRM, signal.SIGPROF)}
     clocks = Clocks()
-    clocks.go()
+    clocks.start()
     try:
         with install_listener("numba:compiler_lock", clocks):
             yield
@@ -119,7 +119,7 @@ def bounded() -> Iterator[None]:
     assert clocks.used < SECONDS  # compiled code does not hear the alarm
 
 
-def judge(error: InputError, document: Any, file: str) -> None:
+def verify(error: InputError, document: Any, file: str) -> None:
     """Every fault names the file and a key, or, of what is no TOML, the line; and it cannot steer a terminal."""
     for fault in error.faults:
         assert fault.file == file, fault
@@ -151,13 +151,13 @@ def try_scene(data: bytes, must_fail: bool) -> str:
     with bounded():
         try:
             build(Scene.load("scene.toml"))
-            told = "accepted"
+            report = "accepted"
         except InputError as error:
-            judge(error, document, "scene.toml")
-            told = "refused"
+            verify(error, document, "scene.toml")
+            report = "refused"
     assert set(os.listdir()) == before | {"scene.toml"}
-    assert told == "refused" or not must_fail, "accepted what is wrong wherever it stands"
-    return told
+    assert report == "refused" or not must_fail, "accepted what is wrong wherever it stands"
+    return report
 
 
 def try_setting(seed: int) -> str:
@@ -171,29 +171,29 @@ def try_setting(seed: int) -> str:
     with bounded():
         try:
             build(scene.with_settings({key: value}))
-            told = "accepted"
+            report = "accepted"
         except InputError as error:
             for fault in error.faults:
                 assert fault.key and fault.file in ("with_settings", "scene.toml"), fault
                 assert str(fault).isprintable() and len(str(fault)) < 2000, fault
-            told = "refused"
+            report = "refused"
     assert set(os.listdir()) == before
-    return told
+    return report
 
 
 def many(examples: int, attempt: Any) -> Counter[str]:
     """The attempt on so many random seeds; how often it came to what."""
-    rng, told = Random("mutants"), Counter[str]()  # the same seeds with every version of every library
+    rng, report = Random("mutants"), Counter[str]()  # the same seeds with every version of every library
     for _ in range(examples):
         seed = rng.getrandbits(62)
         try:
-            told[attempt(seed)] += 1
+            report[attempt(seed)] += 1
         except BaseException as error:
             error.add_note(f"of the seed {seed}")
             raise
-    print(dict(told))
-    assert told["refused"] > examples // 4 and told["accepted"] > examples // 50  # else the mutations mean nothing
-    return told
+    print(dict(report))
+    assert report["refused"] > examples // 4 and report["accepted"] > examples // 50  # else the mutations mean nothing
+    return report
 
 
 def a_scene(seed: int) -> str:
@@ -227,9 +227,13 @@ def test_thousands_of_spoilt_settings_are_refused_by_key(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["scene.toml/..", "/dev/zero", "fifo", "endless.csv", "loop.csv", ".", "a\0b", "x" * 5000])
 def test_a_scene_that_is_no_file_is_refused_at_once(name: str, folder: Path) -> None:
-    with bounded(), pytest.raises(InputError) as told:
+    with bounded(), pytest.raises(InputError) as report:
         Scene.load(name)
-    assert len(told.value.faults) == 1 and str(told.value).isprintable() and name[:50].replace("\0", "\\x00") in str(told.value)
+    assert (
+        len(report.value.faults) == 1
+        and str(report.value).isprintable()
+        and name[:50].replace("\0", "\\x00") in str(report.value)
+    )
 
 
 def test_a_scene_named_by_dots_stays_in_the_folder_of_runs(folder: Path) -> None:

@@ -48,7 +48,7 @@ class Worker:
         command = [sys.executable, "-W", "ignore", str(HERE / "small_memory.py")]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def ask(self, *words: object) -> tuple[int, str]:
+    def request(self, *words: object) -> tuple[int, str]:
         """Exit code and standard error of a command."""
         assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.write(json.dumps([str(word) for word in words]) + "\n")
@@ -256,7 +256,7 @@ def wrong(code: int, text: str, path: Path) -> str:
 
 
 def fuzz(worker: Worker, runs: dict[str, Path], folder: Path, numbers: range) -> Counter[tuple[str, int]]:
-    told: Counter[tuple[str, int]] = Counter()
+    report: Counter[tuple[str, int]] = Counter()
     bugs = []
     for number in numbers:
         place = folder / str(number)
@@ -265,26 +265,26 @@ def fuzz(worker: Worker, runs: dict[str, Path], folder: Path, numbers: range) ->
             kind, (words, path) = hostile(number, place, runs)
         except (OSError, RuntimeError, KeyError):  # HDF5 refuses what a mutation asks of it
             continue
-        code, text = worker.ask(*words)
-        told[kind, code] += 1
+        code, text = worker.request(*words)
+        report[kind, code] += 1
         if fault := wrong(code, text, path):
             bugs.append(f"{number} {kind}: {fault}: {text[-1200:]}")
-    print(dict(told))
-    assert not bugs, f"{len(bugs)} of {sum(told.values())}\n" + "\n".join(bugs[:15])
-    return told
+    print(dict(report))
+    assert not bugs, f"{len(bugs)} of {sum(report.values())}\n" + "\n".join(bugs[:15])
+    return report
 
 
-def test_hostile_files_are_told_in_little_memory(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
+def test_hostile_files_are_reported_in_little_memory(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
     fuzz(worker, sound, tmp_path, range(BATCH))
 
 
 @pytest.mark.fuzz
-def test_five_hundred_hostile_files_are_told_in_little_memory(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
-    told = fuzz(worker, sound, tmp_path, range(MANY))
-    assert sum(count for (_, code), count in told.items() if code == 3) > MANY // 2  # else they are too tame
+def test_five_hundred_hostile_files_are_reported_in_little_memory(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
+    report = fuzz(worker, sound, tmp_path, range(MANY))
+    assert sum(count for (_, code), count in report.items() if code == 3) > MANY // 2  # else they are too tame
 
 
 def test_a_sound_scene_passes_in_little_memory(worker: Worker, tmp_path: Path) -> None:
     """Else everything might be refused for want of memory."""
-    code, text = worker.ask("check", scene_of(tmp_path, T.BALLS))
+    code, text = worker.request("check", scene_of(tmp_path, T.BALLS))
     assert code == 0, text

@@ -45,7 +45,7 @@ def start(make, body, motion, **keys):
 
 
 @dataclass(frozen=True)
-class Course:
+class Sequence:
     """Labels, force of the plate along x over the load, and friction work (J) at the stops; sets of spots that were loaded."""
 
     labels: list[str]
@@ -73,19 +73,19 @@ def follow(make, simulation, stops, kind="distance", load=LOAD, gained=1e-3):
     # truncation has either sign; a bad law returns 1e-2 and more
     assert make.numerical_share(simulation) > -gained
     force, work = np.array(rows).T
-    return Course(labels, force, work, contacts)
+    return Sequence(labels, force, work, contacts)
 
 
-WAY = np.arange(1, 11) * 1e-7
+PATH = np.arange(1, 11) * 1e-7
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_symmetric_particle_slides_below_its_limit(make, level):
     """x_1 = 0, x_3 = -x_2: pressed without any slip, it slides for mu h < L."""
     simulation = start(make, particle([0.0], [-SPAN, SPAN]), drag(), level=level)
-    course = follow(make, simulation, WAY)
-    assert course.labels[-1] == "sliding"
-    assert course.force[-1] == pytest.approx(0.3, rel=1e-4)  # what the dashpot of the patch carries
+    run = follow(make, simulation, PATH)
+    assert run.labels[-1] == "sliding"
+    assert run.force[-1] == pytest.approx(0.3, rel=1e-4)  # what the dashpot of the patch carries
     assert simulation.state.bodies.position[0, 1] == PLACE[1]  # planar to the last bit
 
 
@@ -102,11 +102,11 @@ def test_both_sides_slide_with_equal_friction(make, level):
     """Neutral: whether the body rides on one plate or the other is undecided; the force and the label are not."""
     one = particle([-SPAN, SPAN], [-SPAN, SPAN])
     simulation = start(make, one, drag(), level=level)
-    course = follow(make, simulation, WAY)
-    assert set(course.labels[1:]) == {"sliding"}
-    assert course.force[-1] == pytest.approx(0.3, rel=1e-4)
+    run = follow(make, simulation, PATH)
+    assert set(run.labels[1:]) == {"sliding"}
+    assert run.force[-1] == pytest.approx(0.3, rel=1e-4)
     moved = simulation.state.bodies.position[0, 0] - PLACE[0]
-    assert -1e-8 < moved < WAY[-1] + 1e-8
+    assert -1e-8 < moved < PATH[-1] + 1e-8
 
 
 @pytest.mark.parametrize("change", [-1e-6, 0.0, 1e-6])
@@ -115,25 +115,25 @@ def test_exactly_at_t_max(make, level, change):
     """mu h = L: one lower spot is without load; the particle may slide or start to tip, at T/N = t_max."""
     mu = SPAN / HEIGHT * (1.0 + change)
     simulation = start(make, particle([0.0], [-SPAN, SPAN]), drag(), level=level, friction=mu)
-    course = follow(make, simulation, [2.5e-8, 5e-8])
-    assert set(course.labels) <= {"sliding", "rolling"}
+    run = follow(make, simulation, [2.5e-8, 5e-8])
+    assert set(run.labels) <= {"sliding", "rolling"}
     # once it tips, by phi = way/h = .0125 at most, the upper spot moves on by as much as phi h, against L = h/2
-    assert course.force[-1] == pytest.approx(mu, rel=0.025)
+    assert run.force[-1] == pytest.approx(mu, rel=0.025)
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_above_t_max_it_tips(make, level):
     simulation = start(make, particle([0.0], [-SPAN, SPAN]), drag(), level=level, friction=0.7)
-    course = follow(make, simulation, WAY[:5])
-    assert course.labels[-1] == "rolling"
-    assert course.force[-1] < 0.5
+    run = follow(make, simulation, PATH[:5])
+    assert run.labels[-1] == "rolling"
+    assert run.force[-1] < 0.5
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_without_friction_nothing_is_dragged(make, level):
     one = tripod(make)
     simulation = start(make, one, drag(), level=level, friction=0.0)
-    assert set(follow(make, simulation, WAY).labels) == {"sliding"}
+    assert set(follow(make, simulation, PATH).labels) == {"sliding"}
     assert np.all(simulation.state.slots.records.tangential_force == 0.0)
     assert simulation.state.A[run_totals.FRICTION_WORK] == 0.0
     assert np.all(simulation.state.B[0, [body.POSITION, body.POSITION + 1]] == PLACE)
@@ -145,10 +145,10 @@ def test_friction_without_bound(make, level, mu):
     """A flake as wide as high cannot slide at mu = 1e9: it tips or is dragged over, with finite forces."""
     body = tripod(make)
     simulation = start(make, body, drag(), level=level, friction=mu)
-    course = follow(make, simulation, WAY)
-    assert course.labels[-1] == "rolling" and "sliding" not in course.labels
+    run = follow(make, simulation, PATH)
+    assert run.labels[-1] == "rolling" and "sliding" not in run.labels
     # it pivots about the edge of two spots, at most span over height = 5/2 times the load
-    assert np.abs(course.force).max() < 2.5
+    assert np.abs(run.force).max() < 2.5
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -158,10 +158,10 @@ def test_nearly_flat_clump_with_many_spots(make, level):
     places = [(x, y) for x in range(-2, 3) for y in range(-2, 3) if abs(x) + abs(y) < 4]
     body = clump(make, *((2.5 * x, 2.5 * y, 0.0, 2.0 + 2e-4 * rng.random()) for x, y in places))
     simulation = start(make, body, drag(), level=level, load=LOAD)
-    course = follow(make, simulation, WAY)
-    assert course.labels[-1] == "sliding"
+    run = follow(make, simulation, PATH)
+    assert run.labels[-1] == "sliding"
     assert np.count_nonzero(make.touching(simulation)) > 20
-    assert course.force[-1] == pytest.approx(0.3, rel=1e-4)
+    assert run.force[-1] == pytest.approx(0.3, rel=1e-4)
 
 
 ROCKING = [(level, 5e-4, 4e-3 if level == "mindlin" else 1e-3) for level in LEVELS] + [("mindlin", 8e-6, 1e-3)]
@@ -176,8 +176,8 @@ def test_rocking_body_loses_and_finds_spots(make, level, tolerance, gained):
     """
     body = clump(make, (-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2))
     simulation = start(make, body, Motion(y=[ConstantVelocity(velocity=1e-3)]), level=level, friction=0.5, tolerance=tolerance)
-    course = follow(make, simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
-    assert len(course.contacts) > 2, "no spot came or went"
+    run = follow(make, simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
+    assert len(run.contacts) > 2, "no spot came or went"
     # the history of an open spot is forgotten
     open_spots = simulation.state.slots.histories.slip == 0.0
     assert np.all(simulation.state.slots.H[open_spots] == 0.0)
@@ -190,9 +190,9 @@ def test_loads_over_eight_decades(make, load):
     # a light load moves only a light patch and meets only a slow drag quasi-statically
     simulation = start(make, body, drag(1e-5), load=load)
     a = (0.75 * load * 2e-6 / 1.15e11) ** (1.0 / 3.0)
-    course = follow(make, simulation, np.arange(1, 6) * 20.0 * a, load=load)
-    assert course.labels[-1] == "sliding"
-    assert course.force[-1] == pytest.approx(0.3, rel=1e-3)
+    run = follow(make, simulation, np.arange(1, 6) * 20.0 * a, load=load)
+    assert run.labels[-1] == "sliding"
+    assert run.force[-1] == pytest.approx(0.3, rel=1e-3)
     assert simulation.integrator.summary()["steps"] < 2000
 
 
@@ -205,8 +205,8 @@ def test_reversals_of_a_stroke(make, level, shape):
     body = tripod(make)
     simulation = start(make, body, motion, level=level)
     stops = (np.arange(1, 121) / 40.0) / frequency
-    course = follow(make, simulation, stops, "time")
-    forces, labels = course.force, course.labels[80:]
+    run = follow(make, simulation, stops, "time")
+    forces, labels = run.force, run.labels[80:]
     assert np.abs(forces).max() == pytest.approx(0.3, rel=1e-3)
     assert forces[15] > 0.299 and forces[35] < -0.299
     # the second cycle repeats the first from its first turn on
@@ -220,9 +220,9 @@ def test_pause_leaves_a_body_sticking(make, level):
     motion = Motion(x=[Stroke(stroke=4e-7, frequency=10.0, cycles=0.25), Pause(pause=0.1)])
     body = tripod(make)
     simulation = start(make, body, motion, level=level, duration=0.1)
-    course = follow(make, simulation, [0.025, 0.05, 0.1], "time")
-    assert course.labels[1:] == ["sticking", "sticking"]
-    assert np.all(np.diff(course.work) < 1e-3 * course.work[0])
+    run = follow(make, simulation, [0.025, 0.05, 0.1], "time")
+    assert run.labels[1:] == ["sticking", "sticking"]
+    assert np.all(np.diff(run.work) < 1e-3 * run.work[0])
 
 
 def test_weight_and_drag_act_while_nothing_else_does(make):
@@ -230,7 +230,7 @@ def test_weight_and_drag_act_while_nothing_else_does(make):
     gravity = (0.0, 0.0, -0.1 * LOAD / 1e-13)
     one = particle([-SPAN, SPAN], [-SPAN, SPAN])
     simulation = start(make, one, drag(), effects=Effects(gravity=gravity))
-    assert follow(make, simulation, WAY).labels[-1] == "sliding"
+    assert follow(make, simulation, PATH).labels[-1] == "sliding"
     A = simulation.state.A
     assert abs(A[run_totals.LOWER_FORCE + 2] / A[run_totals.UPPER_FORCE + 2]) == pytest.approx(1.1, rel=1e-4)
     assert abs(A[run_totals.UPPER_FORCE] / A[run_totals.UPPER_FORCE + 2]) == pytest.approx(0.3, rel=1e-6)
@@ -245,4 +245,4 @@ def test_a_fast_drag_makes_no_energy(make, tolerance, gained):
     """
     motion = Motion(x=[Ramp(ramp=1.0, duration=5e-7), ConstantVelocity(velocity=1.0)])
     simulation = start(make, make.clump(make.LUMP), motion, restitution=0.3, tolerance=tolerance)
-    follow(make, simulation, 2.0 * WAY, gained=gained)
+    follow(make, simulation, 2.0 * PATH, gained=gained)

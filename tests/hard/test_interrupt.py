@@ -30,9 +30,9 @@ SECONDS = 15.0
 """Processor time from the signal to the end: a call of a second on all threads, a checkpoint, a summary, the end of Python."""
 
 
-def scene_of(bodies: int, way: str, level: str = "mindlin") -> thirdbody.Scene:
-    """Bodies between two outputs that lie `way` apart."""
-    keys = {"debris.0.count": str(bodies), "solver.distance": way, "output.every": way, "contact.level": level}
+def scene_of(bodies: int, path: str, level: str = "mindlin") -> thirdbody.Scene:
+    """Bodies between two outputs that lie `path` apart."""
+    keys = {"debris.0.count": str(bodies), "solver.distance": path, "output.every": path, "contact.level": level}
     return thirdbody.Scene.load(SCENE).with_settings(ALONE | keys)
 
 
@@ -52,9 +52,9 @@ def in_short_calls(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_bodies_that_wait_come_to_the_same_bits(tmp_path, monkeypatch, level):
     execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "whole")
     in_short_calls(monkeypatch)
-    looks = itertools.count()
-    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "often", stop=lambda: next(looks) < 0)
-    assert next(looks) > 20  # else the calls were not cut
+    guard = itertools.count()
+    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "often", stop=lambda: next(guard) < 0)
+    assert next(guard) > 20  # else the calls were not cut
     whole, often = contents(tmp_path / "whole"), contents(tmp_path / "often")
     assert [name for name in whole if whole[name] != often[name]] == []
 
@@ -62,9 +62,9 @@ def test_bodies_that_wait_come_to_the_same_bits(tmp_path, monkeypatch, level):
 def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     execute(prepare(scene_of(60, "2 um")), tmp_path / "whole")
     in_short_calls(monkeypatch)
-    simulation, looks = prepare(scene_of(60, "2 um")), itertools.count()
+    simulation, guard = prepare(scene_of(60, "2 um")), itertools.count()
     with pytest.raises(Interrupted, match=r"thirdbody\.resume\("):
-        execute(simulation, tmp_path / "cut", stop=lambda: next(looks) > 20)
+        execute(simulation, tmp_path / "cut", stop=lambda: next(guard) > 20)
     times = simulation.integrator.totals[:, run_totals.TIME]
     assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
     monkeypatch.setattr(implicit, "CALL", math.inf)
@@ -91,12 +91,12 @@ def test_a_batch_of_many_bodies_hears_a_signal(tmp_path, number, code):
     while child.poll() is None and processor_seconds(child.pid) < started + 2.0:  # past settling, into the drag
         time.sleep(0.05)
     first = (folder / FILE).read_bytes()
-    asked = processor_seconds(child.pid)
+    requested = processor_seconds(child.pid)
     child.send_signal(number)
-    told = child.communicate(timeout=PATIENCE)[1]
-    assert child.returncode == code, told
-    assert children_seconds() - before - asked < SECONDS
-    *warnings, last = told.splitlines()
+    report = child.communicate(timeout=PATIENCE)[1]
+    assert child.returncode == code, report
+    assert children_seconds() - before - requested < SECONDS
+    *warnings, last = report.splitlines()
     assert "thirdbody resume" in last and all(line.startswith("warning: ") for line in warnings)
     assert (folder / FILE).read_bytes() != first  # one was written where it stopped
     prepare_resume(folder)

@@ -58,15 +58,15 @@ def killed_at_random(folder: Path, settings: dict[str, str], rng: random.Random)
         child.wait(rng.uniform(0.0, 5.0))
     except subprocess.TimeoutExpired:
         child.send_signal(signal.SIGKILL)
-    return told(child)
+    return report(child)
 
 
 def killed_between(folder: Path, settings: dict[str, str], rng: random.Random) -> int:
     """One process that dies between two calls which touch the disk; what it returned."""
-    return told(start(folder, settings, rng.randint(1, 400)))
+    return report(start(folder, settings, rng.randint(1, 400)))
 
 
-def told(child: subprocess.Popen) -> int:
+def report(child: subprocess.Popen) -> int:
     message = child.communicate()[1].decode()
     assert child.returncode in (0, -signal.SIGKILL), message
     return child.returncode
@@ -88,13 +88,13 @@ def opens(folder: Path) -> None:
 def survives(tmp_path: Path, integrator: str, kill, kills: int) -> None:
     settings, rng = CASES[integrator], random.Random(f"{integrator} {kill.__name__}")
     whole = tmp_path / "whole"
-    assert told(start(whole, settings)) == 0
+    assert report(start(whole, settings)) == 0
     wanted, done, round_ = arrays(whole), 0, 0
     while done < kills:
         folder, code = tmp_path / f"cut{round_}", -1
         round_ += 1
         while code != 0:
-            code = kill(folder, settings, rng) if done < kills else told(start(folder, settings))
+            code = kill(folder, settings, rng) if done < kills else report(start(folder, settings))
             done += code != 0
             if folder.exists():
                 opens(folder)

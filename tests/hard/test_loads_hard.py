@@ -86,6 +86,6 @@ def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change(make):
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
-def test_without_load_and_inertia_nothing_tells_where_a_body_is(make):
+def test_without_load_and_inertia_nothing_reports_where_a_body_is(make):
     with pytest.raises(InputError, match="inertia: false needs a load at all times"):
         start(make, "load_per_particle", "implicit", inertia=False)

@@ -15,7 +15,7 @@ from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 SCENES = Path(__file__).parents[2] / "scenes"
-LOOKS = 20
+CHECKS = 20
 
 
 def drift(simulation: Simulation, steps: int) -> tuple[float, float, float]:
@@ -28,8 +28,8 @@ def drift(simulation: Simulation, steps: int) -> tuple[float, float, float]:
     mass = float(state.bodies.mass.sum())
     worst = np.zeros(3)
     exchanged, before = 0.0, np.zeros(6)
-    for look in range(1, LOOKS + 1):
-        while state.A[run_totals.STEPS] < steps * look / LOOKS:
+    for check_number in range(1, CHECKS + 1):
+        while state.A[run_totals.STEPS] < steps * check_number / CHECKS:
             simulation.integrator.advance_to(time=state.time + 500.0 * state.dt, watch=lambda: ledger.watch(state))
         given = state.A[run_totals.UPPER_IMPULSE : run_totals.UPPER_IMPULSE + 6].copy()
         exchanged += float(np.abs(given - before).sum())

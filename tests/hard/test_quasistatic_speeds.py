@@ -64,8 +64,8 @@ def friction(run):
 
 def reported(run):
     """Whether the run says that something is wrong."""
-    told = run.summary()
-    return bool(told.get("energy_verdict") or list(ending_warnings(told)))
+    report = run.summary()
+    return bool(report.get("energy_verdict") or list(ending_warnings(report)))
 
 
 @pytest.mark.parametrize("speed", SPEEDS)

@@ -80,16 +80,16 @@ def signalled(folder: Path, integrator: str, every: str, rng: random.Random) -> 
         child.wait(rng.uniform(0.0, 3.0))
     except subprocess.TimeoutExpired:
         pass
-    asked, clock = processor_seconds(child.pid) if child.poll() is None else 0.0, time.perf_counter()
+    requested, clock = processor_seconds(child.pid) if child.poll() is None else 0.0, time.perf_counter()
     if child.poll() is None:
         child.send_signal(number)
-    told = child.communicate(timeout=PATIENCE)[1]
-    wall, busy = time.perf_counter() - clock, used() - before - asked
+    report = child.communicate(timeout=PATIENCE)[1]
+    wall, busy = time.perf_counter() - clock, used() - before - requested
     if child.returncode == 0 or finished(folder):  # it came with the last step, or as Python ended
         return None
-    assert "Traceback" not in told
-    assert child.returncode == CODES[number], (child.returncode, told)
-    assert "thirdbody resume" in told.splitlines()[-1]
+    assert "Traceback" not in report
+    assert child.returncode == CODES[number], (child.returncode, report)
+    assert "thirdbody resume" in report.splitlines()[-1]
     prepare_resume(folder)
     return min(wall, busy)
 

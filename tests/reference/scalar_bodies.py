@@ -27,7 +27,7 @@ ANGULAR_MOMENTUM, REACH, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
 )
 """Columns of E: a row of a body is that of B, and behind it that of E."""
 
-LEAST_SPEED, LEAST_SPIN, LEAST_MOMENTUM = 1e-60, 1e-60, 1e-90
+MIN_SPEED, MIN_SPIN, MIN_MOMENTUM = 1e-60, 1e-60, 1e-90
 """m/s, rad/s and kg m2/s: what moves more slowly at the end of a step rests."""
 
 
@@ -134,8 +134,8 @@ def place(row: list[float], offset: Vector, B: list[float], v: Vector, w: Vector
     """Put a sphere where its body is: v, w of the step act at its arm of h seconds ago, those of the `end` at that of now."""
     turn = rows_of(quaternion(B))
     arm = dot(turn[0], offset), dot(turn[1], offset), dot(turn[2], offset)
-    way = cross(w, arm)
-    middle = arm[0] - h * way[0], arm[1] - h * way[1], arm[2] - h * way[2]
+    path = cross(w, arm)
+    middle = arm[0] - h * path[0], arm[1] - h * path[1], arm[2] - h * path[2]
     row[sphere.POSITION3] = added(three(B, body.POSITION), arm)
     row[sphere.MID_VELOCITY3] = carried(v, w, middle)
     row[sphere.MID_SPIN3] = w
@@ -215,12 +215,10 @@ def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
     """Closing half kick of a body."""
     half = 0.5 * dt
     inertia, turn, least = (
-        (B[body.SPHERE_INERTIA], body.SPIN, LEAST_SPIN)
-        if B[body.SPHERE_INERTIA] != 0.0
-        else (1.0, ANGULAR_MOMENTUM, LEAST_MOMENTUM)
+        (B[body.SPHERE_INERTIA], body.SPIN, MIN_SPIN) if B[body.SPHERE_INERTIA] != 0.0 else (1.0, ANGULAR_MOMENTUM, MIN_MOMENTUM)
     )
     for column, push, share, limit in (
-        (body.VELOCITY, force, half / B[body.MASS], LEAST_SPEED),
+        (body.VELOCITY, force, half / B[body.MASS], MIN_SPEED),
         (turn, torque, half / inertia, least),
     ):
         for k in range(3):

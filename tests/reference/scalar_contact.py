@@ -99,7 +99,7 @@ def with_plate(a: list[float], partner: int, world: Surroundings) -> Frame:
 
 def with_sphere(a: list[float], b: list[float], world: Surroundings) -> Frame:
     """Two spheres. The slip of a step belongs to its middle, hence the second normal."""
-    way, r_i, r_j, m_i, m_j = between(a, b, world), a[sphere.RADIUS], b[sphere.RADIUS], a[sphere.MASS], b[sphere.MASS]
+    path, r_i, r_j, m_i, m_j = between(a, b, world), a[sphere.RADIUS], b[sphere.RADIUS], a[sphere.MASS], b[sphere.MASS]
 
     def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:
         w_i, w_j = three(a, spin), three(b, spin)
@@ -107,14 +107,14 @@ def with_sphere(a: list[float], b: list[float], world: Surroundings) -> Frame:
         return added(three(a, velocity), three(b, velocity), -1.0), added(w_i, w_j), rolled
 
     moved = motion(sphere.MID_VELOCITY, sphere.MID_SPIN)
-    distance = math.sqrt(dot(way, way))
+    distance = math.sqrt(dot(path, path))
     inverse, reach = 1.0 / max(distance, 1e-300), r_i + r_j
     overlap = reach - distance
     half = 0.5 * world.dt
-    past = way[0] - half * moved[0][0], way[1] - half * moved[0][1], way[2] - half * moved[0][2]
+    past = path[0] - half * moved[0][0], path[1] - half * moved[0][1], path[2] - half * moved[0][2]
     back = 1.0 / max(math.sqrt(dot(past, past)), 1e-300)
     return Frame(
-        overlap, scaled(way, inverse), scaled(past, back), (r_i - 0.5 * overlap, r_j - 0.5 * overlap), r_i * r_j / reach,
+        overlap, scaled(path, inverse), scaled(past, back), (r_i - 0.5 * overlap, r_j - 0.5 * overlap), r_i * r_j / reach,
         m_i * m_j / (m_i + m_j), moved, motion(sphere.END_VELOCITY, sphere.END_SPIN),
     )  # fmt: skip
 
@@ -195,7 +195,7 @@ class Done:
     damped: float = 0.0  # energy that the dashpots took, J
 
 
-def asked(
+def requested(
     S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
 ) -> tuple[Frame, Contact, Turn]:
     """What a contact tells its laws."""
@@ -204,21 +204,21 @@ def asked(
     n, e, d = frame.n, frame.e, frame.d
     slip, end = slipping(frame, frame.moved, frame.middle), slipping(frame, frame.moves, n)
     turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), (0.0, 0.0))
-    told = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
+    report = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
                    dot(end, e), dot(end, d), *(roll if laws.rolls else (0.0, 0.0)))  # fmt: skip
-    return frame, told, turn
+    return frame, report, turn
 
 
 def interact(
     S: list[list[float]], i: int, j: int, kind: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
 ) -> Done:
     """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
-    frame, told, turn = asked(S, i, j, memory, laws, turns, world)
+    frame, report, turn = requested(S, i, j, memory, laws, turns, world)
     n, e, d = frame.n, frame.e, frame.d
     old, stored, viscous = laws.split(memory)
-    answer = laws.ask(told, turn, kind, old)
+    answer = laws.request(report, turn, kind, old)
     if laws.force is not None:
-        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, told, turn)
+        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, report, turn)
         answer.work += taken - answer.lost
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
@@ -228,8 +228,8 @@ def interact(
         torque, back = added(torque, moment), added(back, moment, -1.0)
     memory[contact_state.AXIS3] = e
     memory[contact_state.SLIP] = max(memory[contact_state.SLIP] + answer.slip, contact_state.CLOSED)
-    memory[contact_state.LAW : contact_state.LAW + laws.kept + laws.dashpots] = laws.joined(answer)
-    damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), told, turn)
+    memory[contact_state.LAW : contact_state.LAW + laws.retained + laws.dashpots] = laws.joined(answer)
+    damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), report, turn)
     return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer, damped)
 
 
@@ -251,10 +251,10 @@ def let_go(
 ) -> tuple[float, float]:
     """Wipe the memory of a contact that has opened; the energy that friction and that its dashpots took, J."""
     old, lost, viscous = laws.split(memory)
-    frame, told, turn = asked(S, i, j, memory, laws, turns, world)
+    frame, report, turn = requested(S, i, j, memory, laws, turns, world)
     if laws.force is not None:
-        lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), told, turn)
-    damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), told, turn)
+        lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), report, turn)
+    damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), report, turn)
     memory[:] = [0.0] * len(memory)
     return lost, damped
 

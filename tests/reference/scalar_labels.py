@@ -14,7 +14,7 @@ FAR = 67108864.0
 """2^26: spheres that a name of a contact can tell apart."""
 
 
-def look(reference: Any, v: tuple[float, float]) -> None:
+def update_labels(reference: Any, v: tuple[float, float]) -> None:
     """Let the labeller observe all bodies of a reference; `v` is the mean velocity of the upper plate."""
     behind = reference.columns - 2 * reference.physics.contact_memory
     speed = (v[0] * v[0] + v[1] * v[1]) ** 0.5

@@ -62,38 +62,40 @@ class Laws:
         self.many = len(names)
         # the energy of the springs: a law's own number, or one behind those of the laws
         self.stored = names.index("energy") if springs == 1 and "energy" in names else self.many
-        self.kept = self.many + int(springs > 0 and self.stored == self.many)
+        self.retained = self.many + int(springs > 0 and self.stored == self.many)
         self.dashpots = 2 if self.turns else 1 if "damping" in stages or "tangential_damping" in stages else 0
         self.force = names.index("force_x") if "force_x" in names else None
         self.moment = names.index("moment_x") if "moment_x" in names else None
 
     def split(self, row: list[float]) -> tuple[list[float], float, list[float]]:
         """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
-        history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.kept
-        stored = row[contact_state.LAW + self.stored] if self.stored < self.kept else 0.0
+        history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.retained
+        stored = row[contact_state.LAW + self.stored] if self.stored < self.retained else 0.0
         viscous = [force for one in row[behind : behind + self.dashpots] for force in unpack_triple(one)]
         return history, stored, (viscous + [0.0] * 5)[:5]
 
     def joined(self, answer: Answer) -> list[float]:
         """What a row of H remembers of an answer."""
         viscous = (pack_triple(answer.viscous[:3]), pack_triple([*answer.viscous[3:], 0.0]))[: self.dashpots]
-        return [*answer.memory, *[answer.stored_t][: self.kept - self.many], *viscous]
+        return [*answer.memory, *[answer.stored_t][: self.retained - self.many], *viscous]
 
-    def friction_takes(self, stored: float, after: float, old: list[float], new: list[float], told: Contact, turn: Turn) -> float:
+    def friction_takes(
+        self, stored: float, after: float, old: list[float], new: list[float], message: Contact, turn: Turn
+    ) -> float:
         """What the mean of the forces at both ends of a step does beyond what the springs store more than before, J."""
-        moved = [(self.force, told.slip_x, told.slip_y), (self.moment, turn.x, turn.y)]
+        moved = [(self.force, message.slip_x, message.slip_y), (self.moment, turn.x, turn.y)]
         for at_force, x, y in moved:
             if at_force is not None:
                 stored -= 0.5 * ((old[at_force] + new[at_force]) * x + (old[at_force + 1] + new[at_force + 1]) * y)
         return max(stored - after, 0.0)
 
-    def dashpots_take(self, old: list[float], new: list[float], apart: float, told: Contact, turn: Turn) -> float:
+    def dashpots_take(self, old: list[float], new: list[float], apart: float, message: Contact, turn: Turn) -> float:
         """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
         turn, J."""
-        moved = (apart, told.slip_x, told.slip_y, turn.x, turn.y)
+        moved = (apart, message.slip_x, message.slip_y, turn.x, turn.y)
         return max(-0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False)), 0.0)
 
-    def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
+    def request(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""
         at_law, at_memory, row = 0, 0, self.pairs[kind * self.width : (kind + 1) * self.width]
         called: dict[str, Any] = {}
@@ -115,7 +117,7 @@ class Laws:
                 "tangential_damping": (contact, load),
                 "rolling": (contact, turn, load),
             }[law.stage]
-            answer, after = ask(law, seen, p, before)
+            answer, after = forecast_of(law, seen, p, before)
             new += after
             called[law.stage] = answer
             if law.stage == "normal":
@@ -144,7 +146,7 @@ def unpack_triple(one: float) -> list[float]:
     return [math.ldexp(field - (field >> 16 << 17), power - 15) for field in fields]
 
 
-def ask(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[Any, list[float]]:
+def forecast_of(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[Any, list[float]]:
     """The answer of one law and its new memory."""
     kernel, count = plain(law.kernel), len(law.history)
     if not before:

@@ -30,7 +30,7 @@ from scalar_bodies import (
     three,
 )
 from scalar_contact import Done, Surroundings, interact, let_go, touches, write_record
-from scalar_labels import look
+from scalar_labels import update_labels
 from scalar_laws import Effects, Laws
 from scalar_plates import Patches, Plan
 
@@ -129,7 +129,7 @@ class Reference:
         self.patches.press(self.B, spent.upper[2])
         self.account(spent, self.total(powers), self.patches.kick(dt), v, dt)
         if sampled:
-            look(self, v)
+            update_labels(self, v)
             self.A[run_totals.ELAPSED], self.A[run_totals.SHIFT_X], self.A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
     def contacts(self, world: Surroundings) -> Sums:

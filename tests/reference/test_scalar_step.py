@@ -55,7 +55,7 @@ TOLERANCE, OF_FORCES = 1e-13, 1e-11
 terms is rounded by 1e-15, whatever its order. A position of 60 um is rounded by 7e-21 m, which is 5e-13 of a usual overlap, and
 so of forces, and happens a few times in a short run; see `test_sums_in_another_order_agree`."""
 
-OF_REMEMBERED = 2.0**-15
+OF_HISTORY = 2.0**-15
 """Of forces of dashpots, as far as they are remembered: to one of two neighbours, whichever the rounding chooses. So the energy
 that they take is only known to half of that."""
 
@@ -181,9 +181,9 @@ def scales(name: str, table: np.ndarray) -> np.ndarray:
 
 def tolerances(name: str, table: np.ndarray) -> np.ndarray:
     """How far a number in every column of a table may be off."""
-    relative = np.full(table.shape[-1], OF_REMEMBERED if name == "D" else OF_FORCES)
+    relative = np.full(table.shape[-1], OF_HISTORY if name == "D" else OF_FORCES)
     if name == "A":
-        relative[run_totals.DAMPING_WORK] = 0.5 * OF_REMEMBERED
+        relative[run_totals.DAMPING_WORK] = 0.5 * OF_HISTORY
     relative[[column for column in MOTION.get(name, ()) if column < len(relative)]] = TOLERANCE
     return relative * scales(name, table)
 
@@ -275,10 +275,10 @@ def test_two_threads_have_the_bits_of_one(name, two_threads):
     assert differing_bits(engine_alone(name), both(name).engine) == set()
 
 
-def test_threads_may_change_on_the_way(two_threads, monkeypatch):
+def test_threads_may_change_during_a_run(two_threads, monkeypatch):
     """As they do where others use the cores."""
     turns = itertools.cycle((2, 1))
-    monkeypatch.setattr(thread_tuner.Pace, "threads", lambda *_: next(turns))
+    monkeypatch.setattr(thread_tuner.ThreadTuner, "threads", lambda *_: next(turns))
     assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 
@@ -331,10 +331,10 @@ def test_the_scenes_are_hard_enough():
     assert all(found.reference.closed > 0 for found in (layer, crowd, springs))
     assert len(layer.engine["R"]) > 2 * TILE
     for found in (layer, swarm):  # contacts between bodies of two groups
-        hosts, guests = pairs_of_groups(found)
-        assert np.count_nonzero(hosts != guests) > 10
+        hosts, remote = pairs_of_groups(found)
+        assert np.count_nonzero(hosts != remote) > 10
     assert layer.simulation.state.S is layer.simulation.state.B and swarm.simulation.state.S is not swarm.simulation.state.B
-    assert set(zip(hosts, guests, strict=True)) >= {(0, 1), (1, 2), (2, 3)}
+    assert set(zip(hosts, remote, strict=True)) >= {(0, 1), (1, 2), (2, 3)}
     assert (
         swarm.simulation.state.n_bodies > 3 * GROUP * BODIES > step_loop.FEW * GROUP * BODIES
     )  # fewer are not shared out to threads

@@ -20,7 +20,7 @@ from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.simulate import prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
-WAY, STOPS = 20e-6, 20
+PATH, STOPS = 20e-6, 20
 NUDGE = 1e-9
 """Of the particle's size, and of a radian."""
 
@@ -53,7 +53,7 @@ def story(integrator: str, nudge: float = 0.0) -> Story:
         refresh_spheres(state)
     built.integrator.advance_to(time=built.settle)
     started, labels, friction, centres = time.perf_counter(), [], [], []
-    for stop in np.arange(1, STOPS + 1) * WAY / STOPS:
+    for stop in np.arange(1, STOPS + 1) * PATH / STOPS:
         before = state.A.copy()
         built.integrator.advance_to(distance=float(stop))
         push = (state.A - before)[run_totals.UPPER_IMPULSE3]
@@ -72,7 +72,7 @@ def agreement(a: Story, b: Story) -> tuple[float, float, float]:
     """Share of equal labels at the end; difference of the mean friction over its value; of the mean place over the way."""
     labels = float(np.mean(a.labels[-1] == b.labels[-1]))
     friction = abs(b.friction.mean() / a.friction.mean() - 1.0)
-    place = float(np.linalg.norm((b.centres[-1] - a.centres[-1]).mean(axis=0))) / WAY
+    place = float(np.linalg.norm((b.centres[-1] - a.centres[-1]).mean(axis=0))) / PATH
     return labels, friction, place
 
 
@@ -94,11 +94,11 @@ def test_the_explicit_run_is_not_chaotic(stories):
 
 def main() -> None:
     """Print the table."""
-    told = {"explicit": story("explicit"), "nudged": story("explicit", NUDGE), "implicit": story("implicit")}
+    report = {"explicit": story("explicit"), "nudged": story("explicit", NUDGE), "implicit": story("implicit")}
     for name in ("nudged", "implicit"):
-        labels, friction, place = agreement(told["explicit"], told[name])
+        labels, friction, place = agreement(report["explicit"], report[name])
         line = f"{name}: labels {100 * labels:.2f} %, friction {100 * friction:.3f} %, mean place {100 * place:.3f} % of the way"
-        print(f"{line}; {told['explicit'].seconds:.1f} s against {told[name].seconds:.1f} s")
+        print(f"{line}; {report['explicit'].seconds:.1f} s against {report[name].seconds:.1f} s")
 
 
 if __name__ == "__main__":

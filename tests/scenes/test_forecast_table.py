@@ -93,23 +93,23 @@ def table(request, tmp_path_factory):
         bodies = run.bodies(found["frame"])
         clear = ~doubtful(bodies, friction)
         wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
-        told = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
-        row = {"friction": friction, "forecast": told, "agree": told - len(wrong), "wrong": wrong}
+        report = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
+        row = {"friction": friction, "forecast": report, "agree": report - len(wrong), "wrong": wrong}
         rows.append(row | {"changes": float(changes(run, found["frame"]).mean())})
         rows[-1] |= {"slides": len(found["slides_as_forecast"]), "residual": run.summary()["energy_residual"]}
         drawn = forecasts(run)  # the picture counts as the table does
-        rows[-1]["drawn"] = (int(drawn.clear.sum()), drawn.body[drawn.clear & ~drawn.as_told].tolist())
+        rows[-1]["drawn"] = (int(drawn.clear.sum()), drawn.body[drawn.clear & ~drawn.correct].tolist())
         print(json.dumps(rows[-1]))
     return rows
 
 
 @pytest.mark.slow
 def test_forecast_and_fact_agree(table):
-    told, agree = sum(row["forecast"] for row in table), sum(row["agree"] for row in table)
-    assert told > 900
-    assert agree >= 0.98 * told, f"{agree} of {told}"
+    report, agree = sum(row["forecast"] for row in table), sum(row["agree"] for row in table)
+    assert report > 900
+    assert agree >= 0.98 * report, f"{agree} of {report}"
     # both answers occur
-    assert 50 < sum(row["slides"] for row in table) < told - 50
+    assert 50 < sum(row["slides"] for row in table) < report - 50
 
 
 @pytest.mark.slow
@@ -126,8 +126,8 @@ def test_the_ledgers_close(table):
 @pytest.mark.slow
 def test_the_picture_shows_what_the_table_counts(table):
     for row in table:
-        told, wrong = row["drawn"]
-        assert (told, wrong) == (row["forecast"], sorted(row["wrong"]))
+        report, wrong = row["drawn"]
+        assert (report, wrong) == (row["forecast"], sorted(row["wrong"]))
 
 
 def main() -> None:

@@ -60,11 +60,11 @@ def differences(one: Path, other: Path) -> list[str]:
     return [name for name in first if first[name] != second.get(name)]
 
 
-def run_in_pieces(wanted: thirdbody.Scene, folder: Path, looks: int) -> int:
+def run_in_pieces(wanted: thirdbody.Scene, folder: Path, guard: int) -> int:
     """Stop a run at the so-manieth question, take it up, stop it after three times as many, and so on; returns how often."""
     simulation, kept, pieces = prepare(wanted), None, 0
     while True:
-        counter, last = itertools.count(1), looks * 3**pieces
+        counter, last = itertools.count(1), guard * 3**pieces
         try:
             execute(simulation, folder, threads=1 + pieces % 2, checkpoint=kept, stop=lambda: next(counter) >= last)  # noqa: B023
             return pieces
@@ -73,11 +73,11 @@ def run_in_pieces(wanted: thirdbody.Scene, folder: Path, looks: int) -> int:
             simulation, kept = prepare_resume(folder)
 
 
-@pytest.mark.parametrize("every, looks", [("10 nm", 5), ("4 nm", 6), ("0.3 nm", 30), ("10 pm", 1000)])
-def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, looks):
+@pytest.mark.parametrize("every, guard", [("10 nm", 5), ("4 nm", 6), ("0.3 nm", 30), ("10 pm", 1000)])
+def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, guard):
     wanted = scene(output_every=every, solver_distance="20 nm")
     execute(prepare(wanted), tmp_path / "whole")
-    assert run_in_pieces(wanted, tmp_path / "cut", looks) >= 2
+    assert run_in_pieces(wanted, tmp_path / "cut", guard) >= 2
     assert differences(tmp_path / "whole", tmp_path / "cut") == []
 
 
@@ -100,9 +100,9 @@ def test_calls_of_one_step_come_to_the_same_bits(tmp_path, monkeypatch):
     """As many steps as take a second are made in one compiled call, which may be one: a large scene hears a signal too."""
     execute(prepare(scene()), tmp_path / "long")
     monkeypatch.setattr(explicit, "CALL", 0.0)
-    looks = itertools.count()
-    execute(prepare(scene()), tmp_path / "short", stop=lambda: next(looks) < 0)
-    assert next(looks) > 150
+    guard = itertools.count()
+    execute(prepare(scene()), tmp_path / "short", stop=lambda: next(guard) < 0)
+    assert next(guard) > 150
     assert differences(tmp_path / "long", tmp_path / "short") == []
 
 
@@ -122,23 +122,23 @@ def test_an_interval_below_a_step_writes_one_frame_after_every_step(tmp_path, se
 def test_check_prices_frames_as_the_run_has_them(tmp_path):
     """A frame of a few bodies takes far longer than the step before it, on any machine."""
     wanted = scene(output_every="10 pm", solver_distance="20 nm")
-    told = thirdbody.check(wanted)
-    assert told["estimated_wall_time"] == told["estimated_step_time"] + told["estimated_frame_time"]
-    assert told["estimated_frame_time"] > 10.0 * told["estimated_step_time"]
-    assert "they take" in str(told)
+    report = thirdbody.check(wanted)
+    assert report["estimated_wall_time"] == report["estimated_step_time"] + report["estimated_frame_time"]
+    assert report["estimated_frame_time"] > 10.0 * report["estimated_step_time"]
+    assert "they take" in str(report)
     with thirdbody.run(wanted, tmp_path / "run", progress=False) as run:
         # the time step follows the contacts, and changes on the way
-        assert told["frames"] == pytest.approx(run.frames, rel=0.2)
+        assert report["frames"] == pytest.approx(run.frames, rel=0.2)
         # contacts of a body are taken to be three; here they are two
-        assert told["disk"] == pytest.approx((tmp_path / "run" / "run.vtkhdf").stat().st_size, rel=0.2)
+        assert report["disk"] == pytest.approx((tmp_path / "run" / "run.vtkhdf").stat().st_size, rel=0.2)
 
 
 def test_check_says_that_it_could_write_no_frame(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
-    told = thirdbody.check(scene())
-    assert told["estimated_wall_time"] == told["estimated_step_time"] > 0.0
-    assert [text for text in told["warnings"] if text.startswith("the time of frames is not in the estimate")]
-    assert "they take" not in str(told)
+    report = thirdbody.check(scene())
+    assert report["estimated_wall_time"] == report["estimated_step_time"] > 0.0
+    assert [text for text in report["warnings"] if text.startswith("the time of frames is not in the estimate")]
+    assert "they take" not in str(report)
 
 
 def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
@@ -149,12 +149,12 @@ def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
     with pytest.raises(Interrupted):
         execute(prepare(wanted), cut, stop=lambda: next(counter) > 100)
     before = {path.name: path.read_bytes() for path in cut.iterdir()}
-    for looks in (1, 15):  # while frames are read, while they are copied
+    for guard in (1, 15):  # while frames are read, while they are copied
         simulation, kept = prepare_resume(cut)
         assert kept.frames > 8
         counter = itertools.count(1)
         with pytest.raises(Interrupted, match="before it went on") as stopped:
-            execute(simulation, cut, checkpoint=kept, stop=lambda: next(counter) >= looks)  # noqa: B023
+            execute(simulation, cut, checkpoint=kept, stop=lambda: next(counter) >= guard)  # noqa: B023
         assert not stopped.value.advanced
         assert {path.name: path.read_bytes() for path in cut.iterdir()} == before
     simulation, kept = prepare_resume(cut)

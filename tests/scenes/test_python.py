@@ -72,7 +72,7 @@ def test_check_is_what_the_command_prints_warnings_first(monkeypatch, capsys, tm
     assert callable(thirdbody.check), "the module of the function may not take its name"
 
 
-def test_what_exists_is_told_in_the_words_of_python(run):
+def test_what_exists_is_reported_in_the_words_of_python(run):
     folder = run.path.parent
     with pytest.raises(OutputError, match=r"overwrite=True replaces it, out=\.\.\. names another folder") as refused:
         thirdbody.run(BALLS, folder)

@@ -179,7 +179,7 @@ def test_resume_reads_what_it_wrote_though_the_interrupted_run_is_still_open(tmp
         assert old.bodies(1)["position"].shape == (4, 3)  # read from the file only now
 
 
-def test_no_run_and_no_checkpoint_are_told(tmp_path):
+def test_no_run_and_no_checkpoint_are_reported(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         prepare_resume(tmp_path / "none")
     with pytest.raises(InputError, match="no checkpoint"):

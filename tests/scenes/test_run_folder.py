@@ -188,11 +188,11 @@ def test_the_old_run_stays_until_the_new_one_has_a_frame(old, monkeypatch, error
         raise error
 
     monkeypatch.setattr(TrajectoryWriter, "append", fail)
-    with pytest.raises(type(error)) as told:
+    with pytest.raises(type(error)) as report:
         start(old, overwrite=True)
     assert seen == [before] and contents(old) == before and not (old / REPLACEMENT).exists()
     if isinstance(error, OutputError):
-        assert str(told.value) == "the disk is full; the run that is there stays as it is"
+        assert str(report.value) == "the disk is full; the run that is there stays as it is"
 
 
 def test_a_new_run_that_stops_after_its_first_frame_has_replaced_the_old_one(old):
@@ -206,9 +206,9 @@ def test_a_checkpoint_that_cannot_be_written_names_the_folder_of_the_run(old, mo
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("thirdbody.runner.checkpoint.np.savez", full)
-    with pytest.raises(OutputError) as told:
+    with pytest.raises(OutputError) as report:
         start(old, overwrite=True)
-    assert str(told.value).startswith(f"{old / CHECKPOINT}: cannot be written") and REPLACEMENT not in str(told.value)
+    assert str(report.value).startswith(f"{old / CHECKPOINT}: cannot be written") and REPLACEMENT not in str(report.value)
     assert title_of(old) == "old"
 
 
@@ -251,9 +251,9 @@ def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every
                 shutil.rmtree(moved)
                 moved.mkdir()
 
-    with pytest.raises(OutputError, match="run: the folder was moved or removed while the run wrote into it") as told:
+    with pytest.raises(OutputError, match="run: the folder was moved or removed while the run wrote into it") as report:
         execute(prepare(scene("new")), folder, 1, rename, times=WallTimes(every))
-    assert told.value.exit_code == 5 and "\n" not in str(told.value)
+    assert report.value.exit_code == 5 and "\n" not in str(report.value)
     if then == "another run":
         assert contents(folder) == contents(finished)
     else:
@@ -365,9 +365,9 @@ def test_a_link_in_a_folder_that_is_resumed_is_refused(cut, tmp_path, name):
         victim.write_bytes(b"mine")
     (cut / name).symlink_to(victim)
     before = victim.read_bytes()
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as report:
         prepare_resume(cut)
-    assert str(told.value) == f"{cut / name}: {LINK}"
+    assert str(report.value) == f"{cut / name}: {LINK}"
     assert victim.read_bytes() == before and (cut / name).is_symlink()
 
 
@@ -403,7 +403,7 @@ def test_all_links_are_named_at_once(cut, tmp_path):
         (cut / name).symlink_to(tmp_path / "victim")
     (cut / "run.clumps.vtkhdf").unlink()
     (cut / "run.clumps.vtkhdf").mkdir()
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as report:
         prepare_resume(cut)
-    assert len(told.value.faults) == 3 and "run.clumps.vtkhdf: is a folder" in str(told.value)
+    assert len(report.value.faults) == 3 and "run.clumps.vtkhdf: is a folder" in str(report.value)
     assert not (tmp_path / "victim").exists()

@@ -29,11 +29,11 @@ LOAD = 0.2
 SPEED = 0.1
 """Of the upper plate, m/s."""
 
-WAY = 0.6
+PATH = 0.6
 """Way of the upper plate, um: a contact radius is 95 nm, so that a window of four of them has closed before the last frame."""
 
 Body = tuple[str, list[tuple[float, float, float, float]], tuple[float, float, float]]
-Told = tuple[str, str, int]
+Reported = tuple[str, str, int]
 """State, reason, sliding side."""
 
 HEXAGON = [(0.0, 0.0, 0.0, R)] + [
@@ -52,9 +52,9 @@ class Stack:
 
     bodies: list[Body]
     slippery: list[tuple[str, str]]
-    told: list[Told]
+    reported: list[Reported]
     push: float = 0.0
-    way: float = WAY
+    path: float = PATH
     intervals: int = 6
 
 
@@ -105,8 +105,8 @@ def text(stack: Stack, view: View) -> str:
         + f'[domain]\nsize = ["{pitch * view.copies[0]} {view.unit}", "{pitch * view.copies[1]} {view.unit}"]\n'
         + f'[plates.lower]\nmaterial = "base"\n[plates.upper]\nmaterial = "lid"\nload = "{LOAD * copies * scale**2} mN"\n'
         + f'motion = {{x = {{velocity = "{sign * SPEED} m/s"}}}}\n{push}'
-        + f'[solver]\ndistance = "{stack.way} {view.unit}"\nsettle = "{5.0 * scale} us"\n'
-        + f'[output]\nevery = "{stack.way / stack.intervals} {view.unit}"\n'
+        + f'[solver]\ndistance = "{stack.path} {view.unit}"\nsettle = "{5.0 * scale} us"\n'
+        + f'[output]\nevery = "{stack.path / stack.intervals} {view.unit}"\n'
     )
 
 
@@ -114,7 +114,7 @@ def text(stack: Stack, view: View) -> str:
 class Seen:
     """Frame by frame: labels of the copies of each body and arrays of the bodies, both in the stack's order; contacts; times."""
 
-    told: list[list[list[Told]]]
+    reported: list[list[list[Reported]]]
     bodies: list[dict[str, np.ndarray]]
     contacts: list[dict[str, np.ndarray]]
     times: np.ndarray
@@ -132,16 +132,16 @@ def watch(stack: Stack, folder: Path, view: View | None = None) -> Seen:
             arrays = run.bodies(f)
             codes = zip(run.states[f], run.reasons[f], arrays["sliding_side"], strict=True)
             label = [(run.state_names[s], run.reason_names[r], int(side)) for s, r, side in codes]
-            seen.told.append([[label[b] for b in row] for row in rows])
+            seen.reported.append([[label[b] for b in row] for row in rows])
             seen.bodies.append({name: values[np.concatenate(rows)] for name, values in arrays.items()})
             seen.contacts.append(run.contacts(f))
     return seen
 
 
 TWO: list[Body] = [("low", HEXAGON, (0.0, 0.0, R)), ("top", HEXAGON, (0.0, 0.0, 3.0 * R))]
-STUCK: Told = ("sticking", "none", 0)
-SLIDES_BELOW: Told = ("sliding", "friction_limit", LOWER)
-SLIDES_ABOVE: Told = ("sliding", "friction_limit", UPPER)
+STUCK: Reported = ("sticking", "none", 0)
+SLIDES_BELOW: Reported = ("sliding", "friction_limit", LOWER)
+SLIDES_ABOVE: Reported = ("sliding", "friction_limit", UPPER)
 
 
 def hugged(lift: float) -> list[Body]:
@@ -184,7 +184,7 @@ STACKS = {
         ],
         [("held", "plank"), ("base", "carried")],
         [SLIDES_ABOVE, SLIDES_BELOW, STUCK],
-        way=0.12,  # a crown falls by w^2/(4 R) = .4 nm under the plank, of 2 nm of overlap: both trestles carry to the end
+        path=0.12,  # a crown falls by w^2/(4 R) = .4 nm under the plank, of 2 nm of overlap: both trestles carry to the end
         intervals=24,
     ),
 }  # fmt: skip
@@ -206,17 +206,17 @@ def seen(tmp_path_factory):
 @pytest.mark.parametrize("name", STACKS)
 def test_labels_and_reasons(name, seen):
     """In the last third of the way: the plate starts at full speed, and the stack has come to rest upon that."""
-    for frame in seen(name).told[-3:]:
-        assert [labels[0] for labels in frame] == STACKS[name].told
+    for frame in seen(name).reported[-3:]:
+        assert [labels[0] for labels in frame] == STACKS[name].reported
 
 
 @pytest.mark.parametrize("name", STACKS)
 def test_under_load_at_rest_all_stick(name, seen):
     """Frame 1 is the end of settling: nothing was dragged yet."""
-    assert {labels[0][0] for labels in seen(name).told[1]} == {"sticking"}
+    assert {labels[0][0] for labels in seen(name).reported[1]} == {"sticking"}
 
 
-def test_the_way_of_sliding_flakes_is_that_of_the_plate(seen):
+def test_the_path_of_sliding_flakes_is_that_of_the_plate(seen):
     """The lower flake's partner above is the upper flake, as fast as the plate: slip is the whole of its travel, as it is for
     the upper one over a partner at rest. What is missing is the elastic slip before the first sliding."""
     # critical slips of some 3 nm for all of the interfaces in series, of a window of 4 x 95 nm
@@ -255,15 +255,15 @@ def travel_of_the_plank(seen: Seen, frame: int) -> float:
     return float(seen.contacts[frame]["slip"][held].max() / seen.bodies[frame]["slip_over_travel"][2])
 
 
-def test_the_way_over_partners_of_different_speed_is_their_mean(seen):
+def test_the_path_over_partners_of_different_speed_is_their_mean(seen):
     """The plank over a trestle at rest and one that goes along travels about half the way of the lid, by the shares of load."""
     run, frames = seen("trestles"), range(10, 26)
     speeds = [drag_of_the_plank(run, frame) for frame in frames]
-    way = trapezoid(speeds, run.times[10:])
-    assert 0.4 < way / (SPEED * (run.times[-1] - run.times[10])) < 0.6
+    path = trapezoid(speeds, run.times[10:])
+    assert 0.4 < path / (SPEED * (run.times[-1] - run.times[10])) < 0.6
     # measured 5e-4; the trestles swing with some 12 outputs a period, of which trapezoids lose (2 pi/12)^2/12 = 2 % of a swing
     # of a fifth of the mean
-    assert travel_of_the_plank(run, 25) - travel_of_the_plank(run, 10) == pytest.approx(way, rel=5e-3)
+    assert travel_of_the_plank(run, 25) - travel_of_the_plank(run, 10) == pytest.approx(path, rel=5e-3)
 
 
 EXTRAS = ("roll_ratio", "slip_over_travel", "margin_rotation", "margin_friction", "margin_determinacy")
@@ -271,10 +271,10 @@ EXTRAS = ("roll_ratio", "slip_over_travel", "margin_rotation", "margin_friction"
 
 @pytest.mark.parametrize("name", ["ball", "hugged", "trestles"])
 @pytest.mark.parametrize("view", [View(backward=True), View(mirrored=True), View(unit="mm")], ids=["order", "mirror", "unit"])
-def test_labels_do_not_depend_on_how_it_is_told(name, view, seen, tmp_path):
+def test_labels_do_not_depend_on_how_it_is_reported(name, view, seen, tmp_path):
     """Every frame from the end of settling; in the first one bodies touch to rounding, and `free` is as right as `sticking`."""
     here, there = seen(name), watch(STACKS[name], tmp_path, view)
-    assert there.told[1:] == here.told[1:]
+    assert there.reported[1:] == here.reported[1:]
     for extra in EXTRAS:
         # rounding of places, 1e-16 of 40 um over overlaps of nm, grows in 7000 steps to 3e-8 at most
         assert there.bodies[-1][extra] == pytest.approx(here.bodies[-1][extra], rel=1e-6, abs=1e-6)
@@ -284,7 +284,7 @@ def test_a_field_of_stacks_on_one_and_two_threads(seen, tmp_path):
     """36 stacks side by side are more bodies and pairs than a chunk of the parallel loops; each has the single one's labels."""
     most = min(2, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     one, two = (watch(STACKS["between"], tmp_path, View(threads=n, copies=(6, 6))) for n in (1, most))
-    assert [set(labels) for labels in one.told[-1]] == [{told} for told in STACKS["between"].told]
-    assert two.told == one.told
+    assert [set(labels) for labels in one.reported[-1]] == [{report} for report in STACKS["between"].reported]
+    assert two.reported == one.reported
     for extra in EXTRAS:
         assert np.array_equal(one.bodies[-1][extra], two.bodies[-1][extra]), "not even the last bit"

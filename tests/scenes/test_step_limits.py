@@ -64,13 +64,13 @@ def summary_of(tmp_path, changes, report=False):
 )
 def test_every_step_is_counted_under_what_limits_it(changes, cause, tmp_path):
     said = []
-    told = summary_of(tmp_path, changes, lambda progress: said.append(progress.limit))
-    counts = told["steps_limited_by"]
+    report = summary_of(tmp_path, changes, lambda progress: said.append(progress.limit))
+    counts = report["steps_limited_by"]
     together = 2 if "plates.upper.support" in changes else 1  # both bodies take the same steps, counted once
-    assert sum(counts.values()) == told["steps"] / together
+    assert sum(counts.values()) == report["steps"] / together
     assert set(counts) <= set(CAUSES) and list(counts.values()) == sorted(counts.values(), reverse=True)
     if cause is not None:
-        assert next(iter(counts)) == cause and counts[cause] > 0.5 * told["steps"]
+        assert next(iter(counts)) == cause and counts[cause] > 0.5 * report["steps"]
         assert any(WORDS[CAUSES.index(cause)] in words for words in said)
 
 

@@ -154,8 +154,8 @@ def test_vtk_reads_every_array_of_every_block_and_frame(version, which, request,
     command = [python, "-c", CHECK, laid, str(frames), ",".join(BLOCKS), *files]
     done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
-    told, compared = done.stdout.split()
-    assert told.startswith(version + ".")
+    report, compared = done.stdout.split()
+    assert report.startswith(version + ".")
     # the run, its packed copy, and once more block by block: nothing was left out
     assert int(compared) == 3 * expected
 
@@ -171,8 +171,8 @@ def display() -> Iterator[str]:
     server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-noreset"], pass_fds=(write,))
     os.close(write)
     try:
-        with os.fdopen(read) as told:
-            yield f":{told.readline().strip()}"
+        with os.fdopen(read) as report:
+            yield f":{report.readline().strip()}"
     finally:
         server.terminate()
         server.wait()

@@ -251,9 +251,9 @@ def plate_force(simulation: Simulation) -> np.ndarray:
     return simulation.state.A[run_totals.UPPER_FORCE3].copy()
 
 
-def mean_force(simulation: Simulation, way: float) -> np.ndarray:
-    """Mean force (3,) on the upper plate while it moves on by `way` (m), N."""
+def mean_force(simulation: Simulation, path: float) -> np.ndarray:
+    """Mean force (3,) on the upper plate while it moves on by `path` (m), N."""
     A, state = simulation.state.A, simulation.state
     time, impulse = state.time, A[run_totals.UPPER_IMPULSE3].copy()
-    simulation.integrator.advance_to(distance=state.distance + way)
+    simulation.integrator.advance_to(distance=state.distance + path)
     return (A[run_totals.UPPER_IMPULSE3] - impulse) / (state.time - time)

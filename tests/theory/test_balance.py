@@ -327,7 +327,7 @@ def test_a_heavy_particle_may_rest_without_the_upper_body():
     assert (end.label, end.reason) == ("sticking", "one_sided")
 
 
-def test_what_cannot_be_asked_is_told_in_one_sentence():
+def test_what_cannot_be_requested_is_reported_in_one_sentence():
     for side, kept in (("lower", PAPER[:1]), ("upper", PAPER[1:])):
         with pytest.raises(InputError, match=f"no spot on the {side} side"):
             walk(kept)

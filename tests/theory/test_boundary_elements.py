@@ -102,13 +102,13 @@ class Shear:
     def stuck(self, q: np.ndarray, stick: np.ndarray, s: float) -> np.ndarray:
         """Tractions with u_x = s on `stick`, the others kept: conjugate gradients."""
         rest = np.where(stick, s - self.displacement(q), 0.0)
-        way, size = rest.copy(), float((rest**2).sum())
+        path, size = rest.copy(), float((rest**2).sum())
         while size > (1e-7 * s) ** 2 * stick.sum():
-            moved = np.where(stick, self.displacement(way), 0.0)
-            step = size / float((way * moved).sum())
-            q, rest = q + step * way, rest - step * moved
+            moved = np.where(stick, self.displacement(path), 0.0)
+            step = size / float((path * moved).sum())
+            q, rest = q + step * path, rest - step * moved
             new = float((rest**2).sum())
-            way, size = rest + new / size * way, new
+            path, size = rest + new / size * path, new
         return q
 
     def solve(self, s: float) -> tuple[float, float]:

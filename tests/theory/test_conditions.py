@@ -106,10 +106,10 @@ def test_places_in_line(scale):
 def test_slivers_that_round_off_leaves_are_no_area():
     """Along any direction: the sides of a sliver may all seem to have the origin on their left, far off its end."""
     for angle in np.linspace(0.0, 6.2, 500):
-        way = np.array([math.cos(angle), math.sin(angle)])
-        upper, lower = np.outer([0.1, 0.2, 0.35], way), np.outer([0.7, 1.3, 0.9, 1.0], way)
+        path = np.array([math.cos(angle), math.sin(angle)])
+        upper, lower = np.outer([0.1, 0.2, 0.35], path), np.outer([0.7, 1.3, 0.9, 1.0], path)
         assert hull_conditions.required_friction(upper, lower, 1.0) == pytest.approx(0.35, rel=1e-12)
-        assert hull_conditions.sliding_interval(upper, lower, 1.0, way) == pytest.approx((0.35, 1.2), rel=1e-12)
+        assert hull_conditions.sliding_interval(upper, lower, 1.0, path) == pytest.approx((0.35, 1.2), rel=1e-12)
 
 
 def test_coincident_spots_count_once():
@@ -144,7 +144,7 @@ def test_answers_do_not_depend_on_frame_order_or_unit(case):
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     mirror = np.array([-1.0, 1.0])
     mu, interval = hull_conditions.required_friction(*case), hull_conditions.sliding_interval(*case, e)
-    for other, way in (
+    for other, path in (
         ((upper + shift, lower + shift, h), e),
         ((upper @ turn.T, lower @ turn.T, h), turn @ e),
         ((upper * mirror, lower * mirror, h), e * mirror),
@@ -154,7 +154,7 @@ def test_answers_do_not_depend_on_frame_order_or_unit(case):
     ):
         # the shift is eight times the particle: it takes a digit
         assert hull_conditions.required_friction(*other) == pytest.approx(mu, rel=1e-11, abs=1e-14)
-        assert hull_conditions.sliding_interval(*other, way) == pytest.approx(interval, rel=1e-11, abs=1e-13)
+        assert hull_conditions.sliding_interval(*other, path) == pytest.approx(interval, rel=1e-11, abs=1e-13)
 
 
 def test_required_friction_is_the_nearest_point_of_the_interval_over_all_directions():
@@ -357,7 +357,7 @@ def test_a_particle_that_need_not_tilt_follows_eq_9():
     radii, x = (2e-6, 1e-6, 1e-6), (0.0, -1e-6, 1e-6)
     weight = 2e-5
     m = theory.weight_number(weight, E1, radii[0], CLOSING)
-    delta = theory.upper_share(theory.share_ratio(E1, radii[0], E2, *radii[1:]), m)
+    delta = theory.upper_fraction(theory.compliance_ratio(E1, radii[0], E2, *radii[1:]), m)
     upper, left, right = conditions.tilted_normal_forces(x, E1, E2, radii, CLOSING, weight)
     assert upper == pytest.approx(theory.hertz_force(E1, radii[0], delta * CLOSING), rel=1e-12)
     assert left == pytest.approx(right, rel=1e-14) and left + right - upper == pytest.approx(weight, rel=1e-13)
@@ -372,7 +372,7 @@ def test_series_in_the_weight_is_of_second_order():
         conditions.tilted_force_series((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)
 
 
-def test_a_spot_that_lifts_off_is_told():
+def test_a_spot_that_lifts_off_is_reported():
     with pytest.raises(ValueError, match="lifts off"):
         conditions.tilted_normal_forces((2e-6, *X[1:]), E1, E2, R, CLOSING, 0.0)  # x_1 beyond x_3
     with pytest.raises(ValueError, match="lifts off"):

@@ -107,10 +107,10 @@ def error(witness, name, steps, nodes=0, count=0):
     """Largest miss along a path of so many steps, over mu N, of `exact` with nodes or of `mdr` with a count of springs."""
     make, which = PATHS[name]
     if nodes:
-        told = forces_of(_exact, ExactParameters(G, MU, KAPPA, 0.0), (0.0,) * 8, 3 * nodes, *make(which, steps))
+        report = forces_of(_exact, ExactParameters(G, MU, KAPPA, 0.0), (0.0,) * 8, 3 * nodes, *make(which, steps))
     else:
-        told = forces_of(_springs, SpringParameters(G, MU, KAPPA, 0.0), (0.0,) * 7, 2 * count, *make(which, steps))
-    return float(np.linalg.norm(told - witness(name), axis=1).max()) / LIMIT
+        report = forces_of(_springs, SpringParameters(G, MU, KAPPA, 0.0), (0.0,) * 7, 2 * count, *make(which, steps))
+    return float(np.linalg.norm(report - witness(name), axis=1).max()) / LIMIT
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -142,7 +142,7 @@ def test_a_polygon_needs_no_more_steps_than_corners(share):
     corners = np.vstack([np.zeros((2, 2)), np.cumsum(rng.normal(size=(20, 2)) * share * CRITICAL, axis=0)])
     part = np.linspace(0.0, 1.0, 101)[1:, None]
     many = np.vstack([corners[:1], *(a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True))])
-    told = []
+    report = []
     for places in (corners, many):
         w, h = np.zeros(192), (0.0,) * 8
         n = theory.hertz_force(E, R, D0)
@@ -151,11 +151,11 @@ def test_a_polygon_needs_no_more_steps_than_corners(share):
             w_new, c = np.zeros(192), Contact(D0, R, 1.0, 0.0, slip[0], slip[1], 0.0, 0.0, 0.0, 0.0)
             answer, h = _exact(c, load, ExactParameters(G, MU, KAPPA, 0.0), h, w, w_new)
             w = w_new
-        told.append((answer.x, answer.y))
-    assert told[1] == pytest.approx(told[0], abs=1e-12 * LIMIT)  # roundings of 2000 steps
+        report.append((answer.x, answer.y))
+    assert report[1] == pytest.approx(report[0], abs=1e-12 * LIMIT)  # roundings of 2000 steps
 
 
 def test_sliding_on_a_curve_is_nearly_the_limit():
     """Springs lag by angles of up to s_c/radius, one another by less."""
-    told = forces_of(_exact, ExactParameters(G, MU, KAPPA, 0.0), (0.0,) * 8, 192, *circle(3.0, 256))
-    assert (1.0 - 0.1 / 9.0) * LIMIT < np.linalg.norm(told[-1]) <= LIMIT
+    report = forces_of(_exact, ExactParameters(G, MU, KAPPA, 0.0), (0.0,) * 8, 192, *circle(3.0, 256))
+    assert (1.0 - 0.1 / 9.0) * LIMIT < np.linalg.norm(report[-1]) <= LIMIT

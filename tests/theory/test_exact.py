@@ -56,13 +56,13 @@ class Spot:
 
     def __init__(self, mu=MU, renewal=2.0, nodes=NODES.default):
         self.p, self.nodes = ExactParameters(G, mu, mu * E / G, renewal), int(nodes)
-        self.forget(0.0)
+        self.reset(0.0)
 
-    def forget(self, overlap):
+    def reset(self, overlap):
         self.h, self.w = (overlap,) + (0.0,) * 7, np.zeros(3 * self.nodes)
         self.force, self.stored = np.zeros(2), 0.0
 
-    def asked(self, overlap, slip, roll, damped):
+    def evaluate(self, overlap, slip, roll, damped):
         a, n = theory.contact_radius(R, overlap), theory.hertz_force(E, R, overlap)
         stiffness = damped * theory.hertz_stiffness(E, R, overlap)
         touch = Contact(overlap, R, 1.0, 0.0, float(slip[0]), float(slip[1]), 0.0, 0.0, roll, 0.0)
@@ -72,9 +72,9 @@ class Spot:
         """One step to an overlap; a slip that is a number is along x. Returns the law's answer, None where there is no touch."""
         slip = np.array([slip, 0.0]) if np.isscalar(slip) else slip
         if overlap <= 0.0:
-            return self.forget(overlap)
+            return self.reset(overlap)
         w_new = np.full(3 * self.nodes, np.nan)
-        answer, self.h = _force(*self.asked(overlap, slip, roll, damped), self.p, self.h, self.w, w_new)
+        answer, self.h = _force(*self.evaluate(overlap, slip, roll, damped), self.p, self.h, self.w, w_new)
         cells = cells_of.py_func(w_new)
         assert np.isfinite(w_new).all() and (2 <= self.h[1] <= self.nodes - SPARE or -1 - cells <= self.h[1] < 0)
         self.w, self.force, self.stored = w_new, np.array([answer.x, answer.y]), answer.stored
@@ -106,37 +106,37 @@ def corners(rng, count, line=True):
 def test_random_histories_agree_with_memory_diagrams(mu):
     rng = np.random.default_rng(1)
     for _ in range(200):
-        spot, judge = Spot(mu), MemoryDiagram(4.0 / 3.0 * E * math.sqrt(R), mu, mu * E / G)
+        spot, verify = Spot(mu), MemoryDiagram(4.0 / 3.0 * E * math.sqrt(R), mu, mu * E / G)
         for overlap, slip in corners(rng, int(rng.integers(1, 40))):
             if rng.random() < 0.2 and spot.h[0] > 0.0:
                 overlap = spot.h[0]
             if rng.random() < 0.05:
                 overlap = -0.1 * overlap
             spot.move(overlap, slip * mu / MU)
-            judge.move(overlap, slip * mu / MU)
+            verify.move(overlap, slip * mu / MU)
             # 40 steps of a few roundings each; measured 5e-15
-            assert -spot.force[0] == pytest.approx(judge.force, abs=1e-12 * judge.limit)
+            assert -spot.force[0] == pytest.approx(verify.force, abs=1e-12 * verify.limit)
 
 
 def smooth_history(spot, steps):
     """Largest miss of a curved history in (d, s), over mu N: a piece of the field for every step."""
-    judge, last, miss = MemoryDiagram(4.0 / 3.0 * E, MU, KAPPA), 0.0, 0.0
+    verify, last, miss = MemoryDiagram(4.0 / 3.0 * E, MU, KAPPA), 0.0, 0.0
     for i in range(1, steps + 1):
         slip = 0.8 * KAPPA * D1 * math.sin(2.0 * i / steps) * i / steps
         spot.move(D1 * i / steps, slip - last)
-        judge.move(D1 * i / steps, slip - last)
-        last, miss = slip, max(miss, abs(-spot.force[0] - judge.force))
+        verify.move(D1 * i / steps, slip - last)
+        last, miss = slip, max(miss, abs(-spot.force[0] - verify.force))
     return miss / (MU * theory.hertz_force(E, R, D1))
 
 
-def test_a_field_keeps_every_bend_that_it_has_room_for():
+def test_a_field_keeps_every_bend_that_it_has_space_for():
     for nodes, steps in ((64, 50), (256, 240), (1024, 1000)):
         spot = Spot(nodes=nodes)
         assert smooth_history(spot, steps) < 1e-12  # some roundings a step
         assert spot.h[7] == 0.0
 
 
-def test_a_field_without_room_tells_so_and_keeps_the_force():
+def test_a_field_without_space_reports_it_and_keeps_the_force():
     for steps in (1000, 4000):
         misses = []
         for nodes in (32, 64, 128):
@@ -172,7 +172,7 @@ def test_loop_of_mindlin_and_deresiewicz(tau):
     for s in np.linspace(1.0, -1.0, 9)[1:] * top:
         spot.move(D0, -0.25 * top)
         assert -spot.force[0] == pytest.approx(theory.mindlin_reversal(s, top, limit, s_c), abs=1e-14 * limit)
-    lost = sum(spot.move(D0, way).dissipated for way in (2.0 * top, -2.0 * top))
+    lost = sum(spot.move(D0, path).dissipated for path in (2.0 * top, -2.0 * top))
     # at constant load the dissipation of a straight step of any length is exact
     assert lost == pytest.approx(theory.mindlin_loop_work(tau) * limit * s_c, rel=1e-12)
 
@@ -241,7 +241,7 @@ def test_mirror_and_rotation():
             assert turned.force == pytest.approx(turn @ plain.force, abs=1e-11 * limit)
 
 
-def test_force_dies_with_the_overlap_and_is_not_remembered():
+def test_force_dies_with_the_overlap_and_is_not_kept():
     spot = Spot()
     spot.move(D1, 0.0)
     spot.move(D1, 0.4 * KAPPA * D1)
@@ -362,16 +362,16 @@ def differences(spot, overlap, slip, size, **others):
         ends = []
         for sign in (1.0, -1.0):
             d, s = overlap + sign * step[0], np.asarray(slip) + sign * np.array(step[1:])
-            asked, load = spot.asked(d, s, others.get("roll", 0.0), others.get("damped", 1.0))
-            answer, _ = _force(asked, load, spot.p, spot.h, spot.w, np.empty(len(spot.w)))
+            requested, load = spot.evaluate(d, s, others.get("roll", 0.0), others.get("damped", 1.0))
+            answer, _ = _force(requested, load, spot.p, spot.h, spot.w, np.empty(len(spot.w)))
             ends.append(np.array([answer.x, answer.y]))
         columns.append((ends[0] - ends[1]) / (2.0 * (step[0] + step[1] + step[2])))
     return np.column_stack(columns)
 
 
 def tangent(spot, overlap, slip, **others):
-    asked, load = spot.asked(overlap, slip, others.get("roll", 0.0), others.get("damped", 1.0))
-    xx, xy, yx, yy, xd, yd = _tangent(asked, load, spot.p, spot.h, spot.w)
+    requested, load = spot.evaluate(overlap, slip, others.get("roll", 0.0), others.get("damped", 1.0))
+    xx, xy, yx, yy, xd, yd = _tangent(requested, load, spot.p, spot.h, spot.w)
     return np.array([[xx, xy, xd], [yx, yy, yd]])
 
 

@@ -52,7 +52,7 @@ class Spot:
         self.p = ExactParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
         self.h, self.w = (0.0,) * 8, np.zeros(WIDTH)
 
-    def asked(self, step: Step):
+    def evaluate(self, step: Step):
         """Arguments of the law and of its tangent."""
         elastic = theory.hertz_force(E_STAR, RADIUS, step.overlap)
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
@@ -63,16 +63,16 @@ class Spot:
     def move(self, *steps: Step):
         for step in steps:
             w_new = np.empty(WIDTH)
-            _, self.h = law(*self.asked(step), w_new)
+            _, self.h = law(*self.evaluate(step), w_new)
             self.w = w_new
 
     def force(self, step: Step) -> np.ndarray:
-        answer, _ = law(*self.asked(step), np.empty(WIDTH))
+        answer, _ = law(*self.evaluate(step), np.empty(WIDTH))
         return np.array([answer.x, answer.y])
 
     def tangent(self, step: Step) -> np.ndarray:
         """Columns: over slip x, slip y, overlap."""
-        xx, xy, yx, yy, xd, yd = law_tangent(*self.asked(step))
+        xx, xy, yx, yy, xd, yd = law_tangent(*self.evaluate(step))
         return np.array([[xx, xy, xd], [yx, yy, yd]])
 
 
@@ -145,13 +145,13 @@ def test_the_virgin_patch(share):
 @pytest.mark.parametrize("damped", [0.0, 0.3])
 def test_full_sliding(damped):
     """T = -mu N e: nothing along the slip, mu N/|s| across it, and mu dN/dd with the overlap; N with the dashpot."""
-    spot, e, across, way = Spot(), np.array([0.6, 0.8]), np.array([-0.8, 0.6]), 50.0 * CRITICAL
+    spot, e, across, path = Spot(), np.array([0.6, 0.8]), np.array([-0.8, 0.6]), 50.0 * CRITICAL
     spot.move(Step(OVERLAP))
-    tangent = spot.tangent(Step(OVERLAP, *(way * e), share=damped))
+    tangent = spot.tangent(Step(OVERLAP, *(path * e), share=damped))
     slope = (1.0 + damped) * MU * theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP)
     limit = (1.0 + damped) * MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
     assert tangent[:, 2] == pytest.approx(-slope * e, rel=1e-6)  # of the differences
-    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / way, rel=1e-6)
+    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / path, rel=1e-6)
     assert np.abs(tangent[:, :2] @ e).max() < 1e-6 * limit / CRITICAL
 
 
@@ -175,6 +175,6 @@ def test_without_friction_and_without_touch():
         assert np.all(spot.tangent(step) == 0.0)
         spot = Spot()
         spot.move(Step(OVERLAP, 0.3 * CRITICAL, 0.2 * CRITICAL))
-        contact, load, p, h, w = spot.asked(step)
+        contact, load, p, h, w = spot.evaluate(step)
         assert law_tangent(contact, load._replace(force=0.0, stiffness=0.0), p, h, w) == (0.0,) * 6
         assert law_tangent(contact._replace(overlap=-OVERLAP), Load(0.0, 0.0, 0.0, 0.0, 0.0), p, h, w) == (0.0,) * 6

@@ -14,7 +14,7 @@ APPROX = {"rel": 1e-9, "abs": 1e-11}
 NOTHING = (math.inf, math.inf, -math.inf)
 
 
-def ask(upper, lower, h, e):
+def forecast_of(upper, lower, h, e):
     upper, lower = np.array(upper, dtype=float).reshape(-1, 2), np.array(lower, dtype=float).reshape(-1, 2)
     return forecast(upper, len(upper), lower, len(lower), float(h), float(e[0]), float(e[1]))
 
@@ -34,7 +34,7 @@ def test_random_bodies(seed):
         places[:above] += random.uniform(-1.0, 1.0, 2)
         angle, h, unit = random.uniform(0.0, 2.0 * math.pi), random.uniform(0.3, 3.0), 10.0 ** random.uniform(-7.0, 0.0)
         case = (places[:above] * unit, places[above:] * unit, h * unit, (math.cos(angle), math.sin(angle)))
-        ours = ask(*case)
+        ours = forecast_of(*case)
         assert ours == pytest.approx(expect(*case), **APPROX)
         sliding += ours[1] <= ours[2]
     assert 40 < sliding < 240  # both outcomes occur
@@ -48,40 +48,40 @@ def test_bodies_on_a_grid_have_ties_lines_and_coincidences(seed):
         upper, lower = (random.integers(0, 4, (random.integers(1, 6), 2)).astype(float) for _ in range(2))
         e = random.integers(-2, 3, 2)
         if e.any():
-            assert ask(upper, lower, 2.0, e) == pytest.approx(expect(upper, lower, 2.0, e), **APPROX)
+            assert forecast_of(upper, lower, 2.0, e) == pytest.approx(expect(upper, lower, 2.0, e), **APPROX)
 
 
 def test_samples():
-    assert ask([(1.2, 0.4)], [(-1, 0), (1, 0), (0, 1.2)], 2.0, (-3, 1)) == pytest.approx(
+    assert forecast_of([(1.2, 0.4)], [(-1, 0), (1, 0), (0, 1.2)], 2.0, (-3, 1)) == pytest.approx(
         (0.204859007892633558, 0.389203404328415918, 0.769945865084474968), rel=1e-13
     )
-    assert ask([(0, 1), (0, -1)], [(0.6, 0), (1.4, 0)], 1.5, (1, 0)) == pytest.approx((0.4, 0.4, 1.4 / 1.5), rel=1e-13)
+    assert forecast_of([(0, 1), (0, -1)], [(0.6, 0), (1.4, 0)], 1.5, (1, 0)) == pytest.approx((0.4, 0.4, 1.4 / 1.5), rel=1e-13)
 
 
 def test_two_above_and_one_below_slide_at_one_friction_or_never():
     upper, lower = [(0, 0), (0, 1)], [(1, 0.5)]
-    assert ask(upper, lower, 2.0, (1, 0)) == pytest.approx((0.5, 0.5, 0.5), rel=1e-14)
-    assert ask(upper, lower, 2.0, (0, 1)) == pytest.approx((0.5, math.inf, -math.inf))
+    assert forecast_of(upper, lower, 2.0, (1, 0)) == pytest.approx((0.5, 0.5, 0.5), rel=1e-14)
+    assert forecast_of(upper, lower, 2.0, (0, 1)) == pytest.approx((0.5, math.inf, -math.inf))
     # turned by any angle the answer stays: the tolerance is of the size of the patch
     for angle in np.linspace(0.1, 6.2, 40):
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         case = (np.array(upper) @ turn.T * 1e-6, np.array(lower) @ turn.T * 1e-6, 2e-6, turn @ (2.0, 1.0))
-        assert ask(*case) == pytest.approx((0.5, math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0), rel=1e-12)
+        assert forecast_of(*case) == pytest.approx((0.5, math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0), rel=1e-12)
 
 
 def test_what_hulls_refuse_has_an_answer():
-    assert ask([], [(0, 0)], 1.0, (1, 0)) == NOTHING
-    assert ask([(0, 0)], [], 1.0, (1, 0)) == NOTHING
-    assert ask([(0, 0)], [(1, 0)], 0.0, (1, 0)) == ask([(0, 0)], [(1, 0)], -1.0, (1, 0)) == NOTHING
-    assert ask([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)
-    assert ask([(0.1, 0.1)], [(0, 0), (1, 0), (0, 1)], 2.0, (0, 0)) == (0.0, math.inf, -math.inf)
-    assert ask([(0.1, 0.1)], [(0.1, 0.1)], 2.0, (1, 0)) == (0.0, 0.0, 0.0)
+    assert forecast_of([], [(0, 0)], 1.0, (1, 0)) == NOTHING
+    assert forecast_of([(0, 0)], [], 1.0, (1, 0)) == NOTHING
+    assert forecast_of([(0, 0)], [(1, 0)], 0.0, (1, 0)) == forecast_of([(0, 0)], [(1, 0)], -1.0, (1, 0)) == NOTHING
+    assert forecast_of([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)
+    assert forecast_of([(0.1, 0.1)], [(0, 0), (1, 0), (0, 1)], 2.0, (0, 0)) == (0.0, math.inf, -math.inf)
+    assert forecast_of([(0.1, 0.1)], [(0.1, 0.1)], 2.0, (1, 0)) == (0.0, 0.0, 0.0)
 
 
 def test_rows_beyond_the_counts_and_further_columns_are_not_read():
     upper, lower = np.full((5, 3), np.nan), np.full((6, 3), np.nan)
     upper[0, :2] = (1.2, 0.4)
     lower[:3, :2] = [(-1, 0), (1, 0), (0, 1.2)]
-    plain = ask(upper[:1, :2], lower[:3, :2], 2.0, (-1, 0))
+    plain = forecast_of(upper[:1, :2], lower[:3, :2], 2.0, (-1, 0))
     assert forecast(upper, 1, lower, 3, 2.0, -1.0, 0.0) == plain
     assert forecast(upper, 1, lower, 3, 2.0, -7.0, 0.0) == pytest.approx(plain, rel=1e-15)  # any length of the drag

@@ -19,29 +19,29 @@ SLOW = {
     "plates.upper.motion.x.velocity": "1 mm/s",
 }
 ROLLING = 3
-WAY = 0.3e-6
+PATH = 0.3e-6
 """Some ten critical displacements, m: most bodies turn onto other spots within it."""
 
 
-def friction_work(way: float = WAY, **settings: str) -> tuple[np.ndarray, np.ndarray]:
+def friction_work(path: float = PATH, **settings: str) -> tuple[np.ndarray, np.ndarray]:
     """Friction work of every body in the drag, J, and its label at the end."""
     chosen = SLOW | {name.replace("__", "."): value for name, value in settings.items()}
     built = prepare(thirdbody.Scene.load(SCENE).with_settings(chosen))
     built.integrator.advance_to(time=built.settle)
     before = built.state.bodies.friction_work.copy()
-    built.integrator.advance_to(distance=way)
+    built.integrator.advance_to(distance=path)
     return built.state.bodies.friction_work - before, built.integrator.label()[:, 0]
 
 
-def fine_work(way: float = WAY, **settings: str) -> np.ndarray:
+def fine_work(path: float = PATH, **settings: str) -> np.ndarray:
     """The same friction work at a five hundredth of the tolerance, whose steps go 0.5 nm at most."""
-    return friction_work(way, solver__tolerance="1e-6", solver__largest_step="0.5 nm", **settings)[0]
+    return friction_work(path, solver__tolerance="1e-6", solver__largest_step="0.5 nm", **settings)[0]
 
 
-def errors_of_rolling(way: float = WAY, **settings: str) -> np.ndarray:
+def errors_of_rolling(path: float = PATH, **settings: str) -> np.ndarray:
     """Relative error of the friction work of the bodies that roll at the end, at default settings."""
-    work, labels = friction_work(way, **settings)
-    return np.abs(work / fine_work(way, **settings) - 1.0)[labels == ROLLING]
+    work, labels = friction_work(path, **settings)
+    return np.abs(work / fine_work(path, **settings) - 1.0)[labels == ROLLING]
 
 
 @pytest.mark.parametrize("level", ["mindlin", "mdr"])
@@ -57,10 +57,10 @@ def test_friction_work_of_bodies_that_roll(level):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("way", [WAY, 2e-6])
-def test_friction_work_of_many_bodies_that_roll(way):
+@pytest.mark.parametrize("path", [PATH, 2e-6])
+def test_friction_work_of_many_bodies_that_roll(path):
     """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""
-    errors = errors_of_rolling(way, debris__0__count="400")
+    errors = errors_of_rolling(path, debris__0__count="400")
     assert len(errors) > 300
     assert np.median(errors) < 0.03
     assert np.quantile(errors, 0.8) < 0.1

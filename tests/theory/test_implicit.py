@@ -65,9 +65,9 @@ def test_steps_are_of_second_order(make):
         simulation.integrator.advance_to(time=duration)
         assert simulation.integrator.summary()["longest_step"] == pytest.approx(length, rel=1e-3)
         decay = math.exp(-rate * duration)
-        way = v0 / rate * (1.0 - decay)
+        path = v0 / rate * (1.0 - decay)
         gone = simulation.state.bodies.position[0, 0] - MIDDLE
-        found = (make.velocity(simulation)[0] / v0, make.spin(simulation)[2] / spin, decay * gone / way)
+        found = (make.velocity(simulation)[0] / v0, make.spin(simulation)[2] / spin, decay * gone / path)
         errors.append(np.abs(np.array(found) / decay - 1.0))
     slopes = np.polyfit(np.log(lengths), np.log(errors), 1)[0]
     # the first steps are shorter: they grow to the length within a dozen, a share of the run that falls with the length
@@ -221,7 +221,7 @@ def test_three_spot_particle_slides_as_theory_says(make, level):
     normal = dict(zip(np.round(loaded[:, record.POINT] * 1e6), loaded[:, record.NORMAL_FORCE], strict=True))
     ratio = normal[-2.0] / normal[0.0]
     # the tilt of 1e-3 moves each spot of radius 2 um or less, on arms of 2 um: 4e-9 m of 3.5 um
-    assert ratio == pytest.approx(theory.lower_force_share((0.2e-6, -2e-6, 1.5e-6), 0.3 * 4e-6), rel=2e-3)
+    assert ratio == pytest.approx(theory.lower_force_fraction((0.2e-6, -2e-6, 1.5e-6), 0.3 * 4e-6), rel=2e-3)
     assert np.linalg.norm(loaded[:, record.TANGENTIAL_FORCE3], axis=1) == pytest.approx(
         0.3 * loaded[:, record.NORMAL_FORCE], rel=1e-6
     )
@@ -367,9 +367,9 @@ def test_results_do_not_depend_on_the_speed(make):
     assert np.abs(slow - fast).max() < 2e-9
 
 
-def bits(simulation, way=1e-6):
+def bits(simulation, path=1e-6):
     simulation.integrator.advance_to(time=simulation.settle)
-    simulation.integrator.advance_to(distance=way)
+    simulation.integrator.advance_to(distance=path)
     return simulation.state.B.copy()
 
 

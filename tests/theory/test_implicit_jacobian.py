@@ -64,7 +64,7 @@ def law(I, O, n, _):  # noqa: E741
         O[law_output.TANGENTIAL_X * TILE + q] = I[old] - k_t * (x + 0.1 * y)
         O[law_output.TANGENTIAL_Y * TILE + q] = I[old + TILE] - k_t * (y - 0.1 * x)
         turn, to = (law_input.HISTORY + HISTORY) * TILE + q, (law_output.HISTORY + HISTORY) * TILE + q
-        a, b = I[turn + rolling_input.TURN_X * TILE], I[turn + rolling_input.TURN_Y * TILE]
+        a, b = I[turn + rolling_input.ROTATION_X * TILE], I[turn + rolling_input.ROTATION_Y * TILE]
         O[to + rolling_output.MOMENT_X * TILE] = I[old + 2 * TILE] - ROLL * d * (a + 0.1 * b)
         O[to + rolling_output.MOMENT_Y * TILE] = I[old + 3 * TILE] - ROLL * d * (b - 0.1 * a)
 
@@ -76,7 +76,7 @@ def tangents(I, K, n, _):  # noqa: E741
         d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
         k_t, bend = SHEAR * math.sqrt(d), 0.5 * SHEAR / math.sqrt(d)
         turn = (law_input.HISTORY + HISTORY) * TILE + q
-        a, b = I[turn + rolling_input.TURN_X * TILE], I[turn + rolling_input.TURN_Y * TILE]
+        a, b = I[turn + rolling_input.ROTATION_X * TILE], I[turn + rolling_input.ROTATION_Y * TILE]
         values = (
             1.5 * STIFF * math.sqrt(d), -k_t, -0.1 * k_t, 0.1 * k_t, -k_t, -bend * (x + 0.1 * y), -bend * (y - 0.1 * x),
             -ROLL * d, -0.1 * ROLL * d, 0.1 * ROLL * d, -ROLL * d, -ROLL * (a + 0.1 * b), -ROLL * (b - 0.1 * a),
@@ -191,7 +191,7 @@ def tables(lower: np.ndarray, upper: np.ndarray, bend: float, force: float, clos
     E[0, body_extra.INERTIA3] = 0.3, 0.4, 0.5
     P, Z = np.zeros((2, BEND + 1)), np.zeros((1, step_start.WIDTH))
     P[0, patch.FREE], P[0, patch.MASS], P[0, patch.LOAD] = 1.0, 0.2, 0.01
-    Z[0, step_start.QUATERNION], Z[0, step_start.ARM], Z[0, step_start.MASS_SHARE] = 1.0, 2.3, 1.0
+    Z[0, step_start.QUATERNION], Z[0, step_start.ARM], Z[0, step_start.MASS_FRACTION] = 1.0, 2.3, 1.0
     Z[0, step_start.NOW], Z[0, step_start.BEFORE] = 1.5, 0.5
     H, before = np.zeros((2 * n, contact_state.LAW + HISTORY)), np.full(2 * n, 1.0)
     for p, normal in enumerate((upper, lower)):

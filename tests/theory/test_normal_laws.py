@@ -92,10 +92,10 @@ def test_tangents_are_derivatives_of_the_step(plugin, level):
     contacts = Contacts(family.levels[level], [PAIR], np.zeros(3, np.int64), np.full(3, 5e-6))
     deep = np.array([10e-9, 8e-9, 12e-9])
     slip = np.array([[0.3e-9, 0.1e-9], [2e-9, -1e-9], [-9e-9, 7e-9]])  # the last one slides: kappa d is some 5 nm
-    pressed = contacts.ask(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
+    pressed = contacts.request(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
 
-    def forces(overlap, way):
-        answer = contacts.ask(overlap, way, pressed)
+    def forces(overlap, path):
+        answer = contacts.request(overlap, path, pressed)
         return np.stack([answer.normal, *answer.tangential.T])
 
     given = contacts.stiffness(deep, slip, pressed)
@@ -104,9 +104,9 @@ def test_tangents_are_derivatives_of_the_step(plugin, level):
     size = np.abs(given).max()
     assert given[[0, 5, 6]] == pytest.approx(by_overlap, abs=1e-7 * size)
     for axis in (0, 1):
-        way = np.zeros_like(slip)
-        way[:, axis] = step
-        by_slip = (forces(deep, slip + way) - forces(deep, slip - way)) / (2.0 * step)
+        path = np.zeros_like(slip)
+        path[:, axis] = step
+        by_slip = (forces(deep, slip + path) - forces(deep, slip - path)) / (2.0 * step)
         assert given[[1 + axis, 3 + axis]] == pytest.approx(by_slip[1:], abs=1e-7 * size)
 
 

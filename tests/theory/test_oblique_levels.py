@@ -51,8 +51,8 @@ def test_steep_impacts_slip_throughout_at_every_level(table, level):
             angle = math.radians(degrees)
             # restitution to 3e-3, and the overlap of 1e-2 R shortens friction's arm by half of that
             assert 1.0 - ratio == pytest.approx(1.0 - theory.gross_slip_speed_ratio(FRICTION, RESTITUTION, angle), rel=3e-3)
-            told = theory.gross_slip_spin(FRICTION, RESTITUTION, angle, SPEED, RADIUS) * RADIUS / SPEED
-            assert spin == pytest.approx(-told, rel=9e-3)  # that of the theory counts against the drag
+            report = theory.gross_slip_spin(FRICTION, RESTITUTION, angle, SPEED, RADIUS) * RADIUS / SPEED
+            assert spin == pytest.approx(-report, rel=9e-3)  # that of the theory counts against the drag
 
 
 @pytest.mark.parametrize("level", LEVELS)

@@ -45,7 +45,7 @@ PAPER = (spot("upper", 0.2, 2.0), spot("lower", -2.0, 1.0), spot("lower", 1.5, 1
 UNEVEN = (*PAPER, spot("upper", 0.9, 2.0, -4e-9))  # touches when the others are 4 nm deep
 
 
-class Judge:
+class Verifier:
     """The particle in equilibrium: w down, u along the drag, phi about y (Willert, Eqs. 1, 2, 6, 11)."""
 
     def __init__(self, spots, mu):
@@ -99,10 +99,10 @@ class Judge:
 
 @pytest.mark.parametrize(("spots", "mu"), [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 0.3), (UNEVEN, 1.0)])
 def test_paths_agree_with_memory_diagrams(spots, mu):
-    judge = Judge(spots, mu)
+    verify = Verifier(spots, mu)
     for k in range(1, PRESSES + 1):
-        expected = [judge.move(CLOSING * k / PRESSES, 0.0)]
-    expected += [judge.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
+        expected = [verify.move(CLOSING * k / PRESSES, 0.0)]
+    expected += [verify.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
     result = balance(
         {
             "materials": MATERIALS,

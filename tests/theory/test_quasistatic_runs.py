@@ -12,7 +12,7 @@ import thirdbody
 from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.numerical_energy_guard import MADE_GUARD
+from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, run_totals
@@ -104,7 +104,7 @@ def test_made_energy_stops_an_implicit_run(tmp_path):
         "output.every": "0.1 um", "contact.law": "boastful", "contact.level": "only",
     }  # fmt: skip
     scene = Scene.load(SCENES / "sheared_debris.toml").with_settings(settings)
-    with pytest.raises(GuardStop, match=r"t = \S+ s: the integrator has made energy: \d+ % .* by body \d at \(") as stopped:
+    with pytest.raises(GuardStop, match=r"t = \S+ s: the integrator has created energy: \d+ % .* by body \d at \(") as stopped:
         thirdbody.run(scene, out=tmp_path / "run", plugins=[law], threads=1, progress=False)
     assert stopped.value.exit_code == 4
     with thirdbody.open(tmp_path / "run") as run:
@@ -114,12 +114,12 @@ def test_made_energy_stops_an_implicit_run(tmp_path):
 def test_a_sound_run_is_far_from_the_guard():
     simulation = ensemble(12, 1e-3, **{"solver.inertia": "true", "solver.distance": "1 um"})
     simulation.integrator.advance_to(distance=1e-6)
-    simulation.integrator.refuse_made_energy()
+    simulation.integrator.refuse_created_energy()
     simulation.integrator.totals[7, run_totals.NUMERICAL_LOSS] = (
-        -1.5 * MADE_GUARD * simulation.integrator.totals[7, run_totals.PLATE_WORK_SIZE]
+        -1.5 * CREATED_ENERGY_GUARD * simulation.integrator.totals[7, run_totals.PLATE_WORK_SIZE]
     )
     with pytest.raises(GuardStop, match=f"body {simulation.state.order[7]} at"):
-        simulation.integrator.refuse_made_energy()
+        simulation.integrator.refuse_created_energy()
 
 
 # -- the number that decides --

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from thirdbody_three_spot.regime_map import regime
-from thirdbody_three_spot.regime_points import FRICTIONS, PLACES, computed_points
+from thirdbody_three_spot.regime_points import FRICTIONS, POSITIONS, computed_points
 
 HALF = 0.5
 
 
 def test_every_computed_particle_does_what_the_map_says():
     points = computed_points(HALF)
-    assert len(points) == len(PLACES) * len(FRICTIONS)
+    assert len(points) == len(POSITIONS) * len(FRICTIONS)
     wrong = []
     for point in points:
         # the ends t_min = x - L, t_max = x + L and -t_max (over h): on them the answer is open

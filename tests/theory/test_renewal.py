@@ -13,7 +13,7 @@ from thirdbody.assembly.physics import _value
 from thirdbody.laws.contract import Contact, Load, Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
-from thirdbody.laws.patch_renewal import RENEWAL, fresh_ground, renewed
+from thirdbody.laws.patch_renewal import RENEWAL, moved_ground, renewed
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
@@ -42,14 +42,14 @@ class Spot:
         self.e_star = theory.e_star(g, nu, other.shear_modulus, other.poisson_ratio)
         self.move()
 
-    def asked(self, slip=0.0, roll=0.0, across=0.0, overlap=OVERLAP, aside=0.0):
+    def evaluate(self, slip=0.0, roll=0.0, across=0.0, overlap=OVERLAP, aside=0.0):
         force, a = theory.hertz_force(self.e_star, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
         load = Load(force, force, a, theory.hertz_stiffness(self.e_star, RADIUS, overlap), 0.0)
         return Contact(overlap, RADIUS, 1.0, 0.0, slip, aside, 0.0, 0.0, roll, across), load, self.p, self.h
 
     def move(self, *step, **named):
         w_new = np.full_like(self.w, np.nan)
-        answer, self.h = self.kernel(*self.asked(*step, **named), *((self.w, w_new) if self.w.size else ()))
+        answer, self.h = self.kernel(*self.evaluate(*step, **named), *((self.w, w_new) if self.w.size else ()))
         self.w = w_new
         return answer
 
@@ -111,16 +111,16 @@ def creep_coefficient(nu: float, cells: int = 17) -> float:
     return float(tractions[: len(patch.x)].sum() * patch.side**2)
 
 
-def force_left(nu: float, ways: np.ndarray) -> np.ndarray:
+def force_left(nu: float, paths: np.ndarray) -> np.ndarray:
     """Of a Hertzian traction, the force left after these ways (contact radii) of rolling without creep, by boundary elements."""
     patch = Patch(nu, 21)
     here, ahead = patch.displacement(0.0), patch.displacement(patch.side)
     traction = np.concatenate([np.sqrt(1.0 - patch.x**2 - patch.y**2), np.zeros(len(patch.x))])
     forces = []
-    for _ in range(int(ways[-1] / patch.side) + 2):
+    for _ in range(int(paths[-1] / patch.side) + 2):
         forces.append(traction[: len(patch.x)].sum())
         traction = np.linalg.solve(here, ahead @ traction)
-    return np.interp(ways, np.arange(len(forces)) * patch.side, forces) / forces[0]
+    return np.interp(paths, np.arange(len(forces)) * patch.side, forces) / forces[0]
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -130,16 +130,16 @@ def test_rolling_takes_first_what_the_edge_carries(level, nu):
 
     Beyond one contact radius the springs fall behind: 0.48 instead of 0.34 is left after two.
     """
-    ways = np.array([0.1, 0.25, 0.5, 1.0])
+    paths = np.array([0.1, 0.25, 0.5, 1.0])
     spot, critical = Spot(level, pair(nu)), 0.0
     spot.h, spot.w = (0.0,) * len(spot.h), np.zeros_like(spot.w)
     critical = 0.3 * spot.e_star / spot.g_star * OVERLAP
     start, forces = spot.move(0.3 * critical).x, []
     for _ in range(100):
         forces.append(spot.move(roll=0.01 * A).x / start)
-    found = np.interp(ways, np.arange(1, 101) / 100.0, forces)
+    found = np.interp(paths, np.arange(1, 101) / 100.0, forces)
     # half the field's share that 21 cells miss, and what the mean of both sides of the patch cannot tell; 0.13 before
-    assert found == pytest.approx(force_left(nu, ways), abs=0.04)
+    assert found == pytest.approx(force_left(nu, paths), abs=0.04)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -206,8 +206,8 @@ def test_a_spot_that_sways_keeps_its_force(level):
     spot.shear(0.5)
     first = None
     for _ in range(200):
-        for way in (5e-10, -1e-9, 5e-10):
-            force = spot.move(roll=way).x
+        for path in (5e-10, -1e-9, 5e-10):
+            force = spot.move(roll=path).x
         first = force if first is None else first
     assert force == pytest.approx(first, rel=1e-12)
     before = Spot(level, pair(0.3)).shear(0.5).x
@@ -215,7 +215,7 @@ def test_a_spot_that_sways_keeps_its_force(level):
 
 
 @pytest.mark.parametrize("level", EVERY)
-def test_a_spot_that_rolls_on_forgets(level):
+def test_a_spot_that_rolls_on_loses_its_history(level):
     """Whatever the direction; swaying on the way adds nothing. All springs stick: a uniform field stays uniform."""
     spots = [Spot(level, pair(0.3, friction=1e6)) for _ in range(3)]
     for spot in spots:
@@ -250,23 +250,23 @@ def test_the_rate_is_a_word_or_a_number():
 
 
 def test_a_turn_back_is_fresh_after_the_diameter_of_the_patch():
-    ground = fresh_ground(0.0, 0.0, A, 0.0, 0.0, 0.0)
+    ground = moved_ground(0.0, 0.0, A, 0.0, 0.0, 0.0)
     for _ in range(50):
-        ground = fresh_ground(0.1 * A, 0.0, A, *ground[1:])
-    assert ground.way == pytest.approx(0.1 * A)
-    ways = []
+        ground = moved_ground(0.1 * A, 0.0, A, *ground[1:])
+    assert ground.path == pytest.approx(0.1 * A)
+    paths = []
     for _ in range(30):
-        ground = fresh_ground(-0.1 * A, 0.0, A, *ground[1:])
-        ways.append(ground.way)
-    assert sum(ways) == pytest.approx(1.0 * A)
-    assert ways[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
+        ground = moved_ground(-0.1 * A, 0.0, A, *ground[1:])
+        paths.append(ground.path)
+    assert sum(paths) == pytest.approx(1.0 * A)
+    assert paths[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
 
 
 def test_a_patch_that_shrinks_meets_no_fresh_ground():
-    ground = fresh_ground(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)
-    ground = fresh_ground(0.0, 0.0, 0.5 * A, *ground[1:])
+    ground = moved_ground(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)
+    ground = moved_ground(0.0, 0.0, 0.5 * A, *ground[1:])
     assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
-    assert fresh_ground(0.0, 0.0, A, *ground[1:]).way == 0.0
+    assert moved_ground(0.0, 0.0, A, *ground[1:]).path == 0.0
 
 
 @pytest.mark.parametrize("exponent", [1e-9, 1e-5, 9.99e-4, 1.01e-3, 0.3, 5.0])
@@ -278,10 +278,10 @@ def test_heat_of_renewal(exponent):
     lost = -np.expm1(-exponent * t) / exponent
     w = w_old * np.exp(-exponent * t) - slip * lost
     share = renewed(exponent)
-    assert share.kept * w_old - share.fill * slip == pytest.approx(
+    assert share.retained * w_old - share.fill * slip == pytest.approx(
         w_old * math.exp(-exponent) - slip * -math.expm1(-exponent) / exponent, rel=1e-14
     )
-    heat = 0.5 * (1.0 - share.kept**2) * w_old**2 - share.mixed * w_old * slip + share.own * slip**2
+    heat = 0.5 * (1.0 - share.retained**2) * w_old**2 - share.mixed * w_old * slip + share.own * slip**2
     assert heat == pytest.approx(0.5 * exponent * float(np.sum(weights * w * w)), rel=1e-7)  # kept^2 has 16 digits
 
 
@@ -305,7 +305,7 @@ def random_steps(seed, corners, pieces):
         for piece in range(1, pieces + 1):
             now = before + (overlap - before) * piece / pieces
             names = ("slip", "aside", "roll", "across")
-            yield {"overlap": now} | {name: way / pieces for name, way in zip(names, (slip, aside, roll, across), strict=True)}
+            yield {"overlap": now} | {name: path / pieces for name, path in zip(names, (slip, aside, roll, across), strict=True)}
         before = overlap
 
 
@@ -346,8 +346,8 @@ def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():
         for _ in range(40):
             for phase in np.arange(1, 101) / 100.0:
                 overlap = OVERLAP * (1.0 + swing * math.sin(2.0 * math.pi * phase)) ** (2.0 / 3.0)
-                way = 5e-10 * (1.0 if 0.25 < phase <= 0.75 else -1.0) / 25.0
-                force = spot.move(roll=way, overlap=overlap).x
+                path = 5e-10 * (1.0 if 0.25 < phase <= 0.75 else -1.0) / 25.0
+                force = spot.move(roll=path, overlap=overlap).x
             forces.append(force)
         assert forces[0] != 0.0
         assert forces[1:] == pytest.approx([forces[0]] * 39, rel=0.01), level
@@ -390,16 +390,16 @@ def test_tangent_of_rolling_springs(level, share):
     spot = Spot(level, pair(0.3))
     critical = spot.shear(0.1).critical
     step = {"slip": share * critical, "aside": 0.4 * share * critical, "roll": 0.3 * A, "overlap": 1.1 * OVERLAP}
-    found, wanted = spot.tangent(*spot.asked(**step)), []
+    found, wanted = spot.tangent(*spot.evaluate(**step)), []
     for name, size in (("slip", 1e-6 * critical), ("aside", 1e-6 * critical), ("overlap", 1e-6 * OVERLAP)):
-        ends = [spot.kernel(*spot.asked(**(step | {name: step[name] + sign * size})))[0] for sign in (1.0, -1.0)]
+        ends = [spot.kernel(*spot.evaluate(**(step | {name: step[name] + sign * size})))[0] for sign in (1.0, -1.0)]
         wanted.append([(ends[0].x - ends[1].x) / (2.0 * size), (ends[0].y - ends[1].y) / (2.0 * size)])
     (xx, yx), (xy, yy), (xd, yd) = wanted
     scale = max(abs(xx), abs(yy))
     assert found == pytest.approx((xx, xy, yx, yy, xd, yd), rel=1e-5, abs=1e-6 * scale)
 
 
-def test_springs_forget_where_the_scene_says_so():
+def test_springs_are_renewed_where_the_scene_says_so():
     assert MINDLIN.sized({"renewal": "kalker"}) is MINDLIN_ROLLING
     assert COULOMB.sized({"renewal": 0.5}) is COULOMB_ROLLING
     for options in ({}, {"renewal": 0.0}, {"renewal": "kalker", "memory": "rescaled"}):
@@ -411,7 +411,7 @@ SIDE = 1e-4
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
-def test_a_pinched_ball_creeps_where_its_springs_forget(make, integrator):
+def test_a_pinched_ball_creeps_where_its_springs_are_renewed(make, integrator):
     """Loaded sideways by its weight, it rolls with Kalker's creep: behind half the way of the plate, which it keeps otherwise."""
     behind, pull = {}, Effects(gravity=(-SIDE / make.ball_mass(make.STEEL, 1e-5), 0.0, 0.0))
     for renewal in (0.0, "kalker"):

@@ -50,7 +50,7 @@ def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level
     assert abs(sign @ normal) < 1e-8 * scale and abs(sign @ shear) < 1e-8 * scale
     assert abs(sign @ (normal * place[:, 0] - shear * place[:, 2])) < 1e-8 * scale * 2e-6
     assert np.all(np.abs(shear) <= MU * normal * (1.0 + 1e-9))
-    assert any("turns by" in line for line in result.warnings)
+    assert any("rotates by" in line for line in result.warnings)
 
 
 def test_load_and_indentation_meet_in_a_seat():
@@ -60,7 +60,7 @@ def test_load_and_indentation_meet_in_a_seat():
     assert same.indentation == pytest.approx(10e-9, rel=0.02)
 
 
-def test_a_mirror_turns_the_other_way():
+def test_a_mirror_turns_in_the_opposite_direction():
     mirrored = [s | {"x": -s["x"]} for s in LAME]
     here, there = pressed(), pressed(mirrored)
     assert there.seat.rotation == pytest.approx(-here.seat.rotation, rel=1e-6)  # steps that end at 1e-6 of the forces
@@ -90,12 +90,12 @@ def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
 
 def test_a_particle_that_tips_over_is_followed_in_a_few_steps(monkeypatch):
     """Half a radian in steps of sqrt(.8 * .5 * .3 nm / 2 um) are 70 steps; each takes a guess or two and some steps of Newton."""
-    asked = []
+    requested = []
     trial = QuasiStatic.trial
-    monkeypatch.setattr(QuasiStatic, "trial", lambda *given: asked.append(1) or trial(*given))
+    monkeypatch.setattr(QuasiStatic, "trial", lambda *given: requested.append(1) or trial(*given))
     pressed(FALLING, "mindlin")
     # 600 before it falls, 800 on the way; 5900 on the way where every step begins at rest, bounded by spots that stay open
-    assert len(asked) < 2000
+    assert len(requested) < 2000
 
 
 def test_a_particle_that_its_contacts_hold_has_no_seat():

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from thirdbody_three_spot import theory
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.implicit_common_plate import Shared
+from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
 from thirdbody.kernels.implicit import common_plate, step_control
@@ -99,11 +99,11 @@ def sprung(make, radii, plate, preload):
     return np.array(forces)
 
 
-def residual_after(simulation, way):
+def residual_after(simulation, path):
     """Relative residual of the ledger after settling and a way of the drag (m)."""
     ledger, state, one = Ledger(simulation.state), simulation.state, simulation.integrator
     one.advance_to(time=simulation.settle, watch=lambda: ledger.watch(state))
-    one.advance_to(distance=way, watch=lambda: ledger.watch(state))
+    one.advance_to(distance=path, watch=lambda: ledger.watch(state))
     return ledger.relative_residual(state, ledger.lines(state)["residual"])
 
 
@@ -111,7 +111,7 @@ def residual_after(simulation, way):
 def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     bodies, spots, radius = (balls(make), 1, MICRO) if kind == "balls" else (flakes(make), 7, 2e-6)
     simulation = carried(make, bodies, drag())
-    assert isinstance(simulation.integrator, Shared)
+    assert isinstance(simulation.integrator, ImplicitCommonPlate)
     simulation.integrator.advance_to(time=simulation.settle)
     radii = radius + TALLER * np.arange(COUNT)
     gap, expected = shares(make, radii, LOAD, spots)
@@ -131,13 +131,13 @@ def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     assert loaded == {"rolling" if kind == "balls" else "sliding"}
 
 
-def dragged(make, bodies, integrator, speed=0.1, way=2e-7, **keys):
+def dragged(make, bodies, integrator, speed=0.1, path=2e-7, **keys):
     """(height of the plate m, pushes N, mean force of the debris on the plate N, places m), after a way of the drag."""
     motion = model.Motion(x=[model.Ramp(ramp=speed, duration=5e-7), model.ConstantVelocity(velocity=speed)])
     simulation = carried(make, bodies, motion, integrator, **keys)
     simulation.integrator.advance_to(time=simulation.settle)
-    simulation.integrator.advance_to(distance=0.75 * way)
-    force = make.mean_force(simulation, 0.25 * way)
+    simulation.integrator.advance_to(distance=0.75 * path)
+    force = make.mean_force(simulation, 0.25 * path)
     return simulation.state.patches.height[-1], pushes(simulation), force, simulation.state.B[:, :3].copy()
 
 
@@ -156,7 +156,7 @@ def test_common_plate_is_that_of_the_explicit_integrator(make, plate):
 @pytest.mark.parametrize("preload", [0.0, 2e-4])
 def test_foundation_balances_load_and_springs(make, preload):
     simulation = carried(make, balls(make), drag(), plate=SPRINGS | {"preload": preload})
-    assert isinstance(simulation.integrator, Shared)
+    assert isinstance(simulation.integrator, ImplicitCommonPlate)
     simulation.integrator.advance_to(time=simulation.settle)
     P, found = simulation.state.P, pushes(simulation)
     springs = P[:-1, patch.SPRING] * (P[:-1, patch.HEIGHT] - P[-1, patch.HEIGHT])
@@ -179,7 +179,7 @@ def test_foundation_at_a_height_is_one_that_came_there(make):
     free.integrator.advance_to(distance=5e-7)
     height = float(free.state.patches.height[-1])
     held = carried(make, flakes(make), drag(), plate=SPRINGS | {"load": None, "gap": height})
-    assert not isinstance(held.integrator, Shared)
+    assert not isinstance(held.integrator, ImplicitCommonPlate)
     held.integrator.advance_to(distance=5e-7)
     # Newton's method leaves 1e-9 of the forces of a body; the plate is solved to 1e-8
     assert pushes(held) == pytest.approx(pushes(free), abs=1e-8 * LOAD)
@@ -188,14 +188,14 @@ def test_foundation_at_a_height_is_one_that_came_there(make):
     assert np.abs(free.state.B[:, :3] - held.state.B[:, :3]).max() < 5e-9
 
 
-@pytest.mark.parametrize("way", [0.0, 2e-7], ids=["stick", "sliding"])
+@pytest.mark.parametrize("path", [0.0, 2e-7], ids=["stick", "sliding"])
 @supports
 @pytest.mark.parametrize("level", ["mindlin", "exact"])
-def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
+def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     simulation = carried(make, flakes(make, 3), drag(), plate=plate, level=level)
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
-    one.advance_to(distance=way)  # none: it still sticks
+    one.advance_to(distance=path)  # none: it still sticks
     start, dt, h, context = simulation.state.B.copy(), one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
     velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
@@ -203,7 +203,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
         common_plate.solve_bodies(simulation.state.n_bodies, True, rise, dt, *velocity, context)
         solutions.append(one.solutions.copy())
         common_plate.restore_bodies(context)
-    assert all(solution[:, body_solution.FOUND].all() for solution in solutions)
+    assert all(solution[:, body_solution.SOLVED].all() for solution in solutions)
     quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
@@ -237,16 +237,16 @@ def alone(make, debris, motion, **keys):
 
 
 def test_flake_needs_no_inertia(make):
-    told = []
+    report = []
     for inertia in (True, False):
         simulation = alone(make, [make.clump(make.HEXAGON)], drag(), inertia=inertia)
         assert residual_after(simulation, 5e-7) < CLOSED
         R = simulation.state.slots.R
-        told.append(np.concatenate([R[:, record.NORMAL_FORCE], make.plate_force(simulation)]))
+        report.append(np.concatenate([R[:, record.NORMAL_FORCE], make.plate_force(simulation)]))
         assert make.label(simulation) == "sliding"
     # inertia counts for 1e-10 at 1 mm/s, and Newton's method leaves 1e-9
-    assert told[1] == pytest.approx(told[0], abs=1e-8 * 1e-4)
-    assert -told[1][-3] / told[1][-1] == pytest.approx(MU, rel=1e-7)
+    assert report[1] == pytest.approx(report[0], abs=1e-8 * 1e-4)
+    assert -report[1][-3] / report[1][-1] == pytest.approx(MU, rel=1e-7)
 
 
 def test_three_spots_need_no_inertia(make):
@@ -258,7 +258,7 @@ def test_three_spots_need_no_inertia(make):
     loaded = simulation.state.slots.R[make.touching(simulation)]
     normal = dict(zip(np.round(loaded[:, record.POINT] * 1e6), loaded[:, record.NORMAL_FORCE], strict=True))
     # the tilt of 1e-3 moves each spot of radius 2 um or less, on arms of 2 um: 4e-9 m of 3.5 um
-    expected = theory.lower_force_share((0.2e-6, -2e-6, 1.5e-6), MU * 4e-6)
+    expected = theory.lower_force_fraction((0.2e-6, -2e-6, 1.5e-6), MU * 4e-6)
     assert normal[-2.0] / normal[0.0] == pytest.approx(expected, rel=2e-3)
     assert make.plate_force(simulation)[0] / 1e-4 == pytest.approx(MU, rel=1e-6)
 
@@ -308,13 +308,13 @@ def test_body_between_equal_plates_stays(make):
 
 def test_tipping_clump_ends_in_the_same_seat(make):
     """It is dropped, falls over and rolls on; momentum, which only one of them has, puts it down .2 um further."""
-    told = []
+    report = []
     for inertia in (True, False):
         simulation = alone(make, [make.clump(make.LUMP, gap=2.1e-6)], drag(), inertia=inertia)
         assert residual_after(simulation, 2e-6) < CLOSED
         seat = make.label(simulation), list(make.touching(simulation))
-        told.append((seat, make.plate_force(simulation) / 1e-4, simulation.state.bodies.quaternion[0].copy()))
-    with_inertia, without = told
+        report.append((seat, make.plate_force(simulation) / 1e-4, simulation.state.bodies.quaternion[0].copy()))
+    with_inertia, without = report
     assert with_inertia[0] == without[0] and without[0][0] == "rolling"
     # .2 um on a clump of 10 um turn it by some 3e-3, and forces follow from geometry
     assert without[1] == pytest.approx(with_inertia[1], abs=0.01)
@@ -377,14 +377,14 @@ def beside(x, gap):
 def test_balls_that_pass_each_other_go_on(make, pair):
     simulation = flying(make, *pair)
     simulation.integrator.advance_to(distance=1e-4)
-    S, way = simulation.state.S, 0.3 * (1e-4 + 1e-7)
+    S, path = simulation.state.S, 0.3 * (1e-4 + 1e-7)
     # nothing holds them: they went on, past each other
-    assert S[0, 0] - pair[0][0] == pytest.approx(way, rel=1e-9)
-    assert S[1, 1] - pair[1][1] == pytest.approx(pair[1][3] / 0.3 * way, rel=1e-9, abs=1e-15)
+    assert S[0, 0] - pair[0][0] == pytest.approx(path, rel=1e-9)
+    assert S[1, 1] - pair[1][1] == pytest.approx(pair[1][3] / 0.3 * path, rel=1e-9, abs=1e-15)
 
 
 @pytest.mark.parametrize(
-    ("pair", "way"),
+    ("pair", "path"),
     [
         # two on crossing ways are 2 R apart when each has sqrt(2) R to go
         ((STRAIGHT, CROSSING), 1e-5 - math.sqrt(2.0) * R),
@@ -393,11 +393,11 @@ def test_balls_that_pass_each_other_go_on(make, pair):
     ],
     ids=["same place, same time", "touch", "touch across a face"],
 )
-def test_balls_that_touch_stop_the_run(make, pair, way):
+def test_balls_that_touch_stop_the_run(make, pair, path):
     simulation = flying(make, *pair)
     with pytest.raises(GuardStop, match=r"body (0|1) at .* and body (0|1) come near enough to touch") as stop:
         simulation.integrator.advance_to(distance=1e-4)
     assert "body 0" in str(stop.value) and "body 1" in str(stop.value)
     # it is seen at the first look after they touch; looks are R/4 of the drag apart, in which a ball flies .3 R/4
     gone = float(simulation.state.S[0, 0]) - pair[0][0]
-    assert way - 1e-12 <= gone <= way + 0.3 * 0.25 * R + 1e-12
+    assert path - 1e-12 <= gone <= path + 0.3 * 0.25 * R + 1e-12

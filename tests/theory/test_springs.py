@@ -208,7 +208,7 @@ def travel_speed(i, j, tables, G, plate):
     return travel(i, j, 0, tables, Motion(1.0, plate, 0.0), G)
 
 
-def way(S, i, j, normal, arms, plate=0.0):
+def path(S, i, j, normal, arms, plate=0.0):
     """Velocity of the patch over its ground, along x and y, or y and z for a normal along x."""
     G = np.zeros((geometry.WIDTH, TILE))
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
@@ -218,21 +218,21 @@ def way(S, i, j, normal, arms, plate=0.0):
     return travel_speed(i, j, Tables(nobody, nobody, S, np.zeros((1, patch.WIDTH))), G.ravel(), plate)
 
 
-def test_the_way_of_the_patch():
+def test_the_path_of_the_patch():
     up = (0.0, 0.0, 1.0)
     rolling = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 1.5, 0.0)))
-    assert way(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx((3.0, 0.0))
+    assert path(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx((3.0, 0.0))
     back = spheres((2.0, (0.0, -3.0, 0.0), (1.5, 0.0, 0.0)))
-    assert way(back, 0, -1, up, (2.0, 0.0)) == pytest.approx((0.0, -3.0)), "the way has a direction"
+    assert path(back, 0, -1, up, (2.0, 0.0)) == pytest.approx((0.0, -3.0)), "the way has a direction"
     skidding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert way(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx((1.5, 0.0)), "new material on one side only"
+    assert path(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx((1.5, 0.0)), "new material on one side only"
     riding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert way(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
+    assert path(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
     gears = spheres((1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))
-    assert np.hypot(*way(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0))) == pytest.approx(2.0)
+    assert np.hypot(*path(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0))) == pytest.approx(2.0)
     # two spheres that turn about their common centre as one body
     dumbbell = spheres((1.0, (0.0, -2.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))
-    assert way(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx((0.0, 0.0), abs=1e-15)
+    assert path(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx((0.0, 0.0), abs=1e-15)
 
 
 SLOW = 1.5e-10

@@ -37,7 +37,7 @@ class Spot:
         self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
         self.h, self.w = (0.0,) * 7, np.zeros(2 * springs)
 
-    def asked(self, step: Step):
+    def evaluate(self, step: Step):
         """Arguments of the law and of its tangent."""
         elastic = theory.hertz_force(E_STAR, RADIUS, step.overlap)
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
@@ -48,17 +48,17 @@ class Spot:
     def move(self, *steps: Step):
         for step in steps:
             w_new = np.empty_like(self.w)
-            answer, self.h = mdr.springs(*self.asked(step), w_new)
+            answer, self.h = mdr.springs(*self.evaluate(step), w_new)
             self.w = w_new
         return answer
 
     def force(self, step: Step) -> np.ndarray:
-        answer, _ = mdr.springs(*self.asked(step), np.empty_like(self.w))
+        answer, _ = mdr.springs(*self.evaluate(step), np.empty_like(self.w))
         return np.array([answer.x, answer.y])
 
     def tangent(self, step: Step) -> np.ndarray:
         """Columns: over slip x, slip y, overlap."""
-        xx, xy, yx, yy, xd, yd = mdr.springs_tangent(*self.asked(step))
+        xx, xy, yx, yy, xd, yd = mdr.springs_tangent(*self.evaluate(step))
         return np.array([[xx, xy, xd], [yx, yy, yd]])
 
     def scales(self, step: Step) -> np.ndarray:
@@ -190,13 +190,13 @@ def test_full_sliding():
     spot, angle = Spot(256), 0.7
     spot.move(Step(OVERLAP))
     e, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-    way = 50.0 * CRITICAL
-    tangent = spot.tangent(Step(OVERLAP, *(way * e)))
+    path = 50.0 * CRITICAL
+    tangent = spot.tangent(Step(OVERLAP, *(path * e)))
     slope, limit = MU * theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP), MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
     # every spring under the patch adds 2 G* kappa spacing: 128 springs and more, of which the last is in or out
     assert tangent[:, 2] @ e == pytest.approx(-slope, rel=0.5 / 128)
     # their sum falls short of mu N by 1.5 (spacing/2a)^2 < 3e-5
-    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / way, rel=1e-4)
+    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / path, rel=1e-4)
     # along the slip: roundings of a stiffness 2 G* a
     assert np.abs(tangent[:, :2] @ e).max() < 1e-12 * limit / CRITICAL
 
@@ -206,7 +206,7 @@ def test_open(overlap):
     """No touch, no stiffness, and no division by the overlap."""
     spot = Spot(16)
     spot.move(Step(OVERLAP, 0.5 * CRITICAL))
-    contact, load, p, h, w = spot.asked(Step(OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL, 0.01))
+    contact, load, p, h, w = spot.evaluate(Step(OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL, 0.01))
     given = mdr.springs_tangent(contact._replace(overlap=overlap), Load(0.0, 0.0, 0.0, 0.0, 0.0), p, h, w)
     assert given == (0.0,) * 6
 
@@ -215,5 +215,5 @@ def test_a_dashpot_that_pulls_leaves_no_friction():
     """The load on friction is cut at zero, and with it its stiffness."""
     spot = Spot(16)
     spot.move(Step(OVERLAP, 0.5 * CRITICAL))
-    contact, load, p, h, w = spot.asked(Step(0.9 * OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL))
+    contact, load, p, h, w = spot.evaluate(Step(0.9 * OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL))
     assert mdr.springs_tangent(contact, load._replace(force=0.0, stiffness=0.0), p, h, w) == (0.0,) * 6

@@ -19,8 +19,8 @@ G2 = theory.g_star(60e9, 0.35, 120e9, 0.2)
 R = (2e-6, 1e-6, 1.5e-6)
 CLOSING = 10e-9
 MU = 0.3
-ALPHA = theory.share_ratio(E1, R[0], E2, *R[1:])
-D1 = CLOSING * theory.upper_share(ALPHA, 0.0)
+ALPHA = theory.compliance_ratio(E1, R[0], E2, *R[1:])
+D1 = CLOSING * theory.upper_fraction(ALPHA, 0.0)
 D2 = CLOSING - D1
 N1 = theory.hertz_force(E1, R[0], D1)
 TILTED = (0.2e-6, -2e-6, 1.5e-6)
@@ -55,12 +55,12 @@ NUMBERS = {
     "G2*": (G2, 94117647058.8235),
     "elastic similarity of set A": (1.0 + theory.dundurs_beta(80e9, 0.3, 60e9, 0.35), 1.0),
     "alpha": (ALPHA, 0.804491697733194),
-    "delta0": (theory.upper_share(ALPHA, 0.0), 0.554172679905483),
-    "psi": (theory.upper_share_slope(ALPHA), -0.399257298069346),
-    "delta(1e-3)": (theory.upper_share(ALPHA, 1e-3), 0.553773440070735),
-    "delta(.01)": (theory.upper_share(ALPHA, 0.01), 0.550181841800893),
-    "delta(.1)": (theory.upper_share(ALPHA, 0.1), 0.514409313560128),
-    "delta(.5)": (theory.upper_share(ALPHA, 0.5), 0.357486437265024),
+    "delta0": (theory.upper_fraction(ALPHA, 0.0), 0.554172679905483),
+    "psi": (theory.upper_fraction_slope(ALPHA), -0.399257298069346),
+    "delta(1e-3)": (theory.upper_fraction(ALPHA, 1e-3), 0.553773440070735),
+    "delta(.01)": (theory.upper_fraction(ALPHA, 0.01), 0.550181841800893),
+    "delta(.1)": (theory.upper_fraction(ALPHA, 0.1), 0.514409313560128),
+    "delta(.5)": (theory.upper_fraction(ALPHA, 0.5), 0.357486437265024),
     "N1": (N1, 1.00916206173428e-4),
     "N2": (theory.hertz_force(E2, R[1], D2), 0.453607995555482e-4),
     "N3": (theory.hertz_force(E2, R[2], D2), 0.555554066178795e-4),
@@ -71,13 +71,13 @@ NUMBERS = {
     "T(.75)": (theory.mindlin_loading(0.75, MU * N1, 1.0), 2.64905041205248e-5),
     "Eq. 22": (theory.sliding_moment_weightless((1e-6, -2e-6, 1.5e-6), R[1], R[2]), 1.07321409974112e-6),
     "Eq. 21": (
-        theory.sliding_moment_without_tilt((1e-6, -2e-6, 1.5e-6), E1, E2, R, theory.upper_share(ALPHA, 0.01)),
+        theory.sliding_moment_without_tilt((1e-6, -2e-6, 1.5e-6), E1, E2, R, theory.upper_fraction(ALPHA, 0.01)),
         1.0750081530652e-6,
     ),
     "Eq. 20": (theory.sliding_weight_ratio(0.30, 0.25), 0.2),
-    "Fig. 2 a": (theory.third_spot_place(0.25, 2.0, 1.0), 0.666666666666667),
-    "Fig. 2 b": (theory.third_spot_place(0.3, 0.7, 0.6), 0.871428571428571),
-    "N2/N1 sliding": (theory.lower_force_share(TILTED, 1.2e-6), 0.714285714285714),
+    "Fig. 2 a": (theory.third_spot_position(0.25, 2.0, 1.0), 0.666666666666667),
+    "Fig. 2 b": (theory.third_spot_position(0.3, 0.7, 0.6), 0.871428571428571),
+    "N2/N1 sliding": (theory.lower_force_fraction(TILTED, 1.2e-6), 0.714285714285714),
     "t_min": (theory.sliding_interval(TILTED, 4e-6)[0], -0.325),
     "t_max": (theory.sliding_interval(TILTED, 4e-6)[1], 0.55),
     "loop .9": (theory.mindlin_loop_work(0.9), 0.320990646466991),
@@ -160,17 +160,17 @@ def test_outside_the_sliding_interval_a_spot_lifts_off():
     with pytest.raises(ValueError, match="lifts off"):
         theory.tilted_state(TILTED, E1, E2, R, CLOSING, 0.56 * 4e-6)  # t_max = .55
     with pytest.raises(ValueError, match="outside"):
-        theory.upper_share(ALPHA, 1.001 * ALPHA**-1.5)
+        theory.upper_fraction(ALPHA, 1.001 * ALPHA**-1.5)
 
 
 def test_share_series_is_of_second_order():
-    errors = [abs(theory.upper_share_series(ALPHA, m) - theory.upper_share(ALPHA, m)) for m in (0.01, 0.02)]
+    errors = [abs(theory.upper_fraction_series(ALPHA, m) - theory.upper_fraction(ALPHA, m)) for m in (0.01, 0.02)]
     assert math.log2(errors[1] / errors[0]) == pytest.approx(3.0, abs=0.05)  # the first missing term is m~^3
 
 
 def test_weight_number_is_what_eq_9_balances():
     weight = 1e-5
-    delta = theory.upper_share(ALPHA, theory.weight_number(weight, E1, R[0], CLOSING))
+    delta = theory.upper_fraction(ALPHA, theory.weight_number(weight, E1, R[0], CLOSING))
     below = sum(theory.hertz_force(E2, r, (1.0 - delta) * CLOSING) for r in R[1:])
     assert below - theory.hertz_force(E1, R[0], delta * CLOSING) == pytest.approx(weight, rel=1e-10)
 
@@ -244,9 +244,9 @@ def test_gross_slip_keeps_angular_momentum_about_the_contact():
 def test_restitution_with_pull():
     # exact for a contact that may pull: e = .5 needs less than .5708137, the value for a force clipped at
     # zero
-    assert theory.damping_with_pull(0.5) == pytest.approx(math.sqrt(5.0) * math.log(2.0) / math.hypot(math.log(2.0), math.pi))
-    assert theory.damping_with_pull(0.5) < 0.5708137
-    assert theory.damping_with_pull(1.0) == 0.0
+    assert theory.damping_with_tension(0.5) == pytest.approx(math.sqrt(5.0) * math.log(2.0) / math.hypot(math.log(2.0), math.pi))
+    assert theory.damping_with_tension(0.5) < 0.5708137
+    assert theory.damping_with_tension(1.0) == 0.0
 
 
 def test_slope_sphere_changes_from_sliding_to_rolling_at_two_sevenths():
@@ -273,12 +273,12 @@ def test_two_spots_are_the_limit_of_three():
 def test_symmetric_particle_slides_only_without_friction():
     assert theory.sliding_moment_weightless((0.0, -1e-6, 1e-6), 1e-6, 1e-6) == 0.0
     # Fig. 2: another H shifts zeta_2 by dH/n_2
-    assert theory.third_spot_place(0.3, 0.7 + 0.2 / 0.3, 0.8) == pytest.approx(theory.third_spot_place(0.3, 0.7, 0.6))
+    assert theory.third_spot_position(0.3, 0.7 + 0.2 / 0.3, 0.8) == pytest.approx(theory.third_spot_position(0.3, 0.7, 0.6))
 
 
 def test_eq_21_becomes_eq_22_without_weight():
     x = (1e-6, -2e-6, 1.5e-6)
-    ours = theory.sliding_moment_without_tilt(x, E1, E2, R, theory.upper_share(ALPHA, 0.0))
+    ours = theory.sliding_moment_without_tilt(x, E1, E2, R, theory.upper_fraction(ALPHA, 0.0))
     assert ours == pytest.approx(theory.sliding_moment_weightless(x, R[1], R[2]), rel=1e-13)
 
 

@@ -97,10 +97,10 @@ def test_in_the_plane_it_is_the_closed_form(w):
 
 def test_a_negligible_weight_leaves_the_closed_form_of_no_weight():
     upper, lower = [(1.2, 0.4)], [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)]
-    asked = [label(upper, lower, (1.0, -1.0), (0, 0, -w, 0, 0, 0), (0.5, 0.5), (-3.0, 1.0)) for w in (0.0, 1e-5, 1e-3, 2e-3)]
-    assert asked[0] == asked[1]
+    requested = [label(upper, lower, (1.0, -1.0), (0, 0, -w, 0, 0, 0), (0.5, 0.5), (-3.0, 1.0)) for w in (0.0, 1e-5, 1e-3, 2e-3)]
+    assert requested[0] == requested[1]
     # beyond that programmes take over, and the ends move with the weight: by w times a length of the body over its height
-    slopes = [(found["t_max"] - asked[0]["t_max"]) / w for found, w in zip(asked[2:], (1e-3, 2e-3), strict=True)]
+    slopes = [(found["t_max"] - requested[0]["t_max"]) / w for found, w in zip(requested[2:], (1e-3, 2e-3), strict=True)]
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-2) and 0.1 < abs(slopes[0]) < 2.0
 
 

@@ -23,9 +23,9 @@ def clump_layer(count: int, per_clump: int = 6):
     grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"), -1).reshape(-1, 2)[:count]
     flat = (grid + 0.5) * pitch + rng.normal(0.0, 0.1 * R, (count, 2))
     bodies = np.column_stack([flat, rng.uniform(1.05, 1.3, count) * R])
-    way = rng.normal(size=(count, per_clump, 3))
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    offset = way * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
+    path = rng.normal(size=(count, per_clump, 3))
+    path /= np.linalg.norm(path, axis=2, keepdims=True)
+    offset = path * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
     radii = R * rng.uniform(0.38, 0.62, (count, per_clump))
     wave = np.sin(flat[:, 0] / 95e-6) + np.cos(flat[:, 1] / 120e-6 + 1.0) + rng.normal(0.0, 0.45, count)
     states = (1 + np.digitize(wave, [-0.6, 0.75])).astype(np.uint8)
@@ -35,8 +35,8 @@ def clump_layer(count: int, per_clump: int = 6):
     return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
 
 
-def write_layer(path, count: int, frames: int = 2, way: float = 1.0, deep: float = 1.0):
-    """A run of `count` clumps between plates; from frame to frame all slide along x (`way` 1 or -1) and leave the domain.
+def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0):
+    """A run of `count` clumps between plates; from frame to frame all slide along x (`path` 1 or -1) and leave the domain.
 
     Each carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one
     (three quarters). The gap is `deep` times the height of the layer.
@@ -58,10 +58,10 @@ def write_layer(path, count: int, frames: int = 2, way: float = 1.0, deep: float
     tops = bodies[touching] + np.tile([[0.0, 0.0, -R], [0.0, 0.0, R]], (count, 1))
     normal = np.tile([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], (count, 1))
     load = np.full(2 * count, 1e-4)
-    rub = np.tile([[-7.5e-6, 0.0, 0.0], [2.5e-6, 0.0, 0.0]], (count, 1)) * way
+    rub = np.tile([[-7.5e-6, 0.0, 0.0], [2.5e-6, 0.0, 0.0]], (count, 1)) * distance
     with TrajectoryWriter(path, header, static) as writer:
         for number in range(frames):
-            shift = np.array([way * 10e-6 * number, 0.0, 0.0])
+            shift = np.array([distance * 10e-6 * number, 0.0, 0.0])
             upper = corners + [2 * shift[0], 0.0, gap]
             writer.append(
                 Frame(

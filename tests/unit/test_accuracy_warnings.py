@@ -8,7 +8,7 @@ from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("message", "words"),
     [
         ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]),
         ({"load_ratio": 0.2, "finished": True}, ["0.20 times the load"]),
@@ -27,8 +27,8 @@ from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
         ({}, []),
     ],
 )
-def test_loads_that_are_not_carried_are_told(told, words):
-    said = " ".join(ending_warnings(told))
+def test_loads_that_are_not_carried_are_reported(message, words):
+    said = " ".join(ending_warnings(message))
     assert all(word in said for word in words) and bool(said) == bool(words)
 
 

@@ -18,12 +18,12 @@ def built(**settings):
     return build(Scene.load(SCENES / "three_spot.toml").with_settings({k.replace("__", "."): x for k, x in settings.items()}))
 
 
-def told(simulation) -> dict[str, dict]:
+def report(simulation) -> dict[str, dict]:
     return {row["part"]: row for row in parts(simulation)}
 
 
 def test_every_installed_effect_is_on_or_off_with_a_reason():
-    rows = told(built(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit"))
+    rows = report(built(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit"))
     assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
     assert not rows["effect: damping"]["on"] and rows["effect: damping"]["fraction"] == 0.0
     assert all(row["reason"] for row in rows.values())
@@ -32,8 +32,8 @@ def test_every_installed_effect_is_on_or_off_with_a_reason():
     assert sum(row["fraction"] for row in rows.values()) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_shares_are_not_told_where_they_are_not_known():
-    rows = told(built())
+def test_shares_are_not_reported_where_they_are_not_known():
+    rows = report(built())
     assert {row["fraction"] for row in rows.values() if row["on"]} == {None}
     assert rows["debris-debris contact"]["on"] is False
 

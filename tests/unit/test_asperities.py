@@ -19,7 +19,7 @@ def body(seed: int, n: int = 6) -> Clump:
 
 
 @pytest.mark.parametrize("n, count, fraction", [(1, 3, 0.1), (6, 3, 0.1), (8, 12, 0.05), (4, 1, 0.5)])
-def test_a_plane_touches_every_asperity_and_each_stands_out_by_its_radius(n, count, fraction):
+def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius(n, count, fraction):
     bare = body(1, n)
     rough = with_asperities(np.random.default_rng(2), bare, count, fraction)
     assert rough.diameter == pytest.approx(bare.diameter, rel=1e-12, abs=0.0)  # scaled to it: rounding of a cube root

@@ -62,15 +62,15 @@ def write(tmp_path: Path):
 
 def test_json_has_the_promised_keys(write, capsys):
     balance_command(write(), json=True, level="mindlin")
-    told = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(word))
-    assert {"points", "forecast", "moduli"} <= told.keys() and len(told["points"]) == 25
+    report = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(word))
+    assert {"points", "forecast", "moduli"} <= report.keys() and len(report["points"]) == 25
     keys = {"indentation", "drag", "N", "T", "w", "u", "phi", "spots", "label", "reason", "margins"}
-    assert all(point.keys() == keys for point in told["points"])
-    assert told["forecast"].keys() == {"mu_required", "t_min", "t_max", "possible"}
-    first, last = told["points"][0], told["points"][-1]
+    assert all(point.keys() == keys for point in report["points"])
+    assert report["forecast"].keys() == {"mu_required", "t_min", "t_max", "possible"}
+    first, last = report["points"][0], report["points"][-1]
     assert (first["drag"], first["indentation"]) == (0.0, 10e-9) and last["drag"] == pytest.approx(12e-9, rel=1e-12)
     assert len(first["N"]) == 3 and isinstance(first["T"][0], float) and isinstance(first["phi"], float)
-    assert told["moduli"]["upper"]["e_star"] == pytest.approx(129729729729.730, rel=1e-13)  # Eq. 4
+    assert report["moduli"]["upper"]["e_star"] == pytest.approx(129729729729.730, rel=1e-13)  # Eq. 4
 
 
 def test_in_space_tangential_forces_are_vectors(write):
@@ -79,13 +79,13 @@ def test_in_space_tangential_forces_are_vectors(write):
     assert not result.planar and len(point.T[0]) == 2 and len(point.u) == 2 and len(point.phi) == 3
 
 
-def test_the_table_tells_what_changes(write, capsys):
+def test_the_table_reports_what_changes(write, capsys):
     balance_command(write(), level="mindlin")
-    told = capsys.readouterr()
-    assert "forecast: sticks for mu from 0, slides for mu from -0.325 to 0.55; possible: sticking, sliding" in told.out
-    assert "sliding   friction_limit" in told.out
+    report = capsys.readouterr()
+    assert "forecast: sticks for mu from 0, slides for mu from -0.325 to 0.55; possible: sticking, sliding" in report.out
+    assert "sliding   friction_limit" in report.out
     # a particle without weight that slides on both sides: any place along the drag is in balance
-    assert len(told.err.splitlines()) == 1 and "its place along the drag is undetermined" in told.err
+    assert len(report.err.splitlines()) == 1 and "its place along the drag is undetermined" in report.err
 
 
 def test_a_path_that_ends_early_says_where(write):
@@ -93,7 +93,7 @@ def test_a_path_that_ends_early_says_where(write):
     assert "no static state exists while it is pressed" in lines[-1]
 
 
-def test_unlike_materials_are_told(write, capsys):
+def test_unlike_materials_are_reported(write, capsys):
     balance_command(write(('shear_modulus = "80 GPa"', 'youngs_modulus = "5 GPa"')), level="mindlin")
     assert "upper side: not elastically similar" in capsys.readouterr().err
 
@@ -108,12 +108,12 @@ def test_all_faults_at_once_with_line_and_nearest_name(write):
     )
     with pytest.raises(InputError) as problem:
         BalanceFile.load(path)
-    told = str(problem.value)
+    report = str(problem.value)
     for part in (
         "particle.toml:4:1: materials.upper.poisson_ratio: 0.7 must be", "materials.lower.shear_modulus", "did you mean 'upper'?",
         "'top' is not one of 'lower', 'upper'", "give only one of indentation, load",
     ):  # fmt: skip
-        assert part in told
+        assert part in report
     assert len(problem.value.faults) == 5 and problem.value.exit_code == 3
 
 
@@ -136,7 +136,7 @@ def test_single_faults(write, change, text):
     assert text in str(problem.value) and len(problem.value.faults) == 1
 
 
-def test_a_missing_file_is_told():
+def test_a_missing_file_is_reported():
     with pytest.raises(InputError, match="no such file"):
         balance("nowhere.toml", "mindlin")
 

@@ -45,7 +45,7 @@ def test_every_text_of_a_guard_is_found_once(guards, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["a guard that was renamed", "import numpy as np\nfrom numba import njit"])
-def test_a_code_that_the_benchmark_no_longer_knows_is_told(guards, tmp_path, monkeypatch, text):
+def test_a_code_that_the_benchmark_no_longer_knows_is_reported(guards, tmp_path, monkeypatch, text):
     monkeypatch.setattr(guards, "CUTS", (guards.Cut("engine/guards.py", text),))
     with pytest.raises(SystemExit, match=r"no longer knows the code: .* in engine/guards\.py"):
         guards.without_guards(tmp_path)
@@ -62,12 +62,12 @@ def test_both_engines_come_to_the_same_bits_and_only_one_stops(guards, monkeypat
     assert "S200" in page.getvalue() and f"{rows[0]['ratio']['median']:.3f}" in page.getvalue()
 
 
-def test_engines_that_differ_are_told(guards):
+def test_engines_that_differ_are_reported(guards):
     class Answering:
         def __init__(self, bits: str) -> None:
             self.bits = bits
 
-        def ask(self, command: str) -> dict[str, str]:
+        def request(self, command: str) -> dict[str, str]:
             return {"bits": self.bits, "command": command}
 
     case = Case()
@@ -81,8 +81,8 @@ def test_ratios_are_taken_pair_by_pair(guards):
     def run(*seconds: float) -> list[dict[str, float]]:
         return [{"t": t, "processor": 2.0 * t, "looks": 0.25 * t} for t in seconds]
 
-    told = guards.summed_up({guards.AS_IS: [run(2.0, 9.0), run(4.0, 2.0)], guards.WITHOUT: [run(1.0, 3.0), run(4.0, 1.0)]})
-    assert told["ratio"]["pairs"] == told["of_processor"]["pairs"] == [[2.0, 3.0], [1.0, 2.0]]
+    report = guards.summed_up({guards.AS_IS: [run(2.0, 9.0), run(4.0, 2.0)], guards.WITHOUT: [run(1.0, 3.0), run(4.0, 1.0)]})
+    assert report["ratio"]["pairs"] == report["of_processor"]["pairs"] == [[2.0, 3.0], [1.0, 2.0]]
     # of pairs 1, 2, 2, 3; of rounds 2.5 and 1.5; dividing the medians of the times would give 3/2
-    assert (told["ratio"]["median"], told["ratio"]["min"], told["ratio"]["max"]) == (2.0, 1.5, 2.5)
-    assert told["looks"] == 0.25
+    assert (report["ratio"]["median"], report["ratio"]["min"], report["ratio"]["max"]) == (2.0, 1.5, 2.5)
+    assert report["looks"] == 0.25

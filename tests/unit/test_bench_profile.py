@@ -27,26 +27,26 @@ def test_every_pass_of_a_small_layer_is_measured(bench, monkeypatch):
     breakdown, scenes = bench("breakdown"), bench("peers_scenes")
     monkeypatch.setattr(breakdown, "SHORT", 1e-4)
     simulation = scenes.simulation_of(scenes.start_of("S", scenes.generated(200)))
-    told = breakdown.profile(simulation, LIMITS, warm=130, steps=130, segments=1)
-    rows = {row["pass"]: row for row in told["passes"]}
+    report = breakdown.profile(simulation, LIMITS, warm=130, steps=130, segments=1)
+    rows = {row["pass"]: row for row in report["passes"]}
     assert list(rows) == [
         "drift", "measure", "sort", "stage, plates", "stage, pairs", "meet", "turn frames", "slide", "law", "book friction",
         "book dashpots",
         "push", "tally", "bodies, plates", "bodies, pairs", "keep", "gather",
     ]  # fmt: skip
     slots = simulation.state.slots
-    assert told["contacts"] == np.sum(slots.closed == 1) > 0 and rows["sort"]["items"] == slots.count / 200
+    assert report["contacts"] == np.sum(slots.closed == 1) > 0 and rows["sort"]["items"] == slots.count / 200
     assert rows["drift"]["calls"] == 4  # chunks of 64 of 200 bodies
     assert rows["sort"]["bytes"] == 24 * slots.count / 200  # a float of 8, four lists of 4
     assert all(row["ns"] > 0.0 and row["GB_s"] > 0.0 for row in rows.values())
     # meet by hand: two images 8, distance 6, its inverse 2, reach and overlap 2, way back 6 and its inverse 8, normals 6, arms 4,
     # radius 2, mass 3, half a step 1
     assert rows["meet"]["operations"] == 48 and rows["sort"]["operations"] == 0
-    run = told["run"]
+    run = report["run"]
     parts = sum(run[part]["ns"] for part in (breakdown.LOOP, *breakdown.EVENTS))
     assert run["steps"] == 130 and 0.0 < parts <= run["ns"] and run["search"]["calls"] > 0.0
     page = io.StringIO()
-    breakdown.print_profile("S200", told, Console(file=page, width=150))
+    breakdown.print_profile("S200", report, Console(file=page, width=150))
     assert all(name in page.getvalue() for name in (*rows, *breakdown.EVENTS.values()))
 
 

@@ -25,7 +25,7 @@ def surroundings(tmp_path, monkeypatch) -> Path:
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache_dir, "_place", None)
+    monkeypatch.setattr(cache_dir, "_cached_folder", None)
     monkeypatch.chdir(tmp_path / "current")
     return tmp_path
 
@@ -48,13 +48,13 @@ def mode(path: Path) -> int:
 def test_a_cache_home_that_names_no_folder_counts_as_unset(value, surroundings, monkeypatch):
     if value is not None:
         monkeypatch.setenv("XDG_CACHE_HOME", value)
-    assert cache_dir.place().parent == surroundings / "home" / ".cache" / "thirdbody"
+    assert cache_dir.cache_folder().parent == surroundings / "home" / ".cache" / "thirdbody"
     assert list((surroundings / "current").iterdir()) == []
 
 
 def test_an_absolute_cache_home_is_used(surroundings, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(surroundings / "caches"))
-    assert cache_dir.place().parent == surroundings / "caches" / "thirdbody"
+    assert cache_dir.cache_folder().parent == surroundings / "caches" / "thirdbody"
 
 
 @pytest.mark.parametrize("home", [None, "", "relative"])
@@ -69,21 +69,21 @@ def test_without_a_home_compiled_code_goes_to_temporary_files(home, surroundings
         monkeypatch.delenv("HOME")
     else:
         monkeypatch.setenv("HOME", home)
-    assert cache_dir.place().parent.parent == surroundings / "temporary"
+    assert cache_dir.cache_folder().parent.parent == surroundings / "temporary"
     assert list((surroundings / "current").iterdir()) == []
 
 
 def test_the_variable_names_the_parent(surroundings, monkeypatch):
     monkeypatch.setenv(cache_dir.VARIABLE, "here")
-    assert cache_dir.place().parent == surroundings / "current" / "here"
+    assert cache_dir.cache_folder().parent == surroundings / "current" / "here"
 
 
 def test_a_named_folder_that_cannot_be_written_is_refused(surroundings, monkeypatch):
     (surroundings / "file").write_text("")
     monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "file" / "folder"))
-    with pytest.raises(OutputError, match="compiled code cannot be written") as told:
-        cache_dir.place()
-    assert str(surroundings / "file") in str(told.value) and "\n" not in str(told.value)
+    with pytest.raises(OutputError, match="compiled code cannot be written") as report:
+        cache_dir.cache_folder()
+    assert str(surroundings / "file") in str(report.value) and "\n" not in str(report.value)
 
 
 @needs_modes
@@ -91,8 +91,8 @@ def test_the_folder_in_the_home_is_closed_to_others(surroundings):
     parent = surroundings / "home" / ".cache" / "thirdbody"
     parent.mkdir(parents=True)
     parent.chmod(0o775)
-    assert cache_dir.place().parent == parent
-    assert mode(parent) & 0o022 == 0 and mode(cache_dir.place()) == 0o700
+    assert cache_dir.cache_folder().parent == parent
+    assert mode(parent) & 0o022 == 0 and mode(cache_dir.cache_folder()) == 0o700
 
 
 @needs_modes
@@ -116,10 +116,10 @@ def test_a_home_of_another_user_is_not_used(surroundings, monkeypatch):
 
 @needs_modes
 def test_the_fallback_is_private_and_used_again(fallback, monkeypatch):
-    first = cache_dir.place()
+    first = cache_dir.cache_folder()
     assert first.parent == fallback and mode(fallback) == 0o700
-    monkeypatch.setattr(cache_dir, "_place", None)
-    assert cache_dir.place() == first
+    monkeypatch.setattr(cache_dir, "_cached_folder", None)
+    assert cache_dir.cache_folder() == first
 
 
 def plant_a_link(path: Path) -> None:
@@ -163,7 +163,7 @@ def test_a_fallback_of_another_user_is_not_used(fallback, monkeypatch):
 
 def check_fresh(planted: Path) -> None:
     """A new folder that only this user can enter, which the processes started by this one find too."""
-    parent = cache_dir.place().parent
+    parent = cache_dir.cache_folder().parent
     assert parent != planted and parent.parent == planted.parent and not parent.is_symlink()
     assert mode(parent) == 0o700 and os.environ[cache_dir.VARIABLE] == str(parent)
     assert not planted.is_dir() or list(planted.iterdir()) == []
@@ -174,11 +174,11 @@ def check_fresh(planted: Path) -> None:
 
 @pytest.fixture
 def version(surroundings, monkeypatch) -> Path:
-    """The path of the folder that the next call of `place` gives, not yet made."""
+    """The path of the folder that the next call of `cache_folder` gives, not yet made."""
     monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "named"))
-    path = cache_dir.place()
+    path = cache_dir.cache_folder()
     cache_dir.shutil.rmtree(path)
-    monkeypatch.setattr(cache_dir, "_place", None)
+    monkeypatch.setattr(cache_dir, "_cached_folder", None)
     return path
 
 
@@ -186,14 +186,14 @@ def version(surroundings, monkeypatch) -> Path:
 def test_a_folder_into_which_others_could_write_is_made_anew(version):
     plant_an_open_folder(version)
     (version / "thirdbody_law_0.py").write_text("print('not ours')")
-    assert cache_dir.place() == version and mode(version) == 0o700
+    assert cache_dir.cache_folder() == version and mode(version) == 0o700
     assert [path.name for path in version.iterdir()] == [cache_dir.TAG]
 
 
 @needs_modes
 def test_a_link_in_place_of_the_folder_is_replaced(version):
     plant_a_link(version)
-    assert cache_dir.place() == version and not version.is_symlink()
+    assert cache_dir.cache_folder() == version and not version.is_symlink()
 
 
 @needs_modes
@@ -208,7 +208,7 @@ def test_the_folder_of_another_user_is_refused(version, monkeypatch):
 
     monkeypatch.setattr(Path, "lstat", lstat)
     with pytest.raises(OutputError, match="belongs to another user"):
-        cache_dir.place()
+        cache_dir.cache_folder()
 
 
 @needs_modes
@@ -216,7 +216,7 @@ def test_a_folder_that_lost_its_rights_gets_them_back(version):
     version.mkdir(mode=0o700)
     (version / "kept").write_text("")
     version.chmod(0)
-    assert cache_dir.place() == version and mode(version) == 0o700
+    assert cache_dir.cache_folder() == version and mode(version) == 0o700
     assert (version / "kept").exists()
 
 
@@ -224,17 +224,17 @@ def test_a_folder_that_lost_its_rights_gets_them_back(version):
 def test_a_damaged_mark_is_written_anew(spoil, version):
     version.mkdir(mode=0o700)
     spoil(version / cache_dir.TAG)
-    assert (cache_dir.place() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
+    assert (cache_dir.cache_folder() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
 
 
-def test_a_full_disk_is_told_in_one_line(version, monkeypatch):
+def test_a_full_disk_is_reported_in_one_line(version, monkeypatch):
     def full(*_arguments, **_options):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OutputError, match="cannot be written .No space left on device.; THIRDBODY_CACHE names") as told:
-        cache_dir.place()
-    assert told.value.exit_code == 5 and "\n" not in str(told.value)
+    with pytest.raises(OutputError, match="cannot be written .No space left on device.; THIRDBODY_CACHE names") as report:
+        cache_dir.cache_folder()
+    assert report.value.exit_code == 5 and "\n" not in str(report.value)
 
 
 # pruning ------------------------------------------------------------------------------------------------------------------
@@ -255,4 +255,4 @@ def test_only_folders_that_bear_our_mark_are_deleted(tmp_path):
     (tmp_path / f"{16:016x}").symlink_to(ours[0])
     cache_dir._prune(tmp_path)
     assert all(folder.is_dir() for folder in theirs + unmarked + other_mark)
-    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache_dir.KEPT
+    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache_dir.MAX_VERSIONS

@@ -103,15 +103,15 @@ def test_a_folder_that_lost_its_rights_gets_them_back(load, tmp_path):
     assert load() == HIT
 
 
-def test_a_full_disk_is_told_in_one_line(load, monkeypatch, tmp_path):
+def test_a_full_disk_is_reported_in_one_line(load, monkeypatch, tmp_path):
     def full(*_arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with monkeypatch.context() as patch, pytest.raises(OutputError) as told:
+    with monkeypatch.context() as patch, pytest.raises(OutputError) as report:
         patch.setattr(os, "replace", full)
         load()
-    assert told.value.exit_code == 5 and "\n" not in str(told.value)
-    assert str(tmp_path / "cache") in str(told.value) and "No space left" in str(told.value)
+    assert report.value.exit_code == 5 and "\n" not in str(report.value)
+    assert str(tmp_path / "cache") in str(report.value) and "No space left" in str(report.value)
     assert [load(), load()] == [MISS, HIT]
 
 
@@ -135,13 +135,13 @@ def test_a_damaged_generated_module_is_written_anew(damage, monkeypatch, tmp_pat
     assert path.read_text() == text and [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_generated_module_that_cannot_be_written_is_told(monkeypatch, tmp_path):
+def test_a_generated_module_that_cannot_be_written_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         generated_value("value = 1\n")
 
 
-def test_the_command_line_tells_a_cache_that_cannot_be_written(tmp_path):
+def test_the_command_line_reports_a_cache_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     done = subprocess.run(
         [sys.executable, "-m", "thirdbody", "laws"], capture_output=True, text=True,

@@ -154,34 +154,36 @@ def test_a_load_that_all_bodies_share_is_not_laid_on_one():
     assert four.upper.shared_overlap == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
 
 
-def test_a_long_run_and_a_large_file_are_told_in_days_and_gigabytes():
-    told = list(run_warnings(build(scene()), 2.2e6, 1e3, 50e9, "stopped at t = 0 s"))
-    assert "stopped by a guard" in told[0] and "stopped at t = 0 s" in told[0]
-    assert "about 25 days (2.2e+06 s)" in told[1] and "solver.distance" in told[1]
-    assert "about 50 GB on disk" in told[2] and 'output.every = "50 nm"' in told[2]
+def test_a_long_run_and_a_large_file_are_reported_in_days_and_gigabytes():
+    report = list(run_warnings(build(scene()), 2.2e6, 1e3, 50e9, "stopped at t = 0 s"))
+    assert "stopped by a guard" in report[0] and "stopped at t = 0 s" in report[0]
+    assert "about 25 days (2.2e+06 s)" in report[1] and "solver.distance" in report[1]
+    assert "about 50 GB on disk" in report[2] and 'output.every = "50 nm"' in report[2]
     assert list(run_warnings(build(scene()), 80000.0, 79000.0, 9e9, "")) == []
 
 
-def test_frames_that_take_days_are_told_with_an_interval_that_leaves_one():
-    (told,) = run_warnings(build(scene()), 3e5, 2.5e5, 1e9, "")
-    assert "frames would take about 2.9 days" in told and 'output.every = "30 nm" leaves 1 days or less' in told
+def test_frames_that_take_days_are_reported_with_an_interval_that_leaves_one():
+    (report,) = run_warnings(build(scene()), 3e5, 2.5e5, 1e9, "")
+    assert "frames would take about 2.9 days" in report and 'output.every = "30 nm" leaves 1 days or less' in report
 
 
 def test_a_trial_that_a_guard_stops_is_a_warning():
     """A time step of ten times its bound, accepted by force."""
     built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
-    told = check.check_report(built)
-    assert math.isnan(told["estimated_wall_time"])
-    assert told["warnings"][0].startswith("a trial of the first steps was stopped by a guard, and so will the run be: stopped at")
+    report = check.check_report(built)
+    assert math.isnan(report["estimated_wall_time"])
+    assert report["warnings"][0].startswith(
+        "a trial of the first steps was stopped by a guard, and so will the run be: stopped at"
+    )
 
 
 def test_warnings_come_first_and_in_json(capsys):
-    told = check.check_report(build(scene(("friction = 0.30", "friction = 30"))))
-    check.print_check(told)
+    report = check.check_report(build(scene(("friction = 0.30", "friction = 30"))))
+    check.print_check(report)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == f"warning: {told['warnings'][0]}" and "friction: 30" in lines[0]
+    assert lines[0] == f"warning: {report['warnings'][0]}" and "friction: 30" in lines[0]
     assert lines[-1] == "# 1 warning(s): see the top"
-    assert json.loads(json.dumps(told["warnings"])) == told["warnings"]
+    assert json.loads(json.dumps(report["warnings"])) == report["warnings"]
 
 
 @pytest.mark.parametrize("seconds, words", [
@@ -206,14 +208,14 @@ def test_the_softer_material_yields_first():
     assert yield_limit(rubber, rubber).pressure == math.inf and yield_limit(rubber, hard).material == "hard"
 
 
-def test_a_run_tells_its_peak_pressure_against_first_yield(tmp_path, capsys):
+def test_a_run_reports_its_peak_pressure_against_first_yield(tmp_path, capsys):
     from thirdbody.report.tables import run_report
 
     with run(scene(("0.01 mN", "2 mN")), tmp_path / "hard", threads=1, progress=False) as result:
-        told = result.summary()
+        report = result.summary()
         largest = max(result.bodies(k)["peak_pressure"].max() for k in range(result.frames))
-    assert told["peak_pressure"] == largest
-    found = told["first_yield"]
+    assert report["peak_pressure"] == largest
+    found = report["first_yield"]
     assert found["pressure"] == pytest.approx(3.36e9, rel=1e-12) and found["assumed"]
     assert found["ratio"] == pytest.approx(largest / 3.36e9, rel=1e-12) and found["ratio"] > 1.0
     run_report(tmp_path / "hard", json=False)

@@ -62,9 +62,9 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force():
 
 
 def test_the_nearest_image_is_never_farther_than_half_the_domain():
-    way = np.array([[9.0, -6.0, 3.0], [4.9, 5.1, -7.0]])
-    np.testing.assert_allclose(nearest_image(way, np.array([10.0, 10.0])), [[-1.0, 4.0, 3.0], [4.9, -4.9, -7.0]], atol=1e-12)
-    assert nearest_image(way, None) is way
+    path = np.array([[9.0, -6.0, 3.0], [4.9, 5.1, -7.0]])
+    np.testing.assert_allclose(nearest_image(path, np.array([10.0, 10.0])), [[-1.0, 4.0, 3.0], [4.9, -4.9, -7.0]], atol=1e-12)
+    assert nearest_image(path, None) is path
 
 
 def test_contacts_bring_their_own_colours_to_the_tubes(layer):

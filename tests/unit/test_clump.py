@@ -198,7 +198,7 @@ def test_many_at_once_are_each_as_one_alone():
         assert body.error == pytest.approx(alone.error, rel=1e-6)  # a difference of close numbers
 
 
-def test_a_body_in_parts_is_told_among_many():
+def test_a_body_in_parts_is_reported_among_many():
     centers = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]])
     with pytest.raises(InputError, match=r"spheres\[1\]"):
         module.clumps(centers, np.ones((2, 2)))

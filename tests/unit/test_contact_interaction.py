@@ -36,7 +36,7 @@ def test_neighbours_press_by_four_thirds_of_a_over_pi_r(n, neighbours):
     """N/(pi E* r) over d is 4 a/(3 pi r) for each (Boussinesq): equal spots keep their loads, and sink by it together."""
     spots = pair(20.0, n)
     share = neighbours * 4.0 / (3.0 * math.pi * 20.0)
-    assert spots.share == pytest.approx(share, rel=1e-12)
+    assert spots.neighbour_fraction == pytest.approx(share, rel=1e-12)
     found = far_field(spots)
     assert found["approach"] == pytest.approx(share, rel=1e-9)
     assert found["loads"] == pytest.approx([0.0] * n, abs=1e-12)
@@ -68,12 +68,12 @@ def test_the_three_spot_particle_s_lower_spots_are_the_close_ones(pressed):
     assert spots.apart[0, 1] == pytest.approx(3.5e-6, rel=1e-3)
 
 
-def test_without_tamaas_the_closed_form_stands_alone_and_says_so(pressed, monkeypatch, capsys):
+def test_without_tamaas_the_closed_form_is_alone_and_says_so(pressed, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tamaas", None)  # importing it raises ImportError
-    told = interaction(pressed)
-    assert told["boundary_elements"] is None and "tamaas is not installed" in told["why"]
-    assert told["closed_form"]["approach"] == pytest.approx(told["share"], rel=0.1)  # the loads shift a little
-    study.print_interaction(told)
+    report = interaction(pressed)
+    assert report["boundary_elements"] is None and "tamaas is not installed" in report["why"]
+    assert report["closed_form"]["approach"] == pytest.approx(report["neighbour_fraction"], rel=0.1)  # the loads shift a little
+    study.print_interaction(report)
     printed = capsys.readouterr().out
     assert "tamaas is not installed" in printed and "closed form, far point loads: approach" in printed
 

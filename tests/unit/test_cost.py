@@ -1,4 +1,4 @@
-"""The ladder of accuracy: its rungs, the arithmetic of errors on made-up runs, the front, the table, the picture, the JSON."""
+"""The ladder of accuracy: its variants, the arithmetic of errors on made-up runs, the front, the table, the picture, the JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from thirdbody.kernels.columns import body
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_table, worker
-from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
+from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, rotation_angles
 from thirdbody.studies.convergence import convergence, falling, reference_error
 from thirdbody.studies.cost_command import StudyOptions, cost_command
 from thirdbody.studies.reduced_scene import FEWEST, WIDER, reduce_scene, thin
@@ -61,22 +61,22 @@ IMPLICIT = Base("implicit", "mdr", 24, 1e-10, 5e-4)
 
 def outcome(**changes) -> Outcome:
     """Two bodies at rest at three frames, changed as told."""
-    told = {
+    report = {
         "friction": np.array([math.nan, 0.2, 0.4]), "normal": np.array([1.0, 1.0, 1.0]), "gap": np.array([1.0, 2.0, 3.0]),
         "states": np.array([[1, 1], [1, 2], [1, 2]]), "position": np.zeros((2, 3)),
         "quaternion": np.array([[1.0, 0.0, 0.0, 0.0]] * 2), "dissipated": 2.0, "distance": 0.5, "residual": 1e-9,
         "period": np.array([10.0, np.inf]),
     }  # fmt: skip
-    return Outcome(**(told | changes))
+    return Outcome(**(report | changes))
 
 
 def row(name: str, seconds: float, error: float, **keys) -> cost.Row:
-    """A rung that took so long and was so wrong in friction."""
-    rung = keys.pop("rung", None) or Variant(name, keys.pop("axis", "law"), name, keys.pop("springs", None), "explicit",
+    """A variant that took so long and was so wrong in friction."""
+    variant = keys.pop("variant", None) or Variant(name, keys.pop("axis", "law"), name, keys.pop("springs", None), "explicit",
                                           default=keys.pop("default", False), reference=keys.pop("reference", False))  # fmt: skip
-    told = {key: error for key in cost.ERRORS} | {"label_difference": keys.pop("labels", 0.0)}
-    one = cost.Row(rung, [seconds, 1.2 * seconds, seconds], [seconds, 1.2 * seconds, seconds], True, "", "explicit", 1e-10)
-    one.outcome, one.errors = outcome(friction=np.array([0.3 * (1.0 + error)])), told
+    report = {key: error for key in cost.ERRORS} | {"label_difference": keys.pop("labels", 0.0)}
+    one = cost.Row(variant, [seconds, 1.2 * seconds, seconds], [seconds, 1.2 * seconds, seconds], True, "", "explicit", 1e-10)
+    one.outcome, one.errors = outcome(friction=np.array([0.3 * (1.0 + error)])), report
     for key, value in keys.items():
         setattr(one, key, value)
     return one
@@ -97,19 +97,23 @@ def made() -> cost.Study:
 @pytest.mark.parametrize("base", [EXPLICIT, IMPLICIT], ids=["explicit", "implicit"])
 def test_the_ladder_changes_one_thing_at_a_time(base):
     scene = Scene.parse(SCENE)
-    rungs = variants_of(scene, THREE_SPOT, base)
-    assert 14 <= len(rungs) <= 20
-    assert len({rung.name for rung in rungs}) == len(rungs)
-    assert [rung.default for rung in rungs].count(True) == 1 and [rung.reference for rung in rungs].count(True) == 1
-    for rung in rungs:
+    variants = variants_of(scene, THREE_SPOT, base)
+    assert 14 <= len(variants) <= 20
+    assert len({variant.name for variant in variants}) == len(variants)
+    assert [variant.default for variant in variants].count(True) == 1 and [variant.reference for variant in variants].count(
+        True
+    ) == 1
+    for variant in variants:
         changed = {
-            "law": (rung.level, rung.springs) != (base.level, base.springs),
-            "step": rung.integrator == base.kind and rung.factor != 1.0,
-            "integrator": rung.integrator != base.kind,
+            "law": (variant.level, variant.springs) != (base.level, base.springs),
+            "step": variant.integrator == base.kind and variant.factor != 1.0,
+            "integrator": variant.integrator != base.kind,
         }
-        # the rung that is the scene's own changes nothing; the reference and those on the way to it the law and its step
-        assert sum(changed.values()) == (0 if rung.default else 2 if rung.axis in ("fine", "reference") else 1), rung.name
-        scene.with_settings(rung.changes)  # every rung is a scene without a fault
+        # the variant that is the scene's own changes nothing; the reference and those on the way to it the law and its step
+        assert sum(changed.values()) == (0 if variant.default else 2 if variant.axis in ("fine", "reference") else 1), (
+            variant.name
+        )
+        scene.with_settings(variant.changes)  # every variant is a scene without a fault
 
 
 def test_the_reference_has_the_finest_law_and_step():
@@ -118,41 +122,46 @@ def test_the_reference_has_the_finest_law_and_step():
     assert last.changes["solver.time_step"] == f"{0.25e-10!r} s"
 
 
-def test_explicit_rungs_hold_their_step():
+def test_explicit_variants_hold_their_step():
     """An automatic one looks at the contacts, and laws would differ by their steps too."""
-    steps = {rung.factor: rung.changes["solver.time_step"] for rung in variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
-             if rung.integrator == "explicit"}  # fmt: skip
+    steps = {variant.factor: variant.changes["solver.time_step"] for variant in variants_of(Scene.parse(SCENE), THREE_SPOT,
+                                                                                            EXPLICIT)
+             if variant.integrator == "explicit"}  # fmt: skip
     assert steps == {factor: f"{factor * 1e-10!r} s" for factor in (4.0, 2.0, 1.0, 0.5, 0.25)}
 
 
-def test_a_finest_law_has_no_way_to_itself():
-    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, Base("implicit", "exact", None, 1e-10, 5e-4))
-    assert not [rung for rung in rungs if rung.axis == "fine"] and len({rung.name for rung in rungs}) == len(rungs)
+def test_a_finest_law_has_no_path_to_itself():
+    variants = variants_of(Scene.parse(SCENE), THREE_SPOT, Base("implicit", "exact", None, 1e-10, 5e-4))
+    assert not [variant for variant in variants if variant.axis == "fine"] and len({variant.name for variant in variants}) == len(
+        variants
+    )
 
 
 @pytest.mark.parametrize(
     ("level", "options"),
     [("coulomb", {"slip_scale": 1e-3}), ("mindlin", {"memory": "rescaled"}), ("mdr", {"springs": 24}), ("exact", {"nodes": 96})],
 )
-def test_a_rung_takes_out_options_that_its_level_does_not_know(level, options):
+def test_a_variant_takes_out_options_that_its_level_does_not_know(level, options):
     settings = {f"contact.{key}": value for key, value in options.items()}
     scene = Scene.parse(SCENE).with_settings({"contact.level": level} | settings)
-    for rung in variants_of(scene, THREE_SPOT, Base("implicit", level, options.get("springs"), 1e-10, 5e-4)):
-        changed = scene.with_settings(rung.changes).contact.options
-        known = {option.name for law in THREE_SPOT.levels[rung.level] for option in law.options}
+    for variant in variants_of(scene, THREE_SPOT, Base("implicit", level, options.get("springs"), 1e-10, 5e-4)):
+        changed = scene.with_settings(variant.changes).contact.options
+        known = {option.name for law in THREE_SPOT.levels[variant.level] for option in law.options}
         assert set(changed) <= known
-        if rung.default:
+        if variant.default:
             assert changed == scene.contact.options
 
 
 @pytest.mark.parametrize(("base", "own"), [(EXPLICIT, {}), (Base("implicit", "exact", None, 1e-10, 5e-4), {"nodes": 96})])
-def test_the_reference_resolves_curved_slip_no_worse_than_any_other_rung(base, own):
+def test_the_reference_resolves_curved_slip_no_worse_than_any_other_variant(base, own):
     """On curves 48 nodes of `exact` are right to 2e-4 of mu N, but 128 springs of `mdr` to 5e-5, as 96 nodes are."""
     settings = {"contact.level": base.level} | {f"contact.{key}": value for key, value in own.items()}
     scene = Scene.parse(SCENE).with_settings(settings)
-    rungs = variants_of(scene, THREE_SPOT, base)
-    assert rungs[-1].reference and scene.with_settings(rungs[-1].changes).contact.options["nodes"] >= 96
-    assert {rung.changes.get("contact.nodes") for rung in rungs if rung.axis in ("fine", "reference")} == {CURVES["nodes"]}
+    variants = variants_of(scene, THREE_SPOT, base)
+    assert variants[-1].reference and scene.with_settings(variants[-1].changes).contact.options["nodes"] >= 96
+    assert {variant.changes.get("contact.nodes") for variant in variants if variant.axis in ("fine", "reference")} == {
+        CURVES["nodes"]
+    }
 
 
 def test_equal_runs_have_no_error():
@@ -191,8 +200,8 @@ def test_turns_are_exact_for_small_angles_too(angle):
     real, along = start[0, 0], start[0, 1:]
     turned = np.concatenate([[w * real - v @ along], w * along + real * v + np.cross(v, along)])
     # rounding of a product of quaternions is 2e-16 of one, not of the angle
-    assert turns(turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)
-    assert turns(-turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)  # the same orientation
+    assert rotation_angles(turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)
+    assert rotation_angles(-turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)  # the same orientation
 
 
 def test_dissipation_is_relative():
@@ -205,29 +214,29 @@ def test_the_order_is_a_slope():
     assert math.isnan(order(h, [math.nan, 0.0, 0.1]))
 
 
-def test_the_recommended_rung_is_the_fastest_that_is_good_enough(made):
+def test_the_recommended_variant_is_the_fastest_that_is_good_enough(made):
     best, words = cost.recommended(made)
-    assert best.rung.name == "mdr 16"
+    assert best.variant.name == "mdr 16"
     assert words == "`mdr 16` gives 0.8 % friction error at 2 times the cost of `mindlin` (5 %); no label changes"
     front = ["mindlin, step x4", "coulomb", "mindlin", "mdr 16", "exact", "exact, step /4"]
-    assert [row.rung.name for row in cost.efficient(made)] == front  # the reference ends it
+    assert [row.variant.name for row in cost.efficient(made)] == front  # the reference ends it
 
 
-def test_without_a_good_rung_the_most_accurate_one_is_named(made):
+def test_without_a_good_variant_the_most_accurate_one_is_named(made):
     for entry in made.rows:
         entry.errors["label_difference"] = 0.2
     best, words = cost.recommended(made)
-    assert best.rung.name == "exact" and "no rung is within 1 %" in words
+    assert best.variant.name == "exact" and "no variant is within 1 %" in words
 
 
-def test_a_rung_that_the_scene_itself_cannot_use_is_told_beside_the_recommended_one(made):
+def test_a_variant_that_the_scene_itself_cannot_use_is_reported_beside_the_recommended_one(made):
     """Bodies of the scene meet, those of the copy do not: the implicit integrator is fast and right there, and only there."""
     made.rows.append(row("mindlin, implicit", 0.1, 0.004, axis="integrator"))
     made.rows[-1].integrator = "implicit"
-    assert cost.recommended(made)[0].rung.name == "mindlin, implicit"
+    assert cost.recommended(made)[0].variant.name == "mindlin, implicit"
     made.alone = True
     best, words = cost.recommended(made)
-    assert best.rung.name == "mdr 16"
+    assert best.variant.name == "mdr 16"
     other = "`mindlin, implicit` gives 0.4 % in 0.025 times that time; no label changes"
     assert words.endswith(f'(contact.debris_contact = "none"), {other}')
 
@@ -237,13 +246,13 @@ def test_the_table_marks_the_front_its_end_and_what_stopped(made, capsys):
     made.rows[0].stable, made.rows[0].message = False, "stopped at t = 1 s: the step is too long"
     cost_table.print_study(made)
     lines = {line[:18].strip(): line for line in capsys.readouterr().out.splitlines()}
-    told = {name: line.split() for name, line in lines.items()}
-    assert told["*r  exact, step /4"[:18].strip()][0] == "*r"
+    report = {name: line.split() for name, line in lines.items()}
+    assert report["*r  exact, step /4"[:18].strip()][0] == "*r"
     assert next(line for line in lines.values() if "coulomb " in line).split()[-1] == "stopped"  # no errors of a part of a run
     assert any("no two bodies of this copy meet" in line for line in lines.values())
 
 
-def test_rungs_that_stopped_alike_are_told_once(made):
+def test_variants_that_stopped_alike_are_reported_once(made):
     made.rows[0].stable, made.rows[0].message = False, made.rows[-2].message
     assert cost_table.stopped(made) == {"cannot run this scene": ["coulomb", "mindlin, implicit"]}
 
@@ -255,7 +264,7 @@ def test_the_error_of_the_reference_comes_from_its_steps(p):
     rows = []
     for size, name in h.items():
         rows.append(row(name, 1.0 / size, size**p - 0.25**p, axis="law" if size == 1.0 else "fine", reference=size == 0.25))
-        rows[-1].rung = cost.replace(rows[-1].rung, level="exact")
+        rows[-1].variant = cost.replace(rows[-1].variant, level="exact")
         rows[-1].step = 1e-10 * size
     made = cost.Study("", "", [], {}, rows)
     assert reference_error(made) == pytest.approx(0.25**p, rel=1e-9)
@@ -264,22 +273,22 @@ def test_the_error_of_the_reference_comes_from_its_steps(p):
 
 
 @pytest.mark.parametrize("seconds, runs", [(0.01, 7), (1.0, 3), (60.0, 2)])
-def test_cheap_rungs_are_repeated_more_often(seconds, runs):
+def test_cheap_variants_are_repeated_more_often(seconds, runs):
     assert repeats_of(seconds, 3) == runs
     assert repeats_of(seconds, 1) == 1 and repeats_of(seconds, 0) == 0  # nothing to be timed
     assert repeats_of(0.01, 12) == 12
 
 
 def test_a_copy_is_as_large_as_the_budget_allows():
-    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    variants = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
     costs = Costs(1.0, 128, 17.0, ("exact", None), 15.0, 0.1)
-    told = {rung.name: costs.of(rung, EXPLICIT) for rung in rungs}
-    assert told["mdr 64"] == pytest.approx(9.0) and told["mindlin"] == 1.0  # linear in the springs
-    assert told["mindlin, step x4"] == 0.25 and told["exact, step /4"] == 60.0 and told["mindlin, implicit"] == 0.1
-    share = fitting(rungs, EXPLICIT, costs, 3, 300.0)
-    assert share < 1.0 and whole(rungs, EXPLICIT, costs, 3, share) < 300.0
-    assert fitting(rungs, EXPLICIT, costs, 3, 600.0) > 1.5 * share
-    assert fitting(rungs, EXPLICIT, costs, 3, 0.0) == pytest.approx(0.01, rel=0.03)  # and not for ever
+    report = {variant.name: costs.of(variant, EXPLICIT) for variant in variants}
+    assert report["mdr 64"] == pytest.approx(9.0) and report["mindlin"] == 1.0  # linear in the springs
+    assert report["mindlin, step x4"] == 0.25 and report["exact, step /4"] == 60.0 and report["mindlin, implicit"] == 0.1
+    share = fitting(variants, EXPLICIT, costs, 3, 300.0)
+    assert share < 1.0 and whole(variants, EXPLICIT, costs, 3, share) < 300.0
+    assert fitting(variants, EXPLICIT, costs, 3, 600.0) > 1.5 * share
+    assert fitting(variants, EXPLICIT, costs, 3, 0.0) == pytest.approx(0.01, rel=0.03)  # and not for ever
 
 
 def crowd() -> Scene:
@@ -293,7 +302,7 @@ def test_a_thinned_copy_has_its_bodies_apart_or_as_close_as_they_were():
     copy = scene.with_settings(apart)
     assert copy.debris[0].count == 50 and words == ["50 of 200 bodies, in a domain so wide that they are apart"]
     assert copy.domain.size == pytest.approx((WIDER * 300e-6, WIDER * 200e-6), rel=1e-12)
-    near, words = thin(scene, 200, 0.25, meet=True)
+    near, words = thin(scene, 200, 0.25, keep_contacts=True)
     assert scene.with_settings(near).domain.size == pytest.approx((150e-6, 100e-6), rel=1e-12)  # a quarter of the area
     assert words == ["50 of 200 bodies, as close as they were"]
     assert thin(scene, 200, 1.5) == ({}, []) and thin(scene, FEWEST, 0.1) == ({}, [])
@@ -311,25 +320,25 @@ def test_bodies_of_a_copy_are_apart_for_the_implicit_integrator():
     assert distance.min() > 10.02e-6
 
 
-def test_a_scene_without_a_drag_is_judged_by_its_load(made):
+def test_a_scene_without_a_drag_is_assessed_by_its_load(made):
     for entry in made.rows:
         entry.errors["friction_error"] = math.nan
     assert cost.figure_of_merit(made) == "load_error"
 
 
 def test_the_json_has_the_names_of_the_contract(made):
-    told = json.loads(json.dumps(cost.as_json(made)))
-    assert {"scene", "machine", "reduction", "reference", "recommended", "rungs"} <= set(told)
+    report = json.loads(json.dumps(cost.as_json(made)))
+    assert {"scene", "machine", "reduction", "reference", "recommended", "variants"} <= set(report)
     names = {"level", "springs", "integrator", "step", "wall_s", "time_ratio", "friction_error", "load_error", "position_error",
              "label_difference", "energy_residual", "stable"}  # fmt: skip
-    assert all(names <= set(rung) for rung in told["rungs"])
-    assert told["rungs"][3]["time_ratio"] == 2.0 and told["rungs"][3]["springs"] == 16
-    assert told["reference"] == "exact, step /4"
+    assert all(names <= set(variant) for variant in report["variants"])
+    assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
+    assert report["reference"] == "exact, step /4"
 
 
-def test_a_failed_rung_is_shown_everywhere(made, capsys, tmp_path):
-    told = cost.as_json(made)["rungs"][-2]
-    assert told["stable"] is False and told["message"] == "cannot run this scene"
+def test_a_failed_variant_is_shown_everywhere(made, capsys, tmp_path):
+    report = cost.as_json(made)["variants"][-2]
+    assert report["stable"] is False and report["message"] == "cannot run this scene"
     cost_table.print_study(made)
     printed = capsys.readouterr().out
     assert "mindlin, implicit: cannot run this scene" in printed and "failed" in printed
@@ -337,14 +346,14 @@ def test_a_failed_rung_is_shown_everywhere(made, capsys, tmp_path):
     assert "mindlin, implicit" in figure.axes[0].get_title(loc="left")
 
 
-def test_the_picture_shows_every_rung_the_front_and_the_scenes_own(made, tmp_path):
+def test_the_picture_shows_every_variant_the_front_and_the_scenes_own(made, tmp_path):
     figure = cost_plot.picture(made)
     axes = figure.axes[0]
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     names = {text.get_text() for text in axes.texts}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= names
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"efficient front, to the reference", "as the scene asks", "recommended"} <= set(labels)
+    assert {"efficient front, to the reference", "as in the scene", "recommended"} <= set(labels)
     line = next(line for line in axes.lines if line.get_label() == "efficient front, to the reference")
     assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0] and line.get_drawstyle() == "steps-post"
     # steps of the reference's law are not there to tell its own error: it stands below all others
@@ -353,35 +362,35 @@ def test_the_picture_shows_every_rung_the_front_and_the_scenes_own(made, tmp_pat
     assert drawn(tmp_path / "cost.png") > 0.02
 
 
-def test_springs_are_judged_against_the_finest_law_at_their_own_step(made):
+def test_springs_are_compared_against_the_finest_law_at_their_own_step(made):
     series = next(entry for entry in convergence(made) if entry["what"] == "springs")
     assert series["sizes"] == ["8", "16"] and series["against"] == "exact"
     # friction of the made-up runs: .3 (1 + error)
     assert series["errors"] == pytest.approx([(1.06 - 1.001) / 1.001, (1.008 - 1.001) / 1.001], rel=1e-9)
 
 
-def test_an_order_is_told_of_errors_that_fall():
+def test_an_order_is_reported_about_errors_that_fall():
     assert falling([8.0, 4.0, 2.0, 1.9, 1.8]) == 3  # something else has taken over
     assert falling([8.0, 4.0, 2.0]) == 3
     assert falling([1.0, 2.0, 0.1]) == 3  # no order to be seen: all of them, and the slope tells
     assert falling([4.0, 1.0, math.nan, 0.1]) == 2
 
 
-def test_when_the_finest_rung_fails_the_next_one_is_the_reference(made):
+def test_when_the_finest_variant_fails_the_next_one_is_the_reference(made):
     made.rows[-1].stable = False
     cost.compute_errors(made)
-    assert made.reference.rung.name == "exact"
+    assert made.reference.variant.name == "exact"
     assert made.reference.errors["friction_error"] == 0.0
 
 
-def test_nothing_that_runs_is_told(made):
+def test_nothing_that_runs_is_reported(made):
     for entry in made.rows:
         entry.stable = False
-    with pytest.raises(UsageError, match="no rung"):
+    with pytest.raises(UsageError, match="no variant"):
         cost.compute_errors(made)
 
 
-def test_the_worker_tells_what_failed_and_times_the_rest(tmp_path):
+def test_the_worker_reports_what_failed_and_times_the_rest(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
     good = request(file, tmp_path / "runs" / "0", {}, [], 30.0)
@@ -395,19 +404,19 @@ def test_the_worker_tells_what_failed_and_times_the_rest(tmp_path):
     assert not late["stable"] and "given up" in late["message"]
 
 
-def test_a_worker_that_dies_is_told_and_one_that_is_late_is_ended(tmp_path):
+def test_a_worker_that_dies_is_reported_and_one_that_is_late_is_ended(tmp_path):
     with Worker() as process:
-        told = process.ask({"do": "nothing that it knows"})
-        assert not told["stable"] and "the process ended with code 1: KeyError" in told["message"]
+        report = process.request({"do": "nothing that it knows"})
+        assert not report["stable"] and "the process ended with code 1: KeyError" in report["message"]
         with pytest.raises(Overdue):
-            process.ask({"do": "nothing"}, until=0.0)
+            process.request({"do": "nothing"}, until=0.0)
 
 
-def test_a_run_that_takes_too_long_is_stopped_and_told(tmp_path):
+def test_a_run_that_takes_too_long_is_stopped_and_reported(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
-    told = worker.timed_run(Scene.load(file), tmp_path / "run", [], 0.0)
-    assert not told["stable"] and "given up after 0 s of one core" in told["message"]
+    report = worker.timed_run(Scene.load(file), tmp_path / "run", [], 0.0)
+    assert not report["stable"] and "given up after 0 s of one core" in report["message"]
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
@@ -426,32 +435,32 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
 
 
 def test_seconds_are_put_to_one_pace():
-    """Timed beside the scene's own rung, a rung takes what it takes of that one's time."""
-    rung = Variant("a", "law", "a", None, "implicit")
-    slow = [cost.Row(rung, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
+    """Timed beside the scene's own variant, a variant takes what it takes of that one's time."""
+    variant = Variant("a", "law", "a", None, "implicit")
+    slow = [cost.Row(variant, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
     cost._one_pace(slow)
     assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
 
 
 class MadeUpWorker:
-    """Answers at once and lets a made-up clock run: a rung takes a second to compile and `seconds` of one core to run or time,
+    """Answers at once and lets a made-up clock run: a variant takes a second to compile and `seconds` of one core to run or time,
     and the machine is `slow` after some requests."""
 
     started = 1.0
 
-    def __init__(self, monkeypatch, seconds, slow=lambda asked: 1.0, noise=lambda asked: 1.0):
-        self.now, self.asked, self.seconds, self.slow, self.noise, self.log = 0.0, 0, seconds, slow, noise, []
+    def __init__(self, monkeypatch, seconds, slow=lambda requested: 1.0, noise=lambda requested: 1.0):
+        self.now, self.requests, self.seconds, self.slow, self.noise, self.log = 0.0, 0, seconds, slow, noise, []
         monkeypatch.setattr(time, "perf_counter", lambda: self.now)
         monkeypatch.setattr("thirdbody.studies.variant_runs.read_outcome", lambda folder: outcome())
 
     @property
     def pace(self):
-        return self.slow(self.asked)
+        return self.slow(self.requests)
 
-    def ask(self, request, until=math.inf):
-        self.asked += 1
+    def request(self, request, until=math.inf):
+        self.requests += 1
         self.log.append((request["do"], request["changes"].get("contact.springs")))
-        cpu = self.seconds * self.noise(self.asked)
+        cpu = self.seconds * self.noise(self.requests)
         used = cpu + (1.0 if request["do"] == "run" else 0.05)
         if self.now + used * self.pace > until:
             self.now = until
@@ -461,27 +470,27 @@ class MadeUpWorker:
 
 
 def climbed(made_up, seconds, repeats=3):
-    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    variants = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
     costs = Costs(made_up.seconds, 128, made_up.seconds, ("exact", None), made_up.seconds, made_up.seconds)
     budget = Budget(seconds)
-    told = VariantRuns(made_up, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), budget, lambda text: None)
-    return told.rows(rungs, repeats)
+    report = VariantRuns(made_up, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), budget, lambda text: None)
+    return report.rows(variants, repeats)
 
 
 @pytest.mark.parametrize("budget", [20.0, 60.0, 400.0])
 @pytest.mark.parametrize("pace", [1.0, 4.0])
 def test_a_budget_is_kept_on_a_machine_that_slows_down(monkeypatch, budget, pace):
     """Rungs for which no time is left are left out and say so; the scene's own and the reference come first."""
-    made_up = MadeUpWorker(monkeypatch, 0.2, lambda asked: pace if asked > 2 else 1.0)
+    made_up = MadeUpWorker(monkeypatch, 0.2, lambda requested: pace if requested > 2 else 1.0)
     rows = climbed(made_up, budget)
     assert made_up.now <= budget
     ran = [row for row in rows if row.cpu]
-    assert {"mindlin", "exact, step /4"} <= {row.rung.name for row in ran}
+    assert {"mindlin", "exact, step /4"} <= {row.variant.name for row in ran}
     assert all(row.message in (LEFT_OUT, "stopped: the budget was over") for row in rows if not row.cpu)
     assert (len(ran) < len(rows)) == (budget < 50.0 or (budget < 100.0 and pace > 1.0))
 
 
-def test_a_budget_without_room_for_the_smallest_ladder_is_refused(monkeypatch):
+def test_a_budget_without_space_for_the_smallest_ladder_is_refused(monkeypatch):
     made_up = MadeUpWorker(monkeypatch, 30.0)
     with pytest.raises(UsageError, match=r"--budget 40 s: too short for the smallest ladder .* about 2\.\d min are needed"):
         climbed(made_up, 40.0)
@@ -495,14 +504,14 @@ def test_a_budget_of_nothing_is_refused_before_anything_is_climbed(tmp_path):
         cost.study(file, tmp_path / "out", budget=0.01)
 
 
-def test_short_rungs_are_timed_until_their_spread_is_small(monkeypatch):
+def test_short_variants_are_timed_until_their_spread_is_small(monkeypatch):
     """Rungs of 20 ms are timed at least seven times; where times vary by a third, up to the most."""
     quiet = climbed(MadeUpWorker(monkeypatch, 0.02), 1000.0)
-    counts = {len(row.cpu) for row in quiet if row.rung.axis != "reference" and not row.rung.default}
+    counts = {len(row.cpu) for row in quiet if row.variant.axis != "reference" and not row.variant.default}
     assert counts == {7}
-    loud = climbed(MadeUpWorker(monkeypatch, 0.02, noise=lambda asked: (1.0, 1.6, 0.7, 2.1, 0.5)[asked % 5]), 1000.0)
+    loud = climbed(MadeUpWorker(monkeypatch, 0.02, noise=lambda requested: (1.0, 1.6, 0.7, 2.1, 0.5)[requested % 5]), 1000.0)
     assert max(len(row.cpu) for row in loud) == ROUNDS
-    assert all(len(row.beside) == len(row.cpu) for row in loud if row.rung.axis == "law")
+    assert all(len(row.beside) == len(row.cpu) for row in loud if row.variant.axis == "law")
 
 
 def test_medians_and_how_far_they_may_be_off():
@@ -516,7 +525,7 @@ def test_medians_and_how_far_they_may_be_off():
 
 
 def test_noise_recommends_nothing(made):
-    """A rung at half the median cost, timed once, or with a spread that covers the difference, is no cheaper rung."""
+    """A variant at half the median cost, timed once, or with a spread that covers the difference, is no cheaper variant."""
     own, fine = made.rows[1], made.rows[3]
     own.errors = dict.fromkeys(own.errors, 0.004)
     fine.errors = dict.fromkeys(fine.errors, 0.001)
@@ -524,7 +533,7 @@ def test_noise_recommends_nothing(made):
     fine.cpu = [0.52 * own.seconds]  # as "tolerance / 16 at 0.52 times the cost" was
     own.cpu = [own.seconds]
     best, words = cost.recommended(made)
-    assert best is own and "`mindlin`, what the scene asks for," in words
+    assert best is own and "`mindlin`, the variant of the scene," in words
     assert words.endswith("`mdr 16` takes the same time within the spread")
     fine.cpu = [0.52 * own.seconds] * 9
     own.cpu = own.cpu * 9
@@ -532,10 +541,10 @@ def test_noise_recommends_nothing(made):
     assert best is fine and "at 0.52 times the cost of `mindlin`" in words
 
 
-def test_a_less_accurate_rung_that_takes_the_same_time_is_not_on_the_front(made):
+def test_a_less_accurate_variant_that_takes_the_same_time_is_not_on_the_front(made):
     made.rows[3].cpu = [1.01 * x for x in made.rows[2].cpu]  # mdr 16 beside mdr 8
-    assert "mdr 8" not in [row.rung.name for row in cost.efficient(made)]
-    assert "mdr 16" in [row.rung.name for row in cost.efficient(made)]
+    assert "mdr 8" not in [row.variant.name for row in cost.efficient(made)]
+    assert "mdr 16" in [row.variant.name for row in cost.efficient(made)]
 
 
 def test_timing_has_an_end(tmp_path):
@@ -556,9 +565,9 @@ def test_the_whole_command(tmp_path, capsys):
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(SCENE)
     cost_command(StudySource(file, {}, out, []), StudyOptions(2), False, True, lambda text: None)
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((out / "cost.json").read_text())
-    assert len(told["rungs"]) >= 14 and all(rung["stable"] for rung in told["rungs"])
+    report = json.loads(capsys.readouterr().out)
+    assert report == json.loads((out / "cost.json").read_text())
+    assert len(report["variants"]) >= 14 and all(variant["stable"] for variant in report["variants"])
     assert (out / "cost.png").exists() and (out / "cost.pdf").exists()
-    by_name = {rung["name"]: rung["friction_error"] for rung in told["rungs"]}
+    by_name = {variant["name"]: variant["friction_error"] for variant in report["variants"]}
     assert by_name["mdr 64"] < by_name["coulomb"]

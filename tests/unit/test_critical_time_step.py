@@ -11,7 +11,7 @@ from numba import njit
 from scipy.linalg import eigh
 
 from thirdbody.engine.state import rotation_matrices
-from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
+from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
 from thirdbody.kernels.columns import body, body_extra, law_input, patch, sphere
@@ -38,9 +38,9 @@ def stiffness(I, O, n, P):  # noqa: E741
     """`answers` of a tile."""
     for q in range(n):
         kind = int(I[q + law_input.PAIR_TYPE * TILE])
-        told = answers(I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE], kind, P)
+        report = answers(I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE], kind, P)
         for f in range(6):
-            O[q + f * TILE] = told[f]
+            O[q + f * TILE] = report[f]
 
 
 PAIRS = np.array([1.0, 0.8, 0.0, 0.0, 2.0, 0.0, 0.0, 0.5, 0.5, 1.1, 0.3, 1.5, 1.0, 0.7, 0.2, 0.0])
@@ -123,14 +123,14 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
         if j >= 0:
             other, heavy = state.S[j, sphere.RADIUS], state.S[j, sphere.MASS]
             radius, mass, twice = radius * other / (radius + other), mass * heavy / (mass + heavy), 2.0
-        told = answers.py_func(-distance, radius, mass, kind, PAIRS)
+        report = answers.py_func(-distance, radius, mass, kind, PAIRS)
         if j < -1 and state.P[-2 - j, patch.FREE]:
-            patches[-2 - j] += 2.0 * np.array(told)[[0, 3]] / state.P[-2 - j, patch.MASS]
+            patches[-2 - j] += 2.0 * np.array(report)[[0, 3]] / state.P[-2 - j, patch.MASS]
             twice = 2.0
         along = np.outer(n, n)
         for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
             J = np.hstack((np.eye(3), -cross(state.S[number, sphere.ARM3] + reach * n)))
-            for w, (normal, across, roll) in enumerate((told[:3], told[3:])):
+            for w, (normal, across, roll) in enumerate((report[:3], report[3:])):
                 sums[state.body[number], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
                 sums[state.body[number], w, 3:, 3:] += twice * roll * (np.eye(3) - along)
     spring = 2.0 * state.P[:-1, patch.SPRING]
@@ -177,7 +177,7 @@ SOFT = SimpleNamespace(poisson_ratio=0.3, density=1e12, shear_modulus=1.0)
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_few_bodies_tell_the_bound_of_all(seed):
+def test_few_bodies_report_the_bound_of_all(seed):
     rng = np.random.default_rng(seed)
     most, size, free = rng.choice([1, 1, 4]), rng.choice([1.2, 2.0, 4.0]), rng.choice([0.0, 1.0])
     state = heap(seed, int(rng.integers(1, 26)), int(most), float(size), bool(rng.integers(2)), float(free))
@@ -225,7 +225,7 @@ def test_most_bodies_need_no_matrix():
     """Sizes, masses and contacts vary, so that few of 300 bodies can be the one that limits."""
     for most in (1, 3):
         state = heap(5, 300, most, size=6.0)
-        numbers, rows, _ = _found(state, 0.0, 0.3)
+        numbers, rows, _ = _contact_bounds(state, 0.0, 0.3)
         assert 1 <= len(numbers) == len(rows) < 30
         assert np.all(np.diff(numbers) > 0)
 
@@ -241,7 +241,7 @@ def test_of_twins_the_first_limits():
         edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32),
     )  # fmt: skip
     assert bound(state, [SOFT], 0, 0.3).body == 1
-    assert _found(state, 0.0, 0.3)[0].tolist() == [0, 1]
+    assert _contact_bounds(state, 0.0, 0.3)[0].tolist() == [0, 1]
 
 
 def test_nothing_touches():
@@ -260,14 +260,14 @@ def test_a_contact_to_come_counts_as_deep_as_it_gets():
     state.S[0, 2], state.S[0, sphere.END_VELOCITY + 2] = height, -speed
     find(state, np.random.default_rng(0))
     state.slots.kind[:] = 1
-    ahead = [_found(state, horizon, deepest)[1][0] for deepest in (0.3, 0.01)]
+    ahead = [_contact_bounds(state, horizon, deepest)[1][0] for deepest in (0.3, 0.01)]
     state.S[0, sphere.END_VELOCITY + 2] = 0.0
     for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, sphere.RADIUS]), strict=True):
         state.S[0, 2] = state.S[0, sphere.RADIUS] - overlap
-        assert found == pytest.approx(_found(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences
+        assert found == pytest.approx(_contact_bounds(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences
 
 
-def test_what_is_no_number_is_told():
+def test_what_is_no_number_is_reported():
     state = heap(3, 20, 1)
     state.B[state.body[state.slots.own[0]], body.MASS] = math.nan
     assert math.isnan(bound(state, [SOFT], 0, 0.3).stability)

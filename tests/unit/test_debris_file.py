@@ -205,7 +205,7 @@ def test_a_layer_of_other_sizes(placed):
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3] * 2
 
 
-def test_what_a_placement_does_not_use_is_told(placed):
+def test_what_a_placement_does_not_use_is_reported(placed):
     q = [turn((0, 0, 1), 0.3)] * 3
     bodies, warnings, _ = placed(arrays(quaternion=q, velocity=np.ones((3, 3))), 'placement = "layer"')
     assert warnings == ['b.npz: its quaternions and velocities are not used: placement = "layer" takes the shapes only']

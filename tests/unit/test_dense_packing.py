@@ -73,7 +73,7 @@ def test_beds_are_reproducible(bodies):
     assert not np.array_equal(first.positions, other.positions)
 
 
-def test_a_bed_that_jams_tells_how_far_it_came():
+def test_a_bed_that_jams_reports_how_far_it_came():
     # Balls of one size, flat floor and top: random close packing ends at 0.64 (O'Hern et al. 2003), less beside a plate.
     balls = [clump([[0, 0, 0]], [0.5])] * 40
     with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:
@@ -132,7 +132,7 @@ def test_dense_populations_are_mixed():
     assert abs(heights[:30].mean() - heights[30:].mean()) < 0.2
 
 
-def test_a_height_stands_for_a_fraction():
+def test_a_height_means_a_fraction():
     placed, warnings = built('placement = "dense"\nheight = "18 um"', 'placement = "dense"\nheight = "18 um"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6
@@ -156,7 +156,7 @@ def test_dilute_debris_lies_clear_of_a_layer():
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "told"),
+    ("first", "second", "message"),
     [
         ('placement = "dense"', 'placement = "layer"', r'21:1: debris\[1\].placement: "layer" and the "dense" of debris\[0\]'),
         ('placement = "dilute"', 'placement = "dense"', r'15:1: debris\[0\].placement: "dilute" and the "dense" of debris\[1\]'),
@@ -165,19 +165,19 @@ def test_dilute_debris_lies_clear_of_a_layer():
         (
             'placement = "dense"\nheight = "30 um"',
             'placement = "dense"\nsolid_fraction = 0.3',
-            r"23:1: debris\[1\].solid_fraction: all \"dense\" bodies share one volume, of which debris\[0\] says another height",
+            r"23:1: debris\[1\].solid_fraction: all \"dense\" bodies share one volume; debris\[0\] gives a different height",
         ),
         ('placement = "dense"\nheight = "4 um"', 'placement = "dense"', r"14:1: debris\[0\].count: .* this height 1.36 times"),
         ('placement = "dense"\nheight = "6.2 um"', 'placement = "dense"', r"16:1: debris\[0\].height: .* would fill 1.\d+ times"),
-        ('placement = "dilute"\nheight = "9 um"', 'placement = "dilute"', r"16:1: debris\[0\].height: no place for body"),
+        ('placement = "dilute"\nheight = "9 um"', 'placement = "dilute"', r"16:1: debris\[0\].height: no space for body"),
     ],
 )
-def test_faults_of_beds(first, second, told):
-    with pytest.raises(InputError, match=told):
+def test_faults_of_beds(first, second, message):
+    with pytest.raises(InputError, match=message):
         built(first, second)
 
 
-def test_faults_of_the_packing_are_told_at_the_key_that_asks_for_it():
+def test_faults_of_the_packing_are_reported_at_the_key_that_asks_for_it():
     with pytest.raises(InputError, match=r"16:1: debris\[0\].solid_fraction: the bed would be"):
         built('placement = "dense"\nsolid_fraction = 0.6', 'placement = "dense"', side="60 um")
     with pytest.raises(InputError, match=r"15:1: debris\[0\].placement: the bed would be"):

@@ -13,7 +13,7 @@ import pytest
 from thirdbody.laws.codegen.dependencies import source_files, sources
 
 
-def forget(*packages: str) -> None:
+def unload(*packages: str) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] in packages]:
         del sys.modules[name]
 
@@ -31,7 +31,7 @@ def test_a_law_depends_on_all_that_it_can_reach(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     module = importlib.import_module("somelaws.deep.law")
     found = {path.relative_to(tmp_path).as_posix() for path in source_files([module.kernel])}
-    forget("somelaws", "beside_it", "further")
+    unload("somelaws", "beside_it", "further")
     expected = {"__init__.py", "common.py", "deep/__init__.py", "deep/law.py"}
     assert found == {f"somelaws/{name}" for name in expected} | {"beside_it.py", "further.py"}
 
@@ -152,7 +152,7 @@ def test_two_names_that_change_places_are_noticed(tmp_path):
             if callable(value):
                 value.__module__ = "exchanged"
         found.append(sources([module["kernel"]]))
-    forget("exchanged")
+    unload("exchanged")
     assert found[0] != found[1]
 
 

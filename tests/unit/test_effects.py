@@ -67,7 +67,7 @@ def scene(effects: str = "", pair: str = "") -> Scene:
     return Scene.parse(TEXT.replace("EFFECTS", effects).replace("PAIR", pair))
 
 
-def told(*texts: str) -> str:
+def report(*texts: str) -> str:
     with pytest.raises(InputError) as caught:
         build(scene(*texts))
     return str(caught.value)
@@ -84,7 +84,7 @@ def test_an_effect_that_is_not_named_leaves_nothing_behind():
     assert not bare.choice.effects
 
 
-def test_contacts_tell_the_moment_only_if_it_is_named(tmp_path):
+def test_contacts_report_the_moment_only_if_it_is_named(tmp_path):
     with thirdbody.run(scene(), tmp_path / "bare", progress=False) as run:
         assert not {"moment", "rolling_utilisation"} & set(run.contacts(-1))
     with thirdbody.run(scene(ROLLING), tmp_path / "rolling", progress=False) as run:
@@ -125,7 +125,7 @@ def test_a_pair_may_have_its_own_coefficient():
 
 
 def test_a_pair_s_coefficient_without_the_effect_is_refused():
-    message = told("", "rolling_friction = 0.2")
+    message = report("", "rolling_friction = 0.2")
     assert "pairs[0].rolling_friction: the effect that it belongs to is off" in message
 
 
@@ -139,8 +139,8 @@ def test_a_pair_s_coefficient_without_the_effect_is_refused():
         ('local_damping = {coefficient = 0.3, until = "ever"}', ["local_damping.until: expected 'settled', got 'ever'"]),
     ],
 )
-def test_faults_are_told(effects, words):
-    message = told(effects)
+def test_faults_are_reported(effects, words):
+    message = report(effects)
     assert all(word in message for word in words), message
 
 

@@ -29,8 +29,8 @@ def test_a_balance_that_closes_or_is_not_known_is_not_spoken_of(residual):
     ],
 )
 def test_the_reason_follows_from_the_facts(facts, scene, words):
-    told = energy_verdict(SOUND | facts, scene)
-    assert told is not None and all(word in told for word in words), told
+    report = energy_verdict(SOUND | facts, scene)
+    assert report is not None and all(word in report for word in words), report
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,6 @@ def test_the_reason_follows_from_the_facts(facts, scene, words):
         (None, "", ()),
     ],
 )
-def test_energy_that_the_integrator_loses_or_makes_is_told(share, scene, words):
-    told = energy_verdict({"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": share}, scene)
-    assert bool(told) == bool(words) and all(word in (told or "") for word in words), told
+def test_energy_that_the_integrator_loses_or_makes_is_reported(share, scene, words):
+    report = energy_verdict({"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": share}, scene)
+    assert bool(report) == bool(words) and all(word in (report or "") for word in words), report

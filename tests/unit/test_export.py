@@ -34,12 +34,12 @@ STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np
 def make_frame(number: int, states: bool = True) -> Frame:
     rng = np.random.default_rng(number)
     count = CONTACTS[number]
-    told = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, 1, 0], np.uint8)}
+    report = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, 1, 0], np.uint8)}
     side = np.arange(count, dtype=np.uint8) % 3
     return Frame(
         time=number / 3.0,
         spheres={"points": rng.normal(size=(600, 3)), "velocity": rng.normal(size=(600, 3))},
-        clumps={"points": rng.normal(size=(3, 3)), "torque": rng.normal(size=(3, 3)), **(told if states else {})},
+        clumps={"points": rng.normal(size=(3, 3)), "torque": rng.normal(size=(3, 3)), **(report if states else {})},
         contacts={"points": rng.normal(size=(count, 3)), "side": side, "normal_force": rng.random(count) / 3.0},
         plates={"points": rng.normal(size=(8, 3))},
         series={"time": number / 3.0, "distance": number * 0.7, "displacement": number * 0.7, "upper_force": rng.normal(size=3)},
@@ -98,7 +98,7 @@ def test_csv_of_one_frame_also_without_contacts(path, tmp_path):
     assert len(rows_of(tmp_path / "csv" / "series.csv")) == 4
 
 
-def test_transitions_tell_what_changed(path, tmp_path):
+def test_transitions_report_what_changed(path, tmp_path):
     with open_run(path) as run:
         found = run.transitions()
     changes = list(zip(*(found[name].tolist() for name in ("frame", "body", "from", "to", "reason")), strict=True))
@@ -164,13 +164,13 @@ def everything(path: Path) -> dict[str, tuple]:
     """Every data set and attribute of a file as bytes."""
     found: dict[str, tuple] = {}
 
-    def look(name: str, item) -> None:
+    def check_number(name: str, item) -> None:
         attributes = {key: np.asarray(value).tobytes() for key, value in item.attrs.items()}
         data = (item.dtype, item.shape, np.asarray(item[()]).tobytes()) if isinstance(item, h5py.Dataset) else ()
         found[name] = (attributes, *data)
 
     with h5py.File(path) as file:
-        file.visititems(look)
+        file.visititems(check_number)
     return found
 
 
@@ -228,7 +228,7 @@ KINDS = ["csv", "pvd", "pack"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_exists_is_refused_and_replaced_when_told(path, tmp_path, kind):
+def test_what_exists_is_refused_and_replaced_when_requested(path, tmp_path, kind):
     target = tmp_path / "there"
     export(path, **{kind: target})
     before = sorted(file.name for file in tmp_path.iterdir())
@@ -317,7 +317,7 @@ except OutputError as error:
 
 @pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit on the size of files here")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_write_that_fails_is_told_once_and_changes_nothing(path, tmp_path, kind):
+def test_a_write_that_fails_is_reported_once_and_changes_nothing(path, tmp_path, kind):
     """The system itself refuses to write on, as it does when a disk is full."""
     target = tmp_path / "there"
     export(path, **{kind: target})

@@ -95,7 +95,7 @@ def test_one_plan_holds_what_all_frames_need(layer):
         shots = [read_picture_data(run, number, "state") for number in range(run.frames)]
         layout = compute_layout(iter(shots), (320, 240), "iso", None)
         speeds = [read_picture_data(run, number, "speed").legend.scale for number in range(2)]
-    assert np.all([np.all(layout.low <= shot.low) and np.all(layout.high >= shot.high) for shot in shots])
+    assert np.all([np.all(layout.low <= picture.low) and np.all(layout.high >= picture.high) for picture in shots])
     assert np.allclose(layout.directions, [[1.0, 0.0]])
     both = speeds[0] | speeds[1]
     assert both.limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))
@@ -126,13 +126,13 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
     assert sorted(path.name for path in tmp_path.iterdir()) == [film.name]
 
 
-def test_a_film_tells_how_far_it_is(layer, tmp_path):
+def test_a_film_reports_how_far_it_is(layer, tmp_path):
     """Each picture is told when it is drawn; without a terminal no bar is drawn."""
-    told: list[tuple[int, int]] = []
+    report: list[tuple[int, int]] = []
     LAYER.skip_unless_drawable()
-    render(layer, tmp_path / "a.gif", size=(320, 200), progress=lambda done, total: told.append((done, total)))
+    render(layer, tmp_path / "a.gif", size=(320, 200), progress=lambda done, total: report.append((done, total)))
     with open_run(layer) as run:
-        assert told == [(k + 1, run.frames) for k in range(run.frames)]
+        assert report == [(k + 1, run.frames) for k in range(run.frames)]
 
 
 def test_a_bar_is_drawn_at_a_terminal_only(monkeypatch, capsys):

@@ -24,12 +24,12 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 # body, friction, t_min, t_max, told that it can slide, fact, margin
 ROWS = [
     (0, 0.2, 0.1, 0.4, True, "sliding", 0.5),  # 0.1 above t_min
-    (1, 0.2, 0.1, 0.24, True, "rolling", 0.2),  # 0.04 below t_max; other than told
+    (1, 0.2, 0.1, 0.24, True, "rolling", 0.2),  # 0.04 below t_max; other than forecast
     (2, 0.2, -0.3, 0.1, False, "rolling", -0.5),
-    (3, 0.2, 0.3, 0.9, False, "sliding", -0.5),  # other than told
-    (4, 0.2, 0.199, 0.9, True, "rolling", 0.005),  # other than told, within the band
+    (3, 0.2, 0.3, 0.9, False, "sliding", -0.5),  # other than forecast
+    (4, 0.2, 0.199, 0.9, True, "rolling", 0.005),  # other than forecast, within the band
     (5, 0.2, 1e9, -1e9, False, "rolling", -5e9 - 1.0),  # no friction lets it slide
-    (6, 0.5, 0.0, 0.0, False, "sticking", -1.0),  # other than told
+    (6, 0.5, 0.0, 0.0, False, "sticking", -1.0),  # other than forecast
 ]
 
 
@@ -72,7 +72,7 @@ def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes
 
 
 def test_disagreements_outside_the_band_are_ringed_and_named(axes):
-    rings = points(axes, "other than told")
+    rings = points(axes, "other than forecast")
     np.testing.assert_allclose(rings[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
     # a ring stands around a point, not beside it
     drawn = np.concatenate([points(axes, label) for label in forecast_plot.FACTS.values()])
@@ -97,26 +97,26 @@ def test_of_many_disagreements_only_numbers_that_can_be_read_are_written():
     named = [int(text.get_text()) for text in numbers]
     assert int(np.argmax(margins[:100])) in named and 100 + int(np.argmax(margins[100:])) in named
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "other than told (150)" in legend and f"the {len(named)} of these farthest from the band" in legend
+    assert "other than forecast (150)" in legend and f"the {len(named)} of these farthest from the band" in legend
     dark = [c for c in axes.collections if to_hex(c.get_edgecolor()[0]) == forecast_plot.INK and len(c.get_facecolor())]
     assert sum(len(c.get_offsets()) for c in dark) == 150
 
 
 def test_a_crowded_row_is_higher():
     few, many = (forecast_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
-    assert few == forecast_plot.ROW * forecast_plot.LEAST and many == forecast_plot.TALLEST
+    assert few == forecast_plot.ROW * forecast_plot.MIN_ROWS and many == forecast_plot.TALLEST
 
 
 def test_without_disagreement_there_is_no_ring():
     axes = Figure().subplots()
     draw_into(axes, cloud([ROWS[0], ROWS[2]]))
-    assert not len(points(axes, "other than told")) and axes.get_title() == "as told: 2 of 2 (100.0 %)"
+    assert not len(points(axes, "other than forecast")) and axes.get_title() == "as forecast: 2 of 2 (100.0 %)"
 
 
 def test_the_band_is_shaded_and_the_title_counts_outside_it(axes):
     band = next(patch for patch in axes.patches if "open" in patch.get_label())
     assert (band.get_x(), band.get_x() + band.get_width()) == (-BAND, BAND)
-    assert axes.get_title() == "seven bodies\nas told: 3 of 6 (50.0 %); 1 more in the 2 % band"
+    assert axes.get_title() == "seven bodies\nas forecast: 3 of 6 (50.0 %); 1 more in the 2 % band"
 
 
 def test_a_long_title_is_broken_into_lines():
@@ -126,7 +126,7 @@ def test_a_long_title_is_broken_into_lines():
 
 
 def test_agreement_of_nothing_outside_the_band():
-    assert agreement(cloud([ROWS[4]])) == "as told: 0 of 0; 1 more in the 2 % band"
+    assert agreement(cloud([ROWS[4]])) == "as forecast: 0 of 0; 1 more in the 2 % band"
 
 
 def test_pooled_runs_are_one_cloud():
@@ -136,7 +136,7 @@ def test_pooled_runs_are_one_cloud():
 
 def test_points_at_one_place_are_stacked_within_their_row():
     across = swarm(np.full(200, 0.3), np.zeros(200, int), 0.1)
-    assert len(np.unique(across)) == 200 and np.abs(across).max() <= forecast_plot.SPREAD + 1e-12  # rounding
+    assert len(np.unique(across)) == 200 and np.abs(across).max() <= forecast_plot.HALF_WIDTH + 1e-12  # rounding
     assert swarm(np.array([0.3, 0.6]), np.zeros(2, int), 0.1).tolist() == [0.0, 0.0]
     np.testing.assert_allclose(swarm(np.array([0.3, 0.3]), np.zeros(2, int), 0.1), [-0.05, 0.05])
     assert swarm(np.array([0.3, 0.3]), np.array([0, 1]), 0.1).tolist() == [0.0, 0.0]
@@ -150,7 +150,7 @@ def test_the_suffix_is_the_format(tmp_path, name, start):
     assert data.startswith(start) and len(data) > 20_000  # empty axes of this size take 16 kB at most
 
 
-def test_faults_are_told(tmp_path):
+def test_faults_are_reported(tmp_path):
     with pytest.raises(UsageError, match=r"a\.gif: a picture ends in \.png, \.pdf, \.svg"):
         draw_forecasts(cloud(), tmp_path / "a.gif")
     with pytest.raises(InputError, match="no body has a forecast"):
@@ -181,13 +181,13 @@ material = "brass"
 STATES = ["free", "sticking", "sliding", "rolling"]
 DISTANCES = (0.0, 0.0, 0.3e-6, 0.6e-6)  # the drag starts at frame 1; 40 a = 0.4 um: frame 2 is watched, frame 3 is not
 LABELS = [[1, 1, 1, 1, 0], [3, 1, 1, 1, 0], [2, 3, 1, 2, 3], [3, 2, 1, 2, 3]]
-TOLD = (2, 1, 3, 0, 4)
+REPORTED = (2, 1, 3, 0, 4)
 
 
-def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, way=1.0):
+def write_run(folder, message=REPORTED, distances=DISTANCES, rolled=None, partner=-1, path=1.0):
     """A run of five bodies, the last without a forecast, the second of brass; each on one spot.
 
-    `rolled` (F, B): length that each body has rolled, m. `partner` of body 0 from the drag on. `way`: share of the distance that
+    `rolled` (F, B): length that each body has rolled, m. `partner` of body 0 from the drag on. `path`: share of the distance that
     the upper plate is away at the end.
     """
     folder.mkdir()
@@ -198,9 +198,9 @@ def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, w
     with TrajectoryWriter(folder / "run.vtkhdf", header, static) as writer:
         for number, distance in enumerate(distances):
             clumps = {"points": places, "state": np.array(LABELS[number], np.uint8), "state_reason": count}
-            if told is not None:
+            if message is not None:
                 ends = {"t_min": np.array([0.1, 0.2, 0.0, 0.5, 0.0]), "t_max": np.array([0.4, 0.5, 0.9, 0.6, 0.0])}
-                clumps |= {"forecast": np.array(told, np.uint8), **ends}
+                clumps |= {"forecast": np.array(message, np.uint8), **ends}
             clumps["quaternion"] = np.tile([1.0, 0.0, 0.0, 0.0], (5, 1))
             if number >= 2:  # bodies 1 and 2 have turned by 1.2 and 0.8 a/R of 0.01, and body 1 is given with the other sign
                 half = 0.5 * np.array([[0.012], [0.008]])
@@ -211,7 +211,7 @@ def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, w
             contacts = {"points": places, "body": np.arange(5), "contact_radius": np.full(5, 1e-8), "partner": partners,
                         "overlap": np.full(5, 1e-10), "normal_force": np.full(5, 1e-4)}  # fmt: skip
             corners = np.zeros((8, 3))
-            corners[4:, 0] = way * distance
+            corners[4:, 0] = path * distance
             writer.append(Frame(float(number), {"points": places}, clumps, contacts, {"points": corners}, {"distance": distance}))
     return folder
 
@@ -225,12 +225,12 @@ def test_what_is_drawn_of_a_run(tmp_path):
     # body 0 rolls before the drag and after the watched way, neither counts
     assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
     assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
-    assert counted["agree"] == int(found.as_told.sum()) == 3 and counted["slides_instead"] == [3]
+    assert counted["agree"] == int(found.correct.sum()) == 3 and counted["slides_instead"] == [3]
 
 
 def test_the_plain_fact_is_a_turn_by_more_than_a_over_r(tmp_path):
     """Bodies 1 and 2 turned by 1.2 and 0.8 a/R whatever their labels: told to slide both, one does as told."""
-    with open_run(write_run(tmp_path / "run", told=(2, 3, 3, 4, 4))) as run:
+    with open_run(write_run(tmp_path / "run", message=(2, 3, 3, 4, 4))) as run:
         assert compare_forecast(run)["by_rotation"] == [2, 3]
 
 
@@ -248,7 +248,7 @@ def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
 @pytest.mark.parametrize(
     "words, scene, broken",
     [({}, "", {"support", "frames"}), ({"partner": 3}, "", {"support", "frames", "neighbours"}),
-     ({"way": 0.5}, "", {"support", "frames", "reversal"}), ({}, 'support = "load_per_particle"', {"frames"}),
+     ({"path": 0.5}, "", {"support", "frames", "reversal"}), ({}, 'support = "load_per_particle"', {"frames"}),
      ({}, 'support = "load_per_particle"\ngap = "8 um"', {"support", "frames"})],
 )  # fmt: skip
 def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monkeypatch, words, scene, broken):
@@ -266,7 +266,7 @@ def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monk
     assert counted["clear"] == [3, 4] and counted["alone"] == ([2, 2] if "partner" in words else [3, 4])
 
 
-def test_bodies_without_a_frame_in_the_watched_way_are_not_judged(tmp_path):
+def test_bodies_without_a_frame_in_the_watched_drag_are_not_compared(tmp_path):
     with open_run(write_run(tmp_path / "run", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
         counted = compare_forecast(run)
         assert len(forecasts(run).body) == 0
@@ -285,8 +285,8 @@ def states(monkeypatch, capsys, tmp_path):
             code = 0
         except SystemExit as stop:
             code = stop.code or 0
-        told = capsys.readouterr()
-        return code, told.out, told.err
+        report = capsys.readouterr()
+        return code, report.out, report.err
 
     return call
 
@@ -301,19 +301,19 @@ def test_the_command_draws_beside_its_tables(states, tmp_path):
     assert code == 0 and json.loads(out)["forecast"]["agree"] == 3 and err == "y.svg\n"
     # matplotlib draws text as outlines and keeps the words as comments
     text = (tmp_path / "y.svg").read_text(encoding="utf-8")
-    assert "five bodies" in text and "as told: 3 of 4 (75.0 %)" in text
+    assert "five bodies" in text and "as forecast: 3 of 4 (75.0 %)" in text
 
 
 @pytest.mark.parametrize(
-    "told, distances, words, status, message",
-    [(TOLD, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
-     (TOLD, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
+    "expected, distances, words, status, message",
+    [(REPORTED, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
+     (REPORTED, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
      (None, DISTANCES, "x.png", 3, "no body has a forecast"),
      ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"),
-     (TOLD, (0.0, 0.0), "x.png", 3, "there is no drag")],
+     (REPORTED, (0.0, 0.0), "x.png", 3, "there is no drag")],
 )  # fmt: skip
-def test_what_cannot_be_drawn_is_told_in_one_line(states, tmp_path, told, distances, words, status, message):
-    write_run(tmp_path / "run", told, distances)
+def test_what_cannot_be_drawn_is_reported_in_one_line(states, tmp_path, expected, distances, words, status, message):
+    write_run(tmp_path / "run", expected, distances)
     code, _, err = states("run", "-o", words)
     assert code == status and message in err and len(err.splitlines()) == 1
     assert os.listdir(tmp_path) == ["run"]

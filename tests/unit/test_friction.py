@@ -48,7 +48,7 @@ def words(text: str) -> str:
     return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
-def test_every_output_tells_the_same_number(drifting, capsys):
+def test_every_output_reports_the_same_number(drifting, capsys):
     mean = np.linspace(0.2, 0.4, FRAMES)[FRAMES // 2 + 1 :].mean()
     with thirdbody.open(drifting) as run:
         assert run.friction.value == pytest.approx(mean, rel=1e-14) == run.summary()["friction_coefficient"]
@@ -61,11 +61,11 @@ def test_every_output_tells_the_same_number(drifting, capsys):
     assert json.loads(capsys.readouterr().out)["friction_coefficient"] == pytest.approx(mean, rel=1e-14)
     run_report(drifting.parent, json=False)
     seen.append(capsys.readouterr().out)
-    told = f"{mean:.3f}"
-    assert [text for text in seen if told not in text] == []
+    report = f"{mean:.3f}"
+    assert [text for text in seen if report not in text] == []
 
 
-def test_a_drift_is_told_and_noise_is_not_taken_for_one(tmp_path):
+def test_a_drift_is_reported_and_noise_is_not_taken_for_one(tmp_path):
     rng = np.random.default_rng(4)
     noise = rng.normal(size=400)
     for k in range(1, 400):  # AR(1): correlated over some ten intervals
@@ -142,7 +142,7 @@ def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path, cycles):
         assert run.to_pandas("cycles").attrs["units"]["displacement_min"] == "m"
 
 
-def test_strokes_that_still_change_are_told(tmp_path):
+def test_strokes_that_still_change_are_reported(tmp_path):
     u, mu = square_loop(2.0)
     with thirdbody.open(write(tmp_path / "two", u=u, mu=mu)) as run:
         assert run.friction.stationary is False and run.friction.verdict == "still rising by 67 % over the last 2 cycles"

@@ -79,13 +79,13 @@ def test_energy_that_comes_from_nowhere():
         patient.check(simulation.state)
 
 
-def test_a_single_look_above_the_limit_is_forgiven():
+def test_a_single_check_above_the_limit_is_forgiven():
     simulation = balls()
     ledger = Ledger(simulation.state)
-    looks, row = EnergyGuard(ledger, 2), simulation.state.B[0]
+    guard, row = EnergyGuard(ledger, 2), simulation.state.B[0]
     for factor in (1.2, 1.0 / 1.2) * 3:
         row[body.VELOCITY] *= factor
-        looks.check(simulation.state)
+        guard.check(simulation.state)
 
 
 def test_energy_that_is_not_a_number():
@@ -128,7 +128,7 @@ def test_a_run_is_stopped_by_its_energy_and_keeps_its_frames(tmp_path, monkeypat
         assert kept.frames >= 1
 
 
-def test_a_sound_run_is_looked_at_and_goes_on(tmp_path):
+def test_a_sound_run_is_checked_and_goes_on(tmp_path):
     trial = Trial(Setting("explicit", "mindlin"))
     scene = make.pressed(trial, make.clump(make.TRIPOD), 0.3)
     scene = scene.with_settings({"solver.duration": "200 ns", "output.every": "100 ns"})

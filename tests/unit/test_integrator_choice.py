@@ -57,11 +57,11 @@ def asks(kind, more=""):
 
 
 def text(*changes):
-    told = BALLS
+    report = BALLS
     for old, new in changes:
-        assert old in told, old
-        told = told.replace(old, new, 1)
-    return told
+        assert old in report, old
+        report = report.replace(old, new, 1)
+    return report
 
 
 def scene(*changes):
@@ -150,7 +150,7 @@ def test_a_refused_scene_ends_the_command_with_three(command):
 @pytest.mark.parametrize("word", ["stop", "continue"])
 def test_words_of_on_failure(word):
     simulation = build(scene(NONE, asks("implicit", f'on_failure = "{word}"')))
-    assert simulation.integrator.accuracy.go_on is (word == "continue")
+    assert simulation.integrator.accuracy.skip_unsolved is (word == "continue")
 
 
 def test_keys_reach_the_integrator():
@@ -158,7 +158,7 @@ def test_keys_reach_the_integrator():
     assert (simulation.integrator.accuracy.tolerance, simulation.integrator.accuracy.largest_step) == (0.002, 3e-9)
 
 
-def test_friction_without_bound_is_bounded_and_told():
+def test_friction_without_bound_is_bounded_and_reported():
     """Above 1e6 the friction limit of a spot that lifts off is lost in the error of its load: 1e9 counts as 1e4."""
     mild, wild = (build(scene(NONE, ("friction = 0.30", f"friction = {mu}"))) for mu in ("1e4", "1e9"))
     assert np.array_equal(mild.state.physics.pairs, wild.state.physics.pairs)
@@ -166,17 +166,17 @@ def test_friction_without_bound_is_bounded_and_told():
     assert not any("count as" in warning for warning in mild.warnings)
 
 
-def test_check_tells_integrator_and_reason(command):
+def test_check_reports_integrator_and_reason(command):
     code, out, _ = command((NONE,), "check", "--json")
-    told = json.loads(out)
+    report = json.loads(out)
     assert code == 0
-    assert told["integrator"] == "implicit" and "meet only the plates" in told["integrator_reason"]
-    assert "time_step" not in told and told["accuracy"]["tolerance"] == 5e-4
+    assert report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
+    assert "time_step" not in report and report["accuracy"]["tolerance"] == 5e-4
     code, out, _ = command((), "check", "--json")
-    told = json.loads(out)
+    report = json.loads(out)
     assert code == 0
-    assert told["integrator"] == "explicit" and "debris_contact" in told["integrator_reason"]
-    assert told["time_step"]["step"] > 0.0
+    assert report["integrator"] == "explicit" and "debris_contact" in report["integrator_reason"]
+    assert report["time_step"]["step"] > 0.0
 
 
 def test_check_in_words(command):
@@ -185,11 +185,11 @@ def test_check_in_words(command):
     assert "integrator implicit: bodies meet only the plates" in out
 
 
-def test_summary_and_file_tell_the_integrator(tmp_path):
+def test_summary_and_file_report_the_integrator(tmp_path):
     with thirdbody.run(scene(NONE), out=tmp_path / "run", progress=False) as run:
-        told = run.summary()
-    assert told["finished"] and told["integrator"] == "implicit"
-    assert told["unsolved"] == {} and told["steps"] >= 2.0 * told["frames"]
+        report = run.summary()
+    assert report["finished"] and report["integrator"] == "implicit"
+    assert report["unsolved"] == {} and report["steps"] >= 2.0 * report["frames"]
 
 
 NEAR = (
@@ -240,8 +240,8 @@ def test_bodies_that_come_near_stop_the_run_and_frames_are_kept(tmp_path):
     with thirdbody.open(tmp_path / "run") as run:
         assert run.frames >= 2
         assert np.all(np.isfinite(run.bodies(-1)["position"]))
-        told = run.summary()
-    assert not told["finished"] and "come near" in told["stopped"]
+        report = run.summary()
+    assert not report["finished"] and "come near" in report["stopped"]
 
 
 def test_the_command_ends_with_four_where_bodies_come_near(command):

@@ -51,7 +51,7 @@ def test_options_of_laws_and_effects_are_left_to_them(validator):
     assert list(validator.iter_errors(document)) == []
 
 
-def test_quantities_tell_their_units():
+def test_quantities_report_their_units():
     solver = Scene.model_json_schema()["$defs"]["Solver"]["properties"]
     length = solver["distance"]["anyOf"][0]
     assert length["type"] == "string"

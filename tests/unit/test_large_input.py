@@ -67,9 +67,9 @@ def test_a_motion_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
 def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
     n = 5000
     np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as report:
         load_bodies(tmp_path / "b.npz", units.parse)
-    assert len(told.value.faults) == 11 and told.value.faults[-1].message == "and 19990 more faults"
+    assert len(report.value.faults) == 11 and report.value.faults[-1].message == "and 19990 more faults"
 
 
 @pytest.mark.parametrize(
@@ -79,10 +79,10 @@ def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
         (STEEL, BALL * 1001, "debris: 1001 debris tables, at most 1000 are read"),
     ],
 )
-def test_a_scene_of_too_many_tables_is_told_by_their_number_alone(head, debris, message):
-    with pytest.raises(InputError) as told:
+def test_a_scene_of_too_many_tables_is_reported_by_their_number_alone(head, debris, message):
+    with pytest.raises(InputError) as report:
         Scene.parse(head + debris + TAIL)
-    assert len(told.value.faults) == 1 and message in str(told.value)
+    assert len(report.value.faults) == 1 and message in str(report.value)
 
 
 def test_as_many_tables_as_allowed_are_read():

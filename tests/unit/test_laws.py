@@ -117,7 +117,7 @@ RESCALED_RELEASED = [0.0, 0.0, 3.125, 2.34375, 0.0, 6.0, 1.0, 0.5, 0.0]
 )
 def test_mindlin_path_by_hand(keeps, path, expected):
     memory = (0.0, 0.0, 0.0)
-    stored, released, p = 0.0, [], UNIT._replace(keeps=keeps)
+    stored, released, p = 0.0, [], UNIT._replace(retained_energy=keeps)
     for name, (a, force), slip, tangential, energy, sliding in path:
         t, memory = plain(MINDLIN.kernel)(contact(1.0, 1.0, *slip), Load(force, force, a, 0.0, 0.0), p, memory)
         assert (t.x, t.y) == pytest.approx(tangential, rel=EXACT, abs=EXACT), name

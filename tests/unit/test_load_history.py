@@ -74,7 +74,7 @@ def test_a_table_of_loads(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "message"),
     [
         ("time (us), displacement (um)\n0, 0\n1, 1\n", "expected 'load (unit)'"),
         ("time (us), load (um)\n0, 0\n1, 1\n", "expected a force"),
@@ -85,17 +85,17 @@ def test_a_table_of_loads(tmp_path):
         ("time (us), load (mN)\n0, 1\n", "at least two rows"),
     ],
 )
-def test_a_wrong_table_is_told_with_its_line(tmp_path, rows, told):
+def test_a_wrong_table_is_reported_with_its_line(tmp_path, rows, message):
     (tmp_path / "load.csv").write_text(rows)
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.format(upper='load = "2 mN"\nloading = {table = "load.csv"}'))
     with pytest.raises(InputError, match="plates.upper.loading.table") as caught:
         schedule(Scene.load(path), 0.0)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("loading", "told"),
+    ("loading", "message"),
     [
         ('{load = "-1 N"}', "plates.upper.loading.load"),
         ('{load = "1 um"}', "expected a force"),
@@ -105,10 +105,10 @@ def test_a_wrong_table_is_told_with_its_line(tmp_path, rows, told):
         ("3", "expected a table such as"),
     ],
 )
-def test_wrong_loads_are_refused(loading, told):
+def test_wrong_loads_are_refused(loading, message):
     with pytest.raises(InputError) as caught:
         read(loading)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_plate_at_a_gap_has_no_load_to_change():

@@ -32,8 +32,8 @@ def command(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr("sys.argv", ["thirdbody", "map", *map(str, words)])
         with pytest.raises(SystemExit) as stop:
             cli.main()
-        told = capsys.readouterr()
-        return stop.value.code or 0, told.out, told.err
+        report = capsys.readouterr()
+        return stop.value.code or 0, report.out, report.err
 
     return run
 
@@ -50,11 +50,11 @@ def test_the_suffix_is_the_format(command, tmp_path, name, start):
     assert (tmp_path / name).read_bytes().startswith(start)
 
 
-def test_json_tells_fig_2_and_the_limits(command, tmp_path):
+def test_json_reports_fig_2_and_the_limits(command, tmp_path):
     code, out, err = command("--json", "--H", "0.6", "--half-width", "0.25")
     assert code == 0 and err == "" and not list(tmp_path.iterdir())
-    told = json.loads(out)
-    fig, limits = told["fig2"], told["regimes"]
+    report = json.loads(out)
+    fig, limits = report["fig2"], report["regimes"]
     n, z = np.meshgrid(fig["n_2"], fig["zeta_2"])
     # moments about S over N_1 x_1, with N_3 = N_1 - N_2: 1 + n_2 zeta_2 - (1 - n_2) zeta_3 = H
     assert np.allclose(1.0 + n * z - (1.0 - n) * np.array(fig["zeta_3"]), 0.6, rtol=0.0, atol=1e-13)  # zeta_3 up to 40
@@ -69,15 +69,15 @@ def test_json_beside_a_picture_stays_json(command, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words, status, told",
+    "words, status, message",
     [(("--H", "nan"), 2, "--H"), (("--H", "wide"), 2, "--H"), (("--half-width", "0"), 2, "--half"),
      (("--half-width", "inf"), 2, "--half"), (("-o", "map.gif"), 2, ".png, .pdf, .svg"),
      (("-o", "nowhere/map.png"), 5, "nowhere"),
      (("extra",), 2, "extra")],
 )  # fmt: skip
-def test_what_cannot_be_drawn_is_told(command, tmp_path, words, status, told):
+def test_what_cannot_be_drawn_is_reported(command, tmp_path, words, status, message):
     code, out, err = command(*words)
-    assert code == status and told in err and "Traceback" not in err and not out and not list(tmp_path.iterdir())
+    assert code == status and message in err and "Traceback" not in err and not out and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,11 @@ def test_no_mark_covers_words_and_the_legend_explains_every_mark(tmp_path, monke
     assert len(marks) == 144 and len(words) == 2  # the two lower spots
     radius = 4.0 * figure.dpi / 72.0  # of a mark of 8 points
     assert not [1 for box in words for x, y in marks if box.padded(radius).contains(x, y)]
-    told = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert [text for text in told if text.startswith("computed: ")] == [f"computed: {regime_map.WORDS[name]}" for name in states]
-    assert len([text for text in told if text.startswith("theory: ")]) == 3
+    report = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [text for text in report if text.startswith("computed: ")] == [
+        f"computed: {regime_map.WORDS[name]}" for name in states
+    ]
+    assert len([text for text in report if text.startswith("theory: ")]) == 3
 
 
 @pytest.mark.filterwarnings("error")

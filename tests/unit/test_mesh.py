@@ -135,7 +135,7 @@ def test_a_ball_needs_no_more_than_itself():
     assert fit.maximum < 0.01
     # z = -s2/2 - s4/8: a parabola over a patch of 0.3 R takes the last term for curvature, some s2/6.
     assert fit.contacts.ratio == pytest.approx([1.0] * len(fit.contacts.ratio), rel=0.02)
-    assert fit.contacts.share.sum() == pytest.approx(1.0, rel=1e-12)
+    assert fit.contacts.fraction.sum() == pytest.approx(1.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("make", [lambda: box((1.0, 1.0, 1.0)), lambda: box((1.0, 1.0, 5.0))])

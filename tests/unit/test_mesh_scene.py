@@ -72,7 +72,7 @@ def test_sizes_rescale_each_body(tmp_path, rock):
 
 
 @pytest.mark.parametrize("damage", ["missing", "cut", "open"])
-def test_a_bad_file_is_told_at_its_key(tmp_path, rock, damage):
+def test_a_bad_file_is_reported_at_its_key(tmp_path, rock, damage):
     path = tmp_path / "rock.stl"
     if damage == "missing":
         path.unlink()
@@ -92,8 +92,8 @@ def test_populations_that_share_a_mesh_share_its_fit(tmp_path, rock):
     one, other = clump_from_mesh(mesh, 8, 3), clump_from_mesh(again, 8, 3)
     assert one[0] is other[0] and one[1] is other[1]
     moved = Mesh(mesh.vertices * 1.5, mesh.faces, mesh.name)
-    for asked, factor in (((mesh, 8, 4), 1.0), ((mesh, 9, 3), 1.0), ((moved, 8, 3), 1.5)):
-        found = clump_from_mesh(*asked)
+    for requested, factor in (((mesh, 8, 4), 1.0), ((mesh, 9, 3), 1.0), ((moved, 8, 3), 1.5)):
+        found = clump_from_mesh(*requested)
         assert found[0] is not one[0] and found[0].volume == pytest.approx(factor**3 * one[0].volume, rel=1e-9)
 
 
@@ -136,7 +136,7 @@ def test_several_meshes_share_sizes_with_one(tmp_path, rock):
     assert [body.diameter for body in two] == pytest.approx([body.diameter for body in one], rel=1e-12)
 
 
-def test_meshes_beyond_the_last_body_are_told(tmp_path):
+def test_meshes_beyond_the_last_body_are_reported(tmp_path):
     names = [f"{k}.stl" for k in range(8)]
     rocks(tmp_path / "scans", *names[:3])
     for name in names[3:]:
@@ -172,7 +172,7 @@ def test_a_study_finds_the_meshes_from_its_own_folder(tmp_path, file):
         ('["a.stl", 3]', ["file"], "a file, a folder or a list of files"),
     ],
 )
-def test_every_bad_mesh_is_told_at_its_place(tmp_path, file, key, words):
+def test_every_bad_mesh_is_reported_at_its_place(tmp_path, file, key, words):
     rocks(tmp_path, "a.stl")
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=words) as caught:

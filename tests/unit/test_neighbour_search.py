@@ -73,7 +73,7 @@ def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
 
 
 @pytest.mark.parametrize("room", [3, 4, 20])
-def test_too_little_room_is_told(room):
+def test_too_little_space_is_reported(room):
     box = (4.0, 4.0, 4.0)
     S, body = spheres(80, box, 3), np.arange(80)
     assert len(found(S, body, box, (True, True), room)) == len(expected(S, body, box, (True, True))) > 20

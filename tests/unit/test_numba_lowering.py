@@ -224,7 +224,7 @@ def test_parallel_loops_are_shared_out(options):
 KINDS = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(types.int32, 1, "C"), "number": types.int64}
 
 
-def test_a_context_tells_of_tables_and_numbers():
+def test_a_context_describes_tables_and_numbers():
     names = namedtuple("names", tuple(KINDS))
     context_of = make_unpacker(KINDS, names)
 

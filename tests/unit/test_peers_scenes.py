@@ -119,14 +119,14 @@ def test_a_file_is_read(scenes, layer, tmp_path):
 
 
 def test_the_benchmark_runs_alone_where_no_peer_is_given(tmp_path):
-    told = tmp_path / "told.json"
+    report = tmp_path / "told.json"
     command = [sys.executable, str(BENCH / "peers.py"), "--scenes", "S200@2x1,C2000", "--rounds", "2", "--steps", "70"]
-    command += ["--warm", "0", "--reps", "1", "-o", str(told)]
+    command += ["--warm", "0", "--reps", "1", "-o", str(report)]
     environment = {key: value for key, value in os.environ.items() if key != "THIRDBODY_PEERS"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "LIGGGHTS: not asked for" in done.stdout and "C2000: left out" in done.stdout
-    only = json.loads(told.read_text(encoding="utf-8"))["scenes"]
+    only = json.loads(report.read_text(encoding="utf-8"))["scenes"]
     assert [row["scene"] for row in only] == ["S200@2x1"] and only[0]["best"] is None
     runs = only[0]["runs"]["thirdbody"]
     assert len(runs) == 2 and all(run["spheres"] == 400 and run["t"][0] > 0.0 for run in runs)
@@ -141,6 +141,6 @@ def test_ratios_are_of_the_same_round(monkeypatch):
         "slow": [{"t": [9.0]}, {"t": [18.0]}, {"t": [36.0]}],
         "fast": [{"t": [3.0, 1.0, 2.0]}, {"failed": "why"}, {"t": [12.0]}],
     }
-    told = peers.summed_up(runs)
-    assert told["ratios"]["slow"]["rounds"] == [9.0, 9.0, 9.0] and told["ratios"]["fast"]["rounds"] == [2.0, 3.0]
-    assert told["best"] == "fast" and told["ratio"]["median"] == 2.5 and told["ratio"]["max"] == 3.0
+    report = peers.summed_up(runs)
+    assert report["ratios"]["slow"]["rounds"] == [9.0, 9.0, 9.0] and report["ratios"]["fast"]["rounds"] == [2.0, 3.0]
+    assert report["best"] == "fast" and report["ratio"]["median"] == 2.5 and report["ratio"]["max"] == 3.0

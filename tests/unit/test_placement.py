@@ -152,7 +152,7 @@ def test_overlaps_of_a_random_start(periodic, size):
     assert [row[2] for row in found] == sorted((row[2] for row in found), reverse=True)
 
 
-def test_many_overlaps_are_all_told():
+def test_many_overlaps_are_all_reported():
     n = 60  # 1770 pairs, more than the first table holds
     found = overlaps(np.zeros((n, 3)), np.ones(n), np.arange(n), (9.0, 9.0), False)
     assert len(found) == n * (n - 1) // 2 and all(row[2] == 2.0 for row in found)

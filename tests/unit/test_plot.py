@@ -87,11 +87,11 @@ def write(folder, u=None, mu=None, contacts: int = 12, labels: bool = True, seri
             touching |= {"utilisation": np.linspace(0.0, 1.0, count), "normal_force": 1e-5 * rng.random(count)}
             corners = np.zeros((8, 3))
             corners[4:, 0] = u[number]
-            told_series = make_series(u, mu, number) if series else {"time": 1e-6 * number}
+            series_made = make_series(u, mu, number) if series else {"time": 1e-6 * number}
             if not labels:
-                told_series = {k: v for k, v in told_series.items() if not k.startswith("fraction_")}
+                series_made = {k: v for k, v in series_made.items() if not k.startswith("fraction_")}
             spheres = {"points": np.zeros((BODIES, 3))}
-            writer.append(Frame(1e-6 * number, spheres, clumps, touching, {"points": corners} if plates else None, told_series))
+            writer.append(Frame(1e-6 * number, spheres, clumps, touching, {"points": corners} if plates else None, series_made))
         writer.finish({"finished": True, "stopped": None, "energy_residual": 2e-5})
     return folder
 
@@ -151,7 +151,7 @@ def test_the_error_of_a_mean_counts_autocorrelation(phi):
     assert np.sqrt(np.mean([mean**2 for mean, _ in found])) < 2.0 * exact  # chi-square of 12: beyond 4 in 1e-5 of the cases
 
 
-def test_no_error_is_told_where_none_is_known():
+def test_no_error_is_reported_where_none_is_known():
     assert mean_and_error(np.full(50, 0.3)) == (pytest.approx(0.3, rel=1e-14), 0.0)
     drift = np.linspace(0.2, 0.3, 60)
     assert mean_and_error(drift)[0] == pytest.approx(0.25, rel=1e-12) and np.isnan(mean_and_error(drift)[1])
@@ -279,13 +279,13 @@ def test_unloaded_intervals_are_shaded_not_counted(tmp_path):
 def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     # frames stand at the turns; within two intervals behind each (8 nm) friction turns over, linearly
     u = stroke()
-    way = np.diff(u, prepend=u[0])
-    side = np.sign(way)
+    path = np.diff(u, prepend=u[0])
+    side = np.sign(path)
     mu = 0.2 * np.where(np.roll(side, 1) * side < 0, 0.0, side)
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
         sheet = RunData(run)
-        assert run.drag.turns == [20, 40, 60, 80] and sheet.drag.cycles[-1] == slice(40, 81)
+        assert run.drag.reversals == [20, 40, 60, 80] and sheet.drag.cycles[-1] == slice(40, 81)
         area, size, work = loop_area(sheet), run.friction.value, run.friction.energy_per_cycle
         # 160 nm a cycle, two intervals of 4 nm of it without friction
         assert area == pytest.approx(0.2 * (160e-9 - 8e-9), rel=1e-9)
@@ -302,7 +302,7 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
 # choice, messages, files -----------------------------------------------------------------------------------------------------
 
 
-def test_the_panels_asked_for_and_no_other(run):
+def test_the_panels_requested_and_no_other(run):
     assert list(panels(page(run))) == ["friction", "states", "gap", "energy", "utilisation", "normal_force"]
     for name in ("friction", "states", "gap", "load", "energy", "utilisation", "normal_force"):
         assert list(panels(page(run, [name]))) == [name]
@@ -341,7 +341,7 @@ def test_panels_without_data_are_left_out(tmp_path):
                     page(run)
 
 
-def test_headline_tells_the_key_figures(run):
+def test_headline_reports_the_key_figures(run):
     texts = " ".join(text.get_text() for text in page(run).texts).replace("\N{NO-BREAK SPACE}", " ")
     assert texts.startswith("eight bodies Friction coefficient 0.2") and "At the end all rolling" in texts
     assert "energy residual 2e\N{MINUS SIGN}5 of the work" in texts and "law three_spot (mindlin)" in texts
@@ -406,8 +406,8 @@ def command(monkeypatch, capsys, tmp_path):
             code = 0
         except SystemExit as stop:
             code = stop.code or 0
-        told_ = capsys.readouterr()
-        return code, told_.out, told_.err
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
 
     return call
 
@@ -428,7 +428,7 @@ def test_the_command_writes_what_it_names(command, folder, tmp_path):
      (("run", "--frame", "41"), 3, "frames are from -41 to 40"),
      (("other",), 3, "no such run")],
 )  # fmt: skip
-def test_what_cannot_be_drawn_is_told_in_one_line(command, folder, tmp_path, words, status, message):
+def test_what_cannot_be_drawn_is_reported_in_one_line(command, folder, tmp_path, words, status, message):
     code, out, err = command(*words)
     assert code == status and message in err and len(err.splitlines()) == 1 and not out
     assert os.listdir(tmp_path) == ["run"]

@@ -65,7 +65,7 @@ def test_scatter_is_reproducible(bodies):
     assert not np.array_equal(first[0], other[0])
 
 
-def test_what_stands_already_stays_free(bodies):
+def test_what_is_there_already_stays_free(bodies):
     # a ball that fills the middle of the volume
     standing = np.array([[30e-6, 25e-6, 35e-6, 20e-6]])
     x, q = scatter(bodies, HEIGHT, SIZE, True, np.random.default_rng(4), standing)

@@ -65,7 +65,7 @@ def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
     assert pixels[:45].min() < 100 and pixels[-45:].min() < 100
 
 
-def test_a_picture_tells_what_it_was_drawn_from(layer, tmp_path):
+def test_a_picture_reports_what_it_was_drawn_from(layer, tmp_path):
     skip_unless_drawable()
     with Image.open(render(layer, tmp_path / "a.png", frame=0, size=(640, 360), view="top")) as picture:
         texts = picture.text
@@ -98,7 +98,7 @@ def test_a_zoomed_picture_and_a_field(layer, tmp_path):
     assert hue_share(pixels, STATE_COLORS["sliding"]) < 0.005
 
 
-def test_another_suffix_is_told_with_those_that_there_are(layer, tmp_path):
+def test_another_suffix_is_reported_with_those_that_there_are(layer, tmp_path):
     with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):
         render(layer, tmp_path / "a.svg")
 
@@ -107,7 +107,7 @@ def test_another_suffix_is_told_with_those_that_there_are(layer, tmp_path):
 def test_the_word_at_the_arrow_stays_inside_of_wide_pictures(tmp_path, view):
     """With the drag to the left the arrow ends at the left edge, where the word was cut."""
     skip_unless_drawable()
-    path = write_layer(tmp_path / "run.vtkhdf", 60, way=-1.0)
+    path = write_layer(tmp_path / "run.vtkhdf", 60, distance=-1.0)
     pixels = read_pixels(render(path, tmp_path / "a.png", size=(900, 200), view=view)).astype(int)
     red = (pixels[:, :, 0] - pixels[:, :, 1] > 60) & (pixels[:, :, 2] - pixels[:, :, 1] > -20)
     assert red.sum() > 100  # the arrow and the word
@@ -239,28 +239,28 @@ def test_fields_of_bodies_and_contacts(layer):
 
 def test_reasons_are_categories_with_a_legend_of_those_that_occur(layer):
     with open_run(layer) as run:
-        shot = read_picture_data(run, 0, "reason")
+        picture = read_picture_data(run, 0, "reason")
         kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
-    words = [words.split("  ")[0] for words, _ in shot.legend.entries]
+    words = [words.split("  ")[0] for words, _ in picture.legend.entries]
     assert words == ["none", "friction limit", "rotation"]
-    assert [tone for _, tone in shot.legend.entries] == list(CATEGORY_COLORS[:3])
-    assert kept.legend.entries == shot.legend.entries
+    assert [tone for _, tone in picture.legend.entries] == list(CATEGORY_COLORS[:3])
+    assert kept.legend.entries == picture.legend.entries
 
 
 def test_the_legend_counts_the_states(layer):
     with open_run(layer) as run:
-        shot = read_picture_data(run, -1, "state")
+        picture = read_picture_data(run, -1, "state")
         counts = np.bincount(run.states[-1], minlength=4)
-    numbers = [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in shot.legend.entries]
+    numbers = [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in picture.legend.entries]
     assert numbers == list(counts)
-    assert "10 µs" in shot.facts and "20 µm" in shot.facts and "0.31" in shot.facts
+    assert "10 µs" in picture.facts and "20 µm" in picture.facts and "0.31" in picture.facts
 
 
 def test_the_close_up_holds_about_sixty_bodies(tmp_path):
     with open_run(write_layer(tmp_path / "run.vtkhdf", 900)) as run:
-        shot = read_picture_data(run, 0, "state")
-    low, high = close_up_window(shot)
-    inside = np.all((shot.bodies[:, :2] >= low) & (shot.bodies[:, :2] <= high), axis=1).sum()
+        picture = read_picture_data(run, 0, "state")
+    low, high = close_up_window(picture)
+    inside = np.all((picture.bodies[:, :2] >= low) & (picture.bodies[:, :2] <= high), axis=1).sum()
     # A window of the mean density holds 60; its edges cut a lattice of 28 um pitch: half a row either way.
     assert 40 <= inside <= 80
 

@@ -59,7 +59,7 @@ def test_a_weighted_ball_rights_itself():
     assert quaternions[0] == pytest.approx([1, 0, 0, 0], abs=1e-15)
 
 
-def test_a_stool_whose_centroid_stands_over_an_edge_falls():
+def test_a_stool_whose_centroid_lies_over_an_edge_falls():
     feet = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 1.0, -1.0]])
     quaternions, _ = resting_poses(Clump(feet, np.full(3, 1.5), 1.0, np.ones(3), 0.0))
     ups = [matrix_from_quaternion(q)[2] for q in quaternions]

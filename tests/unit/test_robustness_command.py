@@ -27,13 +27,13 @@ def command(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr("sys.argv", ["thirdbody", "hard", *map(str, words)])
         with pytest.raises(SystemExit) as stop:
             cli.main()
-        told = capsys.readouterr()
-        return stop.value.code or 0, told.out, told.err
+        report = capsys.readouterr()
+        return stop.value.code or 0, report.out, report.err
 
     return run
 
 
-def test_a_sound_case_is_told_and_drawn(command, tmp_path):
+def test_a_sound_case_is_reported_and_drawn(command, tmp_path):
     code, out, err = command("overlapping_start", "--quick", "-o", "table.png")
     assert code == 0
     assert "overlapping_start" in out and "implicit" in out and "2 of 2 hold" in out
@@ -49,13 +49,13 @@ def test_json(command):
     assert all(row["holds"] and row["factor"] is None for row in rows)
 
 
-@pytest.mark.parametrize("found, told", [(BROKEN, "shear force: 1"), (TIGHT, "is 1 times the automatic one, not 1.2 to 10")])
-def test_a_case_that_fails_ends_with_exit_code_4(command, monkeypatch, found, told):
+@pytest.mark.parametrize("found, message", [(BROKEN, "shear force: 1"), (TIGHT, "is 1 times the automatic one, not 1.2 to 10")])
+def test_a_case_that_fails_ends_with_exit_code_4(command, monkeypatch, found, message):
     monkeypatch.setattr(report, "rows", lambda *_, **__: iter([SOUND, found]))
     code, out, err = command("rigid_plane", "-q")
     assert code == 4
     assert "1 of 2 hold" in out and "5 x" in out and "FAILS" in out
-    assert "1 of 2 hard cases fail" in err and f"no_friction, explicit, {found.level}" in err and told in err
+    assert "1 of 2 hard cases fail" in err and f"no_friction, explicit, {found.level}" in err and message in err
 
 
 def test_faults_of_the_call_come_before_the_work(command, monkeypatch):

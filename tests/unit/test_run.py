@@ -149,7 +149,7 @@ def test_summary_of_figures_and_of_the_run(tmp_path):
     assert summary["fractions"] == {"free": 1 / 3, "sticking": 1 / 3, "sliding": 0.0, "rolling": 1 / 3}
 
 
-def test_a_run_can_be_looked_at_while_it_goes_on(tmp_path):
+def test_a_run_can_be_read_while_it_goes_on(tmp_path):
     path = tmp_path / "run.vtkhdf"
     with TrajectoryWriter(path, HEADER, STATIC) as writer:
         writer.append(make_frame(0))

@@ -230,9 +230,9 @@ def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
     done = subprocess.run([sys.executable, "-c", code, str(path), str(limit)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     number = done.stdout.split("the ")[-1].split()[0]
-    told = 1 if number == "frame" else int(number)
+    report = 1 if number == "frame" else int(number)
     with open_run(path) as run:
-        assert run.frames in (told, told + 1)
+        assert run.frames in (report, report + 1)
         wanted = make_frame(run.frames - 1).clumps["quaternion"]
         np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
 
@@ -265,7 +265,7 @@ def test_resume_beyond_the_file_is_refused(written):
     assert not list(written.parent.glob("*.part"))
 
 
-def test_a_full_disk_is_told_once_and_keeps_what_was_written(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_once_and_keeps_what_was_written(tmp_path, monkeypatch):
     path = tmp_path / "run.vtkhdf"
     writer = TrajectoryWriter(path, HEADER, STATIC)
     for number in range(3):

@@ -66,25 +66,25 @@ def notes_of(tmp_path, monkeypatch) -> Callable:
 def states(path: Path, notes: list[tuple]) -> Iterator[tuple[int, int, bool]]:
     """Makes the file at `path` as it is after every write and at every page's end within one: which write, frames told, torn."""
     with open(path, "wb", buffering=0) as file:
-        for n, (told, place, data) in enumerate(notes):
+        for n, (report, place, data) in enumerate(notes):
             if data is None:
                 file.truncate(place)
             else:
                 for end in range((place // PAGE + 1) * PAGE, place + len(data), PAGE):
                     file.seek(place)
                     file.write(data[: end - place])
-                    yield n, told, True
+                    yield n, report, True
                 file.seek(place)
                 file.write(data)
-            yield n, told, False
+            yield n, report, False
 
 
-def fault_of(path: Path, told: int, frame: Callable[[int], Frame]) -> str:
-    """What is wrong with the file of which `told` frames were told, by our reader or by VTK's; nothing: empty."""
+def fault_of(path: Path, message: int, frame: Callable[[int], Frame]) -> str:
+    """What is wrong with the file of which `report` frames were told, by our reader or by VTK's; nothing: empty."""
     try:
         with open_run(path) as run:
             frames = run.frames
-            assert frames in (told, told + 1), f"{frames} frames"
+            assert frames in (message, message + 1), f"{frames} frames"
             np.testing.assert_array_equal(run.times, [number * 1e-6 for number in range(frames)])
             for number in {0, frames // 2, frames - 1}:
                 np.testing.assert_array_equal(run.bodies(number)["quaternion"], frame(number).clumps["quaternion"])
@@ -107,13 +107,13 @@ def test_a_kill_at_any_single_write_leaves_the_committed_frames(tmp_path, notes_
     notes = notes_of(260, STATIC, make_frame)  # counts and times begin their second chunk at 256, arrays at 21 and later
     edges = {n + k for n, (_, place, data) in enumerate(notes) if data is None or place == 0 for k in (0, 1)}
     torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
-    for n, told, cut in states(torn, notes):
+    for n, report, cut in states(torn, notes):
         # Before the first frame stands there is none to lose. In between all is as in the first frames.
-        if not (1 <= told < 6 or 19 <= told < 24 or told >= 254) or not (cut or n in edges or n % 41 == 0):
+        if not (1 <= report < 6 or 19 <= report < 24 or report >= 254) or not (cut or n in edges or n % 41 == 0):
             continue
         checked += 1
-        if fault := fault_of(torn, told, make_frame):
-            faults.append((n, told, cut, fault))
+        if fault := fault_of(torn, report, make_frame):
+            faults.append((n, report, cut, fault))
     assert checked > 200
     assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
 
@@ -130,19 +130,21 @@ def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_p
     static = {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}
     notes = notes_of(520, static, wide_frame)
     seen, growing = set(), set()
-    for told, place, data in notes:
+    for report, place, data in notes:
         if data is not None and data[:4] == b"TREE":
-            if told > 255 and place not in seen and data[5] == 0 and data[6:8] != b"\1\0":
-                growing.add(told)
+            if report > 255 and place not in seen and data[5] == 0 and data[6:8] != b"\1\0":
+                growing.add(report)
             seen.add(place)
     assert len(growing) >= 2, "no index grew by a node"
     torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
-    nodes = {n + k for n, (told, _, data) in enumerate(notes) if told in growing and data and data[:4] == b"TREE" for k in (0, 1)}
-    for n, told, cut in states(torn, notes):
-        if n in nodes or cut and told in growing:
+    nodes = {
+        n + k for n, (report, _, data) in enumerate(notes) if report in growing and data and data[:4] == b"TREE" for k in (0, 1)
+    }
+    for n, report, cut in states(torn, notes):
+        if n in nodes or cut and report in growing:
             checked += 1
-            if fault := fault_of(torn, told, wide_frame):
-                faults.append((n, told, cut, fault))
+            if fault := fault_of(torn, report, wide_frame):
+                faults.append((n, report, cut, fault))
     assert checked > 20
     assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
 
@@ -172,10 +174,10 @@ def test_a_killed_writer_leaves_its_committed_frames(tmp_path, delay):
         time.sleep(delay)
         process.send_signal(signal.SIGKILL)
         lines = process.stdout.read().split()
-    told = int(lines[-1]) if lines else 10
+    report = int(lines[-1]) if lines else 10
     with open_run(path) as run:
         # The frame being written when the signal came may have been committed, but not yet told.
-        assert run.frames in (told, told + 1)
+        assert run.frames in (report, report + 1)
         last = run.frames - 1
         np.testing.assert_array_equal(run.bodies(last)["quaternion"], make_frame(last).clumps["quaternion"])
         frames = run.frames

@@ -82,8 +82,8 @@ def test_a_link_to_a_pipe_is_refused_before_it_is_opened(path, tmp_path, spoil):
     with h5py.File(path, "r+") as file:
         spoil(file, pipe)
     command = [sys.executable, "-m", "thirdbody", "states", str(path)]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert told.returncode == 3 and "another file" in told.stderr and len(told.stderr.splitlines()) == 1, told.stderr
+    report = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert report.returncode == 3 and "another file" in report.stderr and len(report.stderr.splitlines()) == 1, report.stderr
 
 
 def test_a_filter_that_hdf5_would_load_is_refused(path):

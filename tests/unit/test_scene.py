@@ -119,8 +119,8 @@ def test_a_scene_built_in_python_is_the_one_of_the_file():
 def test_faults_in_python_are_input_errors_with_all_faults():
     with pytest.raises(InputError) as caught:
         UpperPlate(material="steel", load="1 mN", gap=-1.0, colour="red")
-    told = [str(fault) for fault in caught.value.faults]
-    assert told == [
+    report = [str(fault) for fault in caught.value.faults]
+    assert report == [
         "colour: unknown key, known: closing, damping, gap, load, loading, mass, material, motion, preload, pressure, stiffness, "
         "support",
         "gap: give only one of load, pressure, gap: load is given too",
@@ -160,7 +160,7 @@ def test_settings_replace_values_and_their_alternatives():
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"solvr.distance": "1 um"}, ["solvr: unknown key, did you mean 'solver'?"]),
         ({"distance": "1 um"}, ["distance: unknown key, did you mean 'solver.distance'?"]),
@@ -178,11 +178,11 @@ def test_settings_replace_values_and_their_alternatives():
         ({"": "1"}, ["expected a path such as solver.distance"]),
     ],
 )
-def test_faults_of_settings(given, told):
+def test_faults_of_settings(given, message):
     with pytest.raises(InputError) as caught:
         Scene.parse(GOOD).with_settings(given)
-    assert [str(fault) for fault in caught.value.faults] == ["with_settings: " + text for text in told]
-    assert caught.value.for_command_line().splitlines() == ["--set: " + text for text in told]
+    assert [str(fault) for fault in caught.value.faults] == ["with_settings: " + text for text in message]
+    assert caught.value.for_command_line().splitlines() == ["--set: " + text for text in message]
 
 
 def test_a_setting_of_thousands_of_levels_is_one_fault():
@@ -271,7 +271,7 @@ def places_of(node, place=()):
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_any_damaged_scene_is_read_or_told_as_input_error(data):
+def test_any_damaged_scene_is_read_or_reported_as_input_error(data):
     document = tomllib.loads(GOOD)
     place = data.draw(st.sampled_from(sorted(places_of(document), key=str)))
     node = document

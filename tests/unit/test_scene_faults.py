@@ -181,12 +181,12 @@ ONE_FAULT = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "told"), ONE_FAULT, ids=[told.split(": ")[1] for _, told in ONE_FAULT])
-def test_one_fault_is_told_once_and_in_its_place(changes, told):
-    assert faults_of(changed(*changes)) == [told]
+@pytest.mark.parametrize(("changes", "message"), ONE_FAULT, ids=[report.split(": ")[1] for _, report in ONE_FAULT])
+def test_one_fault_is_reported_once_and_in_its_place(changes, message):
+    assert faults_of(changed(*changes)) == [message]
 
 
-def test_all_faults_are_told_at_once_in_the_order_of_the_file():
+def test_all_faults_are_reported_at_once_in_the_order_of_the_file():
     text = changed(
         ("youngs_modulus", "young_modulus"),
         ("count = 2000", "count = 0"),
@@ -244,7 +244,7 @@ def test_spheres_of_one_shape_in_a_layer():
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "message"),
     [
         ("count = 1", "11:1: debris[0]: give one of radius, shape"),
         ('radius = "1 um"', "11:1: debris[0].count: required key is missing: give count, or positions"),
@@ -272,8 +272,8 @@ def test_spheres_of_one_shape_in_a_layer():
         ),
     ],
 )
-def test_faults_of_spheres(lines, told):
-    assert faults_of(balls(lines)) == [told]
+def test_faults_of_spheres(lines, message):
+    assert faults_of(balls(lines)) == [message]
 
 
 BRASS = '[materials.brass]\nshear_modulus = "40 GPa"\npoisson_ratio = 0.3\ndensity = "8400 kg/m3"\n'

@@ -60,20 +60,20 @@ e = +1.5e3
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):
-    def told(path):
+    def report(path):
         with pytest.raises(InputError) as caught:
             Scene.load(path)
         (fault,) = caught.value.faults
         return str(fault).removeprefix(str(path))
 
-    assert told(tmp_path / "none.toml") == ": no such file"
-    assert told(tmp_path) == ": is a folder, expected a scene file"
+    assert report(tmp_path / "none.toml") == ": no such file"
+    assert report(tmp_path) == ": is a folder, expected a scene file"
     latin = tmp_path / "latin.toml"
     latin.write_bytes("scene = 1\ntitle = 'r\N{LATIN SMALL LETTER O WITH DIAERESIS}'\n".encode("latin-1"))
-    assert told(latin) == ":2:11: is not UTF-8 text: save it as UTF-8"
+    assert report(latin) == ":2:11: is not UTF-8 text: save it as UTF-8"
 
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("builtins.open", refuse)
-    assert told(latin) == ": cannot be read: Permission denied"
+    assert report(latin) == ": cannot be read: Permission denied"

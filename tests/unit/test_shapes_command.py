@@ -83,7 +83,7 @@ def scene(tmp_path, rock):
     return path
 
 
-def test_a_mesh_is_told_by_its_own_volume_and_inertia(call, rock):
+def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, rock):
     code, out, _ = call("rock.stl", "--unit", "1 um", "--spheres", 8, "--json")
     assert code == 0
     (entry,) = json.loads(out)["populations"]
@@ -99,7 +99,7 @@ def test_a_mesh_is_told_by_its_own_volume_and_inertia(call, rock):
     assert 0.0 < fit["contact_radius_ratio"]["min"] <= fit["contact_radius_ratio"]["median"] < 1.0
 
 
-def test_every_population_of_a_scene_is_told(call, scene):
+def test_every_population_of_a_scene_is_reported(call, scene):
     code, out, _ = call(scene, "--json")
     assert code == 0
     rough, balls, rocks = json.loads(out)["populations"]
@@ -125,7 +125,7 @@ def test_tables_name_populations_and_the_fit(call, scene):
         assert words in out
 
 
-def test_a_folder_of_meshes_is_told_mesh_by_mesh(call, scene, tmp_path, rock):
+def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock):
     (tmp_path / "scans").mkdir()
     for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
         mesh = rock.copy()

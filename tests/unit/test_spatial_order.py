@@ -32,7 +32,7 @@ def test_every_body_has_one_place(count):
     assert (count > FEWEST) != np.array_equal(order, np.arange(count))  # the bodies of one group stay as they are
 
 
-def test_the_same_for_the_same_bodies_however_they_are_told():
+def test_the_same_for_the_same_bodies_however_they_are_reported():
     bodies = layer(3000)
     order = in_columns(bodies, DIAMETER)
     assert np.array_equal(order, in_columns(bodies.copy(), DIAMETER))

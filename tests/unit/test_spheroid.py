@@ -152,7 +152,7 @@ def test_sizes_are_those_of_the_spheroid():
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "message"),
     [
         ("axial_ratio = 1.2", "debris[0].axial_ratio: 1.2 must be at least 0.1 and at most 1"),
         ("", "debris[0].axial_ratio: required key is missing"),
@@ -170,13 +170,13 @@ def test_sizes_are_those_of_the_spheroid():
         ('axial_ratio = 0.5\nheight = "1 um"', "debris[0].height: needs placement = 'dilute' or 'dense'"),
     ],
 )
-def test_faults(more, told):
+def test_faults(more, message):
     with pytest.raises(InputError) as caught:
         parsed(more)
-    assert told in str(caught.value) and len(caught.value.faults) == 1
+    assert message in str(caught.value) and len(caught.value.faults) == 1
 
 
-def test_least_number_that_is_told_is_enough():
+def test_least_number_that_is_reported_is_enough():
     with pytest.raises(InputError) as caught:
         parsed("axial_ratio = 0.2\nspheres = 6")
     least = int(str(caught.value).rpartition(" ")[2])

@@ -93,7 +93,7 @@ def test_gross_sliding_of_the_planar_particle():
 
 
 @pytest.mark.parametrize(
-    ("texts", "told"),
+    ("texts", "message"),
     [
         ({"keys": SPOTS}, "debris[0].mass: required key is missing"),
         ({"keys": SPOTS.replace('side = "lower"', 'side = "upper"') + MASS}, "no spot on the lower side"),
@@ -113,8 +113,8 @@ def test_gross_sliding_of_the_planar_particle():
         ({"keys": SPOTS + MASS + 'planar = true\nvelocity = ["0 m/s", "1 m/s", "0 m/s"]\n'}, "velocity[1]: must be 0 in a"),
     ],
 )
-def test_faults(texts, told):
-    assert told in faults(**texts)
+def test_faults(texts, message):
+    assert message in faults(**texts)
 
 
 def test_a_scene_with_spots_is_saved_and_read_again():

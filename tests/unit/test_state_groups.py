@@ -68,7 +68,7 @@ def folder(tmp_path) -> Path:
     return write(tmp_path / "run", populations=NAMES)
 
 
-def test_summary_tells_states_by_population_material_and_size(folder):
+def test_summary_reports_states_by_population_material_and_size(folder):
     with thirdbody.open(folder) as run:
         found = run.summary()
     soft, hard, dust = found["populations"]
@@ -85,7 +85,7 @@ def test_summary_tells_states_by_population_material_and_size(folder):
     assert sizes[0]["fractions"]["free"] == 0.8 and sizes[-1]["fractions"]["rolling"] == 1.0
 
 
-def test_the_first_screens_tell_it(folder, capsys):
+def test_the_first_screens_report_it(folder, capsys):
     run_report(folder, json=False)
     out = capsys.readouterr().out
     assert "hard grains" in out and "83 % rolling, 17 % sliding (of 6, 55 % of the load)" in out and "70 % sliding" in out
@@ -124,7 +124,7 @@ def test_runs_of_earlier_versions_are_named_from_their_scene(tmp_path):
         assert [row["name"] for row in states_by_group(run)["population"]] == ["0", "1", "2"]
 
 
-def test_contacts_of_bodies_that_are_not_there_are_told_as_damage(folder):
+def test_contacts_of_bodies_that_are_not_there_are_reported_as_damage(folder):
     with h5py.File(folder / "run.vtkhdf", "r+") as file:
         file["VTKHDF/contacts/PointData/body"][...] = 10**6
     with thirdbody.open(folder) as run, pytest.raises(InputError, match="damaged at bodies and contacts"):

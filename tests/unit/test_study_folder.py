@@ -12,8 +12,8 @@ from thirdbody.studies.cost_command import StudyOptions, cost_command
 from thirdbody.studies.study_folder import new_study_folder
 from thirdbody.studies.study_setup import StudySource
 
-NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "rungs/mdr_8/run.vtkhdf", "rungs/mdr_8/checkpoint.npz",
-         "rungs/costliest/exact/scene.toml", "rungs/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip
+NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "variants/mdr_8/run.vtkhdf", "variants/mdr_8/checkpoint.npz",
+         "variants/costliest/exact/scene.toml", "variants/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip
 
 
 def write(folder: Path, text: str, names=NAMES) -> None:
@@ -33,12 +33,12 @@ def old(tmp_path: Path) -> Path:
 
 
 def test_a_complete_study_replaces_the_older_one(old):
-    new = ("scene.toml", "effects.json", "rungs/gravity/0/run.vtkhdf")
+    new = ("scene.toml", "effects.json", "variants/gravity/0/run.vtkhdf")
     with new_study_folder(old, overwrite=True) as place:
         write(place, "new", new)
         assert {name for name, text in contents(old).items() if text == "old"} == set(NAMES)
     assert contents(old) == dict.fromkeys(sorted(new), "new")
-    assert sorted(path.name for path in old.iterdir()) == ["effects.json", "rungs", "scene.toml"]
+    assert sorted(path.name for path in old.iterdir()) == ["effects.json", "scene.toml", "variants"]
 
 
 @pytest.mark.parametrize("error", [OutputError("the disk is full"), KeyboardInterrupt()])
@@ -60,7 +60,7 @@ def test_what_a_killed_study_left_is_removed(old):
 
 
 @pytest.mark.parametrize(
-    "name", ["notes.md", "paper/draft.tex", "rungs/notes.md", "rungs/mdr_8/page.pdf", ".replacement/mine", "cost.csv"]
+    "name", ["notes.md", "paper/draft.tex", "variants/notes.md", "variants/mdr_8/page.pdf", ".replacement/mine", "cost.csv"]
 )
 def test_other_files_are_named_and_stay(old, name):
     write(old, "mine", [name])
@@ -74,8 +74,8 @@ def test_other_files_are_named_and_stay(old, name):
 def test_links_are_no_files_of_a_study(old, tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "run.vtkhdf").write_text("mine")
-    (old / "rungs" / "link").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match=r"\(rungs/link\)"), new_study_folder(old, overwrite=True):
+    (old / "variants" / "link").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match=r"\(variants/link\)"), new_study_folder(old, overwrite=True):
         pass
     assert (tmp_path / "elsewhere" / "run.vtkhdf").read_text() == "mine"
 

@@ -59,20 +59,20 @@ def test_stages_follow_each_other():
     # ramp: v t/2 = 2 um; then 2 um at 2 m/s; rest; back at 1 m/s
     places = {1e-6: 0.5e-6, 2e-6: 2e-6, 3e-6: 4e-6, 5e-6: 4e-6, 6e-6: 4e-6, 8e-6: 2e-6}
     for t, x in places.items():
-        assert made.place(t)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
+        assert made.displacement_at(t)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
 
 
 def test_a_ramp_goes_on_from_the_velocity_before():
     made = moved('[{velocity = "2 m/s", duration = "1 us"}, {ramp = "1 m/s", duration = "2 us"}]')
     # 2 um at 2 m/s, then 1.5 m/s on average for 2 us, then 1 m/s for ever
     for t, x in {1e-6: 2e-6, 3e-6: 5e-6, 4e-6: 6e-6}.items():
-        assert made.place(t)[0] == pytest.approx(x, rel=1e-12)
+        assert made.displacement_at(t)[0] == pytest.approx(x, rel=1e-12)
 
 
 def test_motion_starts_after_settling():
     made = moved('{velocity = "1 m/s"}', start=5e-6)
-    assert made.place(4e-6) == (0.0, 0.0)
-    assert made.place(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
+    assert made.displacement_at(4e-6) == (0.0, 0.0)
+    assert made.displacement_at(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
     assert made.direction() == (1.0, 0.0)
 
 
@@ -80,9 +80,9 @@ def test_strokes_are_peak_to_peak():
     sine = moved('{stroke = "2 um", frequency = "1 MHz"}')
     triangle = moved('{stroke = "2 um", frequency = "1 MHz", shape = "triangle"}')
     for made in (sine, triangle):
-        assert made.place(0.0)[0] == 0.0
-        assert made.place(0.5e-6)[0] == pytest.approx(2e-6, rel=1e-12)
-        assert made.place(1e-6)[0] == pytest.approx(0.0, abs=1e-18)
+        assert made.displacement_at(0.0)[0] == 0.0
+        assert made.displacement_at(0.5e-6)[0] == pytest.approx(2e-6, rel=1e-12)
+        assert made.displacement_at(1e-6)[0] == pytest.approx(0.0, abs=1e-18)
     # a sine's largest speed is pi s f, a triangle's speed is 2 s f
     assert sine.top_speed() == pytest.approx(math.pi * 2.0, rel=1e-12)
     assert triangle.top_speed() == pytest.approx(4.0, rel=1e-12)
@@ -107,7 +107,7 @@ def test_the_engine_follows_the_schedule():
         built.integrator.advance_to(time=built.state.time + 0.5 * built.state.dt)
         after = built.state.A[run_totals.SHIFT_X]
         shift += after - before if after != 0.0 else -before  # reset by the labeller's look
-    assert built.schedule.place(0.3e-6)[0] > 0.0
+    assert built.schedule.displacement_at(0.3e-6)[0] > 0.0
     # the path's length is the sum of the steps' lengths: chords of a curve, relative (omega dt)^2/24
     assert built.state.distance == pytest.approx(built.schedule.path(0.1e-6, built.state.time), rel=1e-3)
 
@@ -220,7 +220,7 @@ def test_a_reversal_clears_the_windows_of_the_labels():
     assert after <= 0.6 * 3.0 * steps
 
 
-def test_a_law_without_a_tangent_is_told():
+def test_a_law_without_a_tangent_is_reported():
     bare = replace(MINDLIN, name="bare", tangent=None)
     family = LawFamily("bare", {"only": (HERTZ, bare)}, "only")
     plain = scene('load = "1 mN"\ndamping = "1e-4 kg/s"').with_settings({"contact.law": "bare", "contact.level": "only"})
@@ -228,7 +228,7 @@ def test_a_law_without_a_tangent_is_told():
     assert any(warning.startswith("bare has no tangent") for warning in built.warnings)
 
 
-def test_without_friction_a_dragged_ball_slips_all_the_way():
+def test_without_friction_a_dragged_ball_slips_throughout():
     text = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {x = {velocity = "0.5 m/s"}}'
     plain = scene(text, 'duration = "1 us"\nsettle = "1 us"').with_settings(
         {"contact.law": "hertz_mindlin", "contact.level": "frictionless"}
@@ -256,5 +256,5 @@ def test_a_million_cycles_are_counted_at_once(shape):
 def test_a_ramp_across_a_stroke_repeats_nothing():
     stroke, ramp = Segment(0.0, SINE, 0.0, 5e-5, 2.0 * math.pi), Segment(0.0, POLYNOMIAL, 0.0, 0.0, 1e-5)
     both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
-    places = np.array([both.place(t) for t in fine])
+    places = np.array([both.displacement_at(t) for t in fine])
     assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)

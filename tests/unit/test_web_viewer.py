@@ -48,14 +48,14 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
     text = render(layer, tmp_path / "a.html", frame=0).read_text(encoding="utf-8")
     data = data_of(text)
     with open_run(layer) as run:
-        shot = read_picture_data(run, 0, "state")
+        picture = read_picture_data(run, 0, "state")
     spheres = np.frombuffer(base64.b64decode(data["spheres"]), "<f4").reshape(-1, 4)
-    scale = 100.0 / np.max((shot.high - shot.low)[:2])
-    expected = np.column_stack(((shot.centers - 0.5 * (shot.low + shot.high)) * scale, shot.radii * scale))
+    scale = 100.0 / np.max((picture.high - picture.low)[:2])
+    expected = np.column_stack(((picture.centers - 0.5 * (picture.low + picture.high)) * scale, picture.radii * scale))
     np.testing.assert_allclose(spheres, expected, atol=1e-5)  # float32 of numbers to 50
     colors = np.frombuffer(base64.b64decode(data["colors"]), "u1").reshape(-1, 3)
-    assert np.array_equal(colors, shot.colors)
-    for words, tone in shot.legend.entries:
+    assert np.array_equal(colors, picture.colors)
+    for words, tone in picture.legend.entries:
         assert f'<i style="background:{tone}"></i>{html.escape(words)}' in text
     # Nothing is fetched: the page opens from a disk without network.
     assert not re.search(r"https?://|src=|@import|<link", text)
@@ -64,9 +64,9 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
 
 def test_a_title_cannot_end_the_script_or_bring_its_own(layer, tmp_path):
     with open_run(layer) as run:
-        shot = read_picture_data(run, 0, "friction_work")
+        picture = read_picture_data(run, 0, "friction_work")
     bad = "</script><script>alert(1)</script>"
-    text = write_page(replace(shot, title=bad, labels=(bad,)), tmp_path / "a.html").read_text(encoding="utf-8")
+    text = write_page(replace(picture, title=bad, labels=(bad,)), tmp_path / "a.html").read_text(encoding="utf-8")
     assert text.count("<script>") == text.count("</script>") == 1
     assert data_of(text)["labels"] == [bad]
     assert "friction work, pJ" in text and 'class="bar"' in text

@@ -5,13 +5,13 @@ import math
 from collections.abc import Callable
 
 from thirdbody import units
-from thirdbody.bodies.bounded_read import MOST_ROWS, read_bytes
+from thirdbody.bodies.bounded_read import MAX_ROWS, read_bytes
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 
 Fault = Callable[[str], InputError]
 
-MAX_BYTES = 100 * MOST_ROWS
+MAX_BYTES = 100 * MAX_ROWS
 """Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
 
 
@@ -30,8 +30,8 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
         data = read_bytes(path)
     except InputError as error:
         raise InputError([scene.fault(location, str(entry)) for entry in error.faults]) from None
-    if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MOST_ROWS:
-        raise fault(f"is too large: at most {MOST_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read")
+    if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS:
+        raise fault(f"is too large: at most {MAX_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

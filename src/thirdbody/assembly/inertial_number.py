@@ -54,8 +54,8 @@ def examine_inertia(scene: Scene, state: State) -> list[str]:
     allowed = lambda limit: units.pretty(result.speed * limit / result.number, "velocity")  # noqa: E731
     if result.number > FAST:
         message = (
-            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are no small "
-            "share of the load; leave solver.inertia out, or lower the speed"
+            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are not small "
+            "compared with the load; leave solver.inertia out, or lower the speed"
         )
         raise InputError(scene.fault(("solver", "inertia"), message))
     return [
@@ -80,8 +80,8 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
 def _diameters(state: State) -> np.ndarray:
     """Return twice the distance of each body's farthest surface point from its centre of mass, (n,) [m]."""
     centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
-    far = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
-    return 2.0 * np.maximum.reduceat(far, state.start[:-1])
+    distance = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
+    return 2.0 * np.maximum.reduceat(distance, state.start[:-1])
 
 
 def _shortest_stroke(schedule: Schedule) -> float:

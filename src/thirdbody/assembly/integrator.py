@@ -35,14 +35,14 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
     """Return the integrator that the scene asks for or, by default, the one that suits it. Raises InputError."""
     wanted = scene.solver.integrator
     if wanted == "explicit":
-        return Plan("explicit", "the scene asks for it")
+        return Plan("explicit", "required by the scene")
     _refuse_leaving_behind(scene, state)
     _refuse_unloading(scene, state)
     obstacle = _obstacle(scene, choice, state)
     if wanted == "implicit":
         if obstacle:
             raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
-        return Plan("implicit", "the scene asks for it")
+        return Plan("implicit", "required by the scene")
     if not obstacle and state.world.debris_meets:
         obstacle = 'bodies may meet each other; contact.debris_contact = "none" would declare that they do not'
     if not obstacle and scene.solver.time_step != "auto":
@@ -69,7 +69,7 @@ def _refuse_unloading(scene: Scene, state: State) -> None:
     loads = () if upper is None else upper.schedule.load
     minimum = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
     if scene.solver.inertia is False and minimum <= 0.0:
-        message = "false needs a load at all times: without load and inertia nothing tells where a body is"
+        message = "false needs a load at all times: without load and inertia the position of a body is undetermined"
         raise InputError(scene.fault(("solver", "inertia"), message))
 
 
@@ -103,7 +103,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     solver = scene.solver
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
+    chosen = Accuracy(**options, skip_unsolved=solver.on_failure == "continue")
     smallest = float(np.min(state.spheres.radius))
     built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     built.start()
@@ -115,9 +115,9 @@ def _kind(state: State) -> type[Implicit]:
 
     if not _carried_together(state):
         return Implicit
-    from thirdbody.engine.implicit_common_plate import Shared
+    from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 
-    return Shared
+    return ImplicitCommonPlate
 
 
 def _carried_together(state: State) -> bool:

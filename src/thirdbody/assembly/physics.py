@@ -265,7 +265,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         stiffness=chain.stiffness,
         history=chain.history,
         rolling=chain.rolling,
-        remembered_forces=chain.remembered_forces,
+        force_columns=chain.force_columns,
         stored=chain.stored,
         dashpots=chain.dashpots,
         pairs=np.ascontiguousarray(parameters.ravel()),

@@ -54,7 +54,7 @@ def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> No
         for i, placement in enumerate(how):
             if placement in ("layer", "dilute"):
                 other = f"debris[{how.index('dense')}]"
-                message = f'"{placement}" and the "dense" of {other} want the same place: make all of them "dense"'
+                message = f'"{placement}" and the "dense" of {other} would occupy the same space: make all of them "dense"'
                 faults.append(scene.fault(("debris", i, "placement"), message))
     for placement in ("dilute", "dense"):
         faults += _disagreements(scene, placement)
@@ -79,7 +79,7 @@ def _disagreements(scene: Scene, placement: str) -> list[Fault]:
     return [
         scene.fault(
             ("debris", i, key),
-            f'all "{placement}" bodies share one volume, of which debris[{volume_keys[0][0]}] says another {volume_keys[0][1]}',
+            f'all "{placement}" bodies share one volume; debris[{volume_keys[0][0]}] gives a different {volume_keys[0][1]}',
         )
         for i, key, value in volume_keys
         if (key, value) != volume_keys[0][1:]

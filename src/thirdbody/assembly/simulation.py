@@ -116,7 +116,7 @@ def build(
     placed = populate(scene, warnings)
     debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
     order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
-    placed = placed.taken(order)
+    placed = placed.reordered(order)
     ready()
     upper = upper_plate(scene, choice, placed, warnings)
     _end_settling(scene, choice, upper)

@@ -272,6 +272,6 @@ def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float,
     elif fraction > DASHPOT_WARNING:
         warnings.append(
             f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where "
-            "bodies roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which "
+            "bodies roll, dashpots may take more than a tenth of the plate's work (see the summary of the run), which "
             "friction work then lacks; lower plates.upper.damping or the speed where that matters"
         )

@@ -8,7 +8,7 @@ import numpy as np
 from thirdbody.bodies.clump import Clump, clump
 from thirdbody.errors import Fault, InputError
 
-MOST = 32
+MAX_ASPERITIES = 32
 """Largest number of asperities of a body: mass properties cost the cube of the number of spheres."""
 LARGEST = 0.5
 """Largest radius of an asperity over the body's equivalent radius; larger ones would change the body."""
@@ -33,8 +33,8 @@ class Asperities:
 
         InputError: count or fraction out of range, or not exactly one of radius and relative.
         """
-        if not 1 <= self.count <= MOST:
-            raise InputError(Fault("asperities.count", f"{self.count} must be 1 to {MOST}"))
+        if not 1 <= self.count <= MAX_ASPERITIES:
+            raise InputError(Fault("asperities.count", f"{self.count} must be 1 to {MAX_ASPERITIES}"))
         if (self.radius is None) == (self.relative is None):
             raise InputError(Fault("asperities.radius", "give the radius, or its relation to the body's"))
         value = self.relative if self.radius is None else 2.0 * self.radius / diameter
@@ -53,7 +53,7 @@ def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction:
     points are spread: each is the farthest of 12 candidates from those before. The radius is `fraction` of the equivalent radius
     (half the diameter) of the whole; the asperities come last among the spheres, all of one radius.
     """
-    centers = _spread_places(rng, body, count)
+    centers = _surface_points(rng, body, count)
     radius = 0.5 * body.diameter
     small, size = fraction * radius, radius
     for _ in range(_ROUNDS):
@@ -65,17 +65,17 @@ def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction:
     return whole.scaled(radius / size)
 
 
-def _spread_places(rng: np.random.Generator, body: Clump, count: int) -> np.ndarray:
+def _surface_points(rng: np.random.Generator, body: Clump, count: int) -> np.ndarray:
     """Return points (count, 3) of the surface that a plane can touch, far from each other."""
     normals = rng.normal(size=(count, _CANDIDATES, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     sphere = touched(body, normals.reshape(-1, 3)).reshape(count, _CANDIDATES)
-    places = body.centers[sphere] + body.radii[sphere][:, :, None] * normals
+    points = body.centers[sphere] + body.radii[sphere][:, :, None] * normals
     chosen = np.empty((count, 3))
-    chosen[0] = places[0, 0]
+    chosen[0] = points[0, 0]
     for k in range(1, count):
-        apart = ((places[k][:, None] - chosen[:k]) ** 2).sum(axis=2).min(axis=1)
-        chosen[k] = places[k, np.argmax(apart)]
+        apart = ((points[k][:, None] - chosen[:k]) ** 2).sum(axis=2).min(axis=1)
+        chosen[k] = points[k, np.argmax(apart)]
     return chosen
 
 

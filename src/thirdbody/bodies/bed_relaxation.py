@@ -99,7 +99,7 @@ def enter_all(spheres, grid):
 
 
 @njit(**OPTIONS)
-def place_turned(tries, rel, radii, count, grid, clearance, turned_spheres):
+def place_rotated(tries, rel, radii, count, grid, clearance, rotated_spheres):
     """Place a body in the box at its first free try, and return its index; -1 if none is free.
 
     tries (t, 7): unit quaternion, then x, y, z as fractions 0..1 of the range that the rotated body can take. turned_spheres (k,
@@ -111,25 +111,25 @@ def place_turned(tries, rel, radii, count, grid, clearance, turned_spheres):
         a, b, c, d, e, f, g, h, i = matrix(tries[t, 0], tries[t, 1], tries[t, 2], tries[t, 3])
         for s in range(k):
             x, y, z = rel[s, 0], rel[s, 1], rel[s, 2]
-            turned_spheres[s, 0] = a * x + b * y + c * z
-            turned_spheres[s, 1] = d * x + e * y + f * z
-            turned_spheres[s, 2] = g * x + h * y + i * z
-            turned_spheres[s, 3] = radii[s]
+            rotated_spheres[s, 0] = a * x + b * y + c * z
+            rotated_spheres[s, 1] = d * x + e * y + f * z
+            rotated_spheres[s, 2] = g * x + h * y + i * z
+            rotated_spheres[s, 3] = radii[s]
         fits = True
         for axis in range(3):
             low, high = 0.0, box[axis]
             if axis == 2 or not periodic:
                 for s in range(k):
                     reach = radii[s] * (1.0 + clearance)
-                    low = max(low, reach - turned_spheres[s, axis])
-                    high = min(high, box[axis] - reach - turned_spheres[s, axis])
+                    low = max(low, reach - rotated_spheres[s, axis])
+                    high = min(high, box[axis] - reach - rotated_spheres[s, axis])
             fits = fits and low < high
             at = low + (high - low) * tries[t, 4 + axis]
             for s in range(k):
-                turned_spheres[s, axis] += at
-        if fits and free(0.0, 0.0, turned_spheres, grid, clearance):
+                rotated_spheres[s, axis] += at
+        if fits and free(0.0, 0.0, rotated_spheres, grid, clearance):
             for s in range(k):
-                x, y, z, r = turned_spheres[s, 0], turned_spheres[s, 1], turned_spheres[s, 2], turned_spheres[s, 3]
+                x, y, z, r = rotated_spheres[s, 0], rotated_spheres[s, 1], rotated_spheres[s, 2], rotated_spheres[s, 3]
                 enter(x, y, z, r, count + s, grid)
             return t
     return -1
@@ -165,7 +165,7 @@ def _repulsion(bodies, spheres, pairs, walls, F):
     S, arms, body, lever, own, partner = spheres.S, spheres.arms, bodies.body, bodies.lever, pairs.own, pairs.partner
     box, periodic, clearance = walls.box, walls.periodic, walls.clearance
     F[:] = 0.0
-    deepest, worst = 0.0, 0.0
+    max_overlap, worst = 0.0, 0.0
     l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
     for k in range(own.shape[0]):
         i, j = own[k], partner[k]
@@ -178,7 +178,7 @@ def _repulsion(bodies, spheres, pairs, walls, F):
         if square < reach * reach:
             distance = math.sqrt(square)
             overlap = reach - distance
-            deepest, worst = max(deepest, overlap), max(worst, overlap / sum_r)
+            max_overlap, worst = max(max_overlap, overlap), max(worst, overlap / sum_r)
             w = overlap / max(distance, 1e-12)
             _add_force(body[i], arms, i, w * d_x, w * d_y, w * d_z, lever, F)
             _add_force(body[j], arms, j, -w * d_x, -w * d_y, -w * d_z, lever, F)
@@ -187,10 +187,10 @@ def _repulsion(bodies, spheres, pairs, walls, F):
         for axis in range(2 if periodic else 0, 3):
             inward = max(reach - S[i, axis], 0.0) - max(S[i, axis] + reach - box[axis], 0.0)
             if inward != 0.0:
-                deepest, worst = max(deepest, abs(inward)), max(worst, abs(inward) / S[i, sphere.RADIUS])
+                max_overlap, worst = max(max_overlap, abs(inward)), max(worst, abs(inward) / S[i, sphere.RADIUS])
                 f_x, f_y = inward if axis == 0 else 0.0, inward if axis == 1 else 0.0
                 _add_force(body[i], arms, i, f_x, f_y, inward if axis == 2 else 0.0, lever, F)
-    return deepest, worst
+    return max_overlap, worst
 
 
 @njit(**CHUNK)
@@ -227,10 +227,10 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
     pose(X, Q, bodies, scale, spheres)
     S0 = spheres.S.copy()
     for step in range(limit):
-        deepest, worst = _repulsion(bodies, spheres, pairs, walls, F)
+        max_overlap, worst = _repulsion(bodies, spheres, pairs, walls, F)
         if worst <= 0.5 * walls.clearance:
             return Outcome.RELAXED, step
-        power, speed, force, pull = 0.0, 0.0, 0.0, 0.0
+        power, speed, force, max_force = 0.0, 0.0, 0.0, 0.0
         for b in range(n):
             here = 0.0
             for c in range(6):
@@ -238,8 +238,8 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
                 speed += V[b, c] * V[b, c]
                 here += F[b, c] * F[b, c]
             force += here
-            pull = max(pull, here)
-        if math.sqrt(pull) < _BALANCED * deepest:
+            max_force = max(max_force, here)
+        if math.sqrt(max_force) < _BALANCED * max_overlap:
             return Outcome.JAMMED, step
         if power > 0.0:
             memory[DOWNHILL] += 1.0

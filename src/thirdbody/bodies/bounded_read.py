@@ -8,11 +8,11 @@ SMALLEST, LARGEST = 1e-30, 1e30
 """Range of lengths [m] whose 5th and 10th powers are normal numbers: others come from wrong units only."""
 
 
-MOST_BYTES = 500_000_000
+MAX_BYTES = 500_000_000
 """Bytes of the largest file: ten million triangles. A larger one is refused before it is read."""
 
 
-MOST_ROWS = 1_000_000
+MAX_ROWS = 1_000_000
 """Most spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text."""
 
 
@@ -21,8 +21,8 @@ def read_bytes(path: Path, key: str = "") -> bytes:
     file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."
     try:
         if path.is_file():
-            if (size := path.stat().st_size) > MOST_BYTES:
-                message = f"has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} MB are read"
+            if (size := path.stat().st_size) > MAX_BYTES:
+                message = f"has {size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read"
                 raise InputError(Fault(key, message, file))
             return path.read_bytes()
         folder, there = path.is_dir(), path.exists()

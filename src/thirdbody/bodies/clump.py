@@ -22,7 +22,7 @@ _QUADRATURE = quadrature()
 # Rounding of the sums over slices; the stated error is never smaller than this.
 _ROUNDING = 1e-13
 # Size of a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
-_ROOM = 30_000
+_MAX_BLOCK = 30_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
     Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
     bodies: list[Clump] = []
-    for _, members in alike(np.full(len(radii), radii.shape[1]), _ROOM):
+    for _, members in alike(np.full(len(radii), radii.shape[1]), _MAX_BLOCK):
         bodies += _with_frames(centers[members], radii[members])[0]
     return bodies
 
@@ -247,11 +247,11 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarr
     bodies = len(r)
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
     tensor, error = np.empty((bodies, 3, 3)), np.zeros((2, bodies))
-    keep = _not_swallowed(c, r)
-    saved = keep.sum(axis=1)
+    exposed = _not_swallowed(c, r)
+    saved = exposed.sum(axis=1)
     for m in np.unique(saved):
         rows = np.flatnonzero(saved == m)
-        inner, radii = c[rows][keep[rows]].reshape(-1, m, 3), r[rows][keep[rows]].reshape(-1, m)
+        inner, radii = c[rows][exposed[rows]].reshape(-1, m, 3), r[rows][exposed[rows]].reshape(-1, m)
         if m == 1:
             volume[rows] = 4.0 / 3.0 * math.pi * radii[:, 0] ** 3
             centroid[rows] = inner[:, 0]

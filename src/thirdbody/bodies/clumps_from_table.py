@@ -17,7 +17,7 @@ SUFFIXES = (".csv", ".npz")
 # Tolerance of unit quaternions: seven written digits are accepted; a larger deviation was meant as something else.
 _UNIT = 1e-6
 # Cost of mass properties and poses of closely packed spheres: 3 s and 60 MB for 100, 13 s and 0.4 GB for 200.
-MOST_SPHERES = 100
+MAX_SPHERES = 100
 # Copies of one shape differ by the rounding of their positions; in units of the largest radius.
 _ALIKE = 11
 # Signatures of other file types under a wrong suffix.
@@ -41,7 +41,7 @@ class Bodies:
     clumps: list[Clump]
     positions: np.ndarray
     quaternions: np.ndarray
-    turned: bool
+    has_orientations: bool
     velocity: np.ndarray | None
     angular_velocity: np.ndarray | None
 
@@ -75,64 +75,64 @@ def _read(path: Path, parse: Parse) -> SphereTable:
     return read_csv(file, data, parse)
 
 
-def _bodies(sheet: SphereTable) -> Bodies:
+def _bodies(table: SphereTable) -> Bodies:
     """Return the clumps of the table. Raises InputError for unconnected bodies, repeated spheres, and non-unit quaternions."""
-    _refuse_sizes(sheet)
-    members = sheet.members()
-    turns, faults = _turns(sheet, members)
+    _refuse_sizes(table)
+    members = table.members()
+    orientations, faults = _normalised_quaternions(table, members)
     known: dict[tuple[bytes, bytes], tuple[Clump, np.ndarray, np.ndarray]] = {}
     clumps, positions, quaternions = [], [], []
     for b, rows in enumerate(members):
-        if len(rows) > MOST_SPHERES:
-            message = f"{len(rows)} spheres, at most {MOST_SPHERES} make a body; is the column of ids the right one?"
-            faults.append(sheet.body_fault(b, rows[0], message))
+        if len(rows) > MAX_SPHERES:
+            message = f"{len(rows)} spheres, at most {MAX_SPHERES} make a body; is the column of ids the right one?"
+            faults.append(table.body_fault(b, rows[0], message))
             continue
-        anchor, radii = sheet.center[rows[0]], sheet.radius[rows]
-        arms = sheet.center[rows] - anchor
+        anchor, radii = table.center[rows[0]], table.radius[rows]
+        arms = table.center[rows] - anchor
         key = radii.tobytes(), (np.round(arms / radii.max(), _ALIKE) + 0.0).tobytes()
         if key not in known and (repeated := repeated_spheres(arms, radii)):
             for k, first in repeated:
-                message = f"{sheet.named(rows[[k]])} repeats {sheet.named(rows[[first]])}: the same center and radius; remove one"
-                faults.append(sheet.body_fault(b, rows[k], message))
+                message = f"{table.named(rows[[k]])} repeats {table.named(rows[[first]])}: the same center and radius; remove one"
+                faults.append(table.body_fault(b, rows[k], message))
             continue
         try:
             known[key] = known[key] if key in known else clump_with_frame(arms, radii)
         except InputError as error:
             loose = rows[[int(fault.key[len("spheres[") : -1]) for fault in error.faults]]
-            message = f"{sheet.named(loose)} not connected to {sheet.named(rows[:1])}: a rigid body must be in one piece"
-            faults.append(sheet.body_fault(b, rows[0], message))
+            message = f"{table.named(loose)} not connected to {table.named(rows[:1])}: a rigid body must be in one piece"
+            faults.append(table.body_fault(b, rows[0], message))
             continue
         body, arm, frame = known[key]
         clumps.append(body)
         positions.append(anchor + arm)
-        quaternions.append(frame if turns is None else quaternion_product(turns[b], frame))
+        quaternions.append(frame if orientations is None else quaternion_product(orientations[b], frame))
     refuse(faults)
-    turned = sheet.quaternion is not None
+    has_orientations = table.quaternion is not None
     x, q = np.array(positions), np.array(quaternions)
-    return Bodies(sheet.ids, clumps, x, q, turned, sheet.velocity, sheet.angular_velocity)
+    return Bodies(table.ids, clumps, x, q, has_orientations, table.velocity, table.angular_velocity)
 
 
-def _refuse_sizes(sheet: SphereTable) -> None:
+def _refuse_sizes(table: SphereTable) -> None:
     """Raise InputError for the first sphere whose numbers cannot be right in any unit, with the number of the others."""
-    furthest = np.maximum(sheet.radius, np.abs(sheet.center).max(axis=1))
-    odd = np.flatnonzero((sheet.radius < SMALLEST) | (furthest > LARGEST))
+    furthest = np.maximum(table.radius, np.abs(table.center).max(axis=1))
+    odd = np.flatnonzero((table.radius < SMALLEST) | (furthest > LARGEST))
     if not len(odd):
         return
     k, more = int(odd[0]), f", and {len(odd) - 1} more" if len(odd) > 1 else ""
-    place = ", ".join(f"{v:.3g}" for v in sheet.center[k])
-    message = f"radius {sheet.radius[k]:.3g} m at ({place}) m{more}: outside {SMALLEST:g} to {LARGEST:g} m; is the unit right?"
-    raise InputError(sheet.sphere_fault("sphere", k, message))
+    centre = ", ".join(f"{v:.3g}" for v in table.center[k])
+    message = f"radius {table.radius[k]:.3g} m at ({centre}) m{more}: outside {SMALLEST:g} to {LARGEST:g} m; is the unit right?"
+    raise InputError(table.sphere_fault("sphere", k, message))
 
 
-def _turns(sheet: SphereTable, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
+def _normalised_quaternions(table: SphereTable, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
     """Return the normalised quaternions (m, 4), and the faults of those whose length is not near 1."""
-    if sheet.quaternion is None:
+    if table.quaternion is None:
         return None, []
     with np.errstate(over="ignore"):
-        norms = np.linalg.norm(sheet.quaternion, axis=1)
+        norms = np.linalg.norm(table.quaternion, axis=1)
     faults = []
     for b in np.flatnonzero(~(np.abs(norms - 1.0) <= _UNIT)):
         message = f"its quaternion (w, x, y, z) has length {norms[b]:.9g}, expected 1 to within {_UNIT:g}"
-        faults.append(sheet.body_fault(int(b), members[b][0], message))
+        faults.append(table.body_fault(int(b), members[b][0], message))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return sheet.quaternion / norms[:, None], faults
+        return table.quaternion / norms[:, None], faults

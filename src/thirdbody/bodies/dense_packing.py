@@ -20,7 +20,7 @@ _CLEARANCE = 1e-3
 # Solid fraction at the start, by random addition: so dilute that even long bodies are placed at once.
 _START = 0.08
 # Steps of ln(size): the first, and the one at which growth stops (0.3 % of the solid fraction).
-_STEP, _LEAST = 0.08, 1e-3
+_STEP, _MIN_STEP = 0.08, 1e-3
 # Relaxation steps per growth step: states free of overlap mostly take some hundred, nearly jammed ones some thousand.
 _LIMIT = 4000
 _SKIN = 0.25  # of the typical radius: a search costs as much as some ten steps
@@ -121,7 +121,7 @@ class _Growing:
                 size, step = trial, min(1.5 * step, _STEP)
                 continue
             self.X, self.Q, step = x, q, 0.5 * step
-            if step < _LEAST:
+            if step < _MIN_STEP:
                 return size
 
     def _relax(self, size: float) -> bool:

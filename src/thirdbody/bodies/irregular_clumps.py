@@ -32,7 +32,7 @@ _COVER = 4.0
 _CORED = 5
 # Bodies with open random streams, and size of a stack of them: with 1e5 its tables stay in the cache.
 _BLOCK = 4096
-_ROOM = 100_000
+_MAX_BLOCK = 100_000
 
 
 _SURFACE = sphere_points(48)
@@ -103,7 +103,7 @@ def population(
         n_spheres = np.array([rng.integers(minimum, maximum + 1) for rng in rngs])
         wide = diameters(Streams(rngs), len(rngs), **size)
         built: dict[int, Clump] = {}
-        for n, members in alike(n_spheres, _ROOM):
+        for n, members in alike(n_spheres, _MAX_BLOCK):
             shapes = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
             built.update(zip(members.tolist(), shapes, strict=True))
         for k, rng in enumerate(rngs):
@@ -242,7 +242,7 @@ def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) 
     for k, rng in enumerate(rngs):
         rng.standard_normal(out=candidates[k])
         rng.random(out=numbers[k])
-    seeds = _spread(candidates, numbers[:, : 12 * n].reshape(-1, n, 12), envelope)
+    seeds = _scattered_seeds(candidates, numbers[:, : 12 * n].reshape(-1, n, 12), envelope)
     weights = _UNEQUAL + (1.0 - _UNEQUAL) * numbers[:, 12 * n : -1]
     return seeds, weights, _NECK[0] + (_NECK[1] - _NECK[0]) * numbers[:, -1]
 
@@ -286,15 +286,15 @@ def _cored(
         return seeds, weights, np.ones_like(weights), neck
     cosine = _NECK_SHARP * max(0.0, 1.0 - _COVER / (n - 1))
     corner = max(_CORNER, (1.0 - cosine) / (1.0 + cosine))
-    far, sharp = np.sqrt(dot(seeds, seeds)), angularity[:, None]
-    core = np.arange(n) == far.argmin(axis=1)[:, None]
-    moved = np.where(core, 1.0 - sharp, 1.0 - sharp + sharp / far)
+    distance, sharp = np.sqrt(dot(seeds, seeds)), angularity[:, None]
+    core = np.arange(n) == distance.argmin(axis=1)[:, None]
+    moved = np.where(core, 1.0 - sharp, 1.0 - sharp + sharp / distance)
     shrunk = np.where(core, 1.0, 1.0 - sharp * (1.0 - corner))
     full = np.where(core, weights + sharp * (1.0 - weights), weights * shrunk)
     return seeds * moved[:, :, None], full, shrunk, neck
 
 
-def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
+def _scattered_seeds(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
     """Return points (b, n, 3) in the unit sphere, far apart in the envelope (best candidate of 12).
 
     candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.

@@ -75,11 +75,11 @@ def overlaps(
         if result <= margin:
             break
         margin = result
-    deepest: dict[tuple[int, int], float] = {}
+    max_overlaps: dict[tuple[int, int], float] = {}
     for (s, t), overlap in zip(ids[pairs[:result]].tolist(), depth[:result].tolist(), strict=True):
         pair = (min(s, t), max(s, t))
-        deepest[pair] = max(overlap, deepest.get(pair, 0.0))
-    return sorted(((a, b, overlap) for (a, b), overlap in deepest.items()), key=lambda row: (-row[2], row[:2]))
+        max_overlaps[pair] = max(overlap, max_overlaps.get(pair, 0.0))
+    return sorted(((a, b, overlap) for (a, b), overlap in max_overlaps.items()), key=lambda row: (-row[2], row[:2]))
 
 
 def projected_area(spheres: np.ndarray) -> float:
@@ -94,9 +94,9 @@ def projected_area(spheres: np.ndarray) -> float:
 def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return spheres (k, 4) of the bodies rotated and put on z = 0, x and y relative to their centroids."""
     body = np.repeat(np.arange(len(clumps)), np.diff(starts))
-    turns = np.moveaxis(matrix_from_quaternion(quaternions.T), 2, 0)
+    rotations = np.moveaxis(matrix_from_quaternion(quaternions.T), 2, 0)
     spheres = np.empty((len(body), 4))
-    spheres[:, :3] = np.einsum("nij,nj->ni", turns[body], np.concatenate([clump.centers for clump in clumps]))
+    spheres[:, :3] = np.einsum("nij,nj->ni", rotations[body], np.concatenate([clump.centers for clump in clumps]))
     spheres[:, 3] = np.concatenate([clump.radii for clump in clumps])
     spheres[:, 2] += np.maximum.reduceat(spheres[:, 3] - spheres[:, 2], starts[:-1])[body]
     return spheres
@@ -140,7 +140,7 @@ def _full(spheres: np.ndarray, starts: np.ndarray, order: np.ndarray, done: int,
     return InputError(
         Fault(
             "domain.size",
-            f"no place for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, "
+            f"no space for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, "
             f"area fraction {reached / whole:.3f} reached of {area / whole:.3f} wanted; "
             "make domain.size larger or count smaller",
         )

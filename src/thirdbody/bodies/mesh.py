@@ -90,9 +90,9 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
     largest = float(np.abs(vertices).max())
     vertices, faces = _merged(vertices, faces)
     if not faces.size:
-        message = "all triangles are empty: every one has two corners in the same place"
+        message = "all triangles are empty: every one has two corners at the same position"
         raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {largest:.3g} m)")
-    _refuse_sheet(vertices, name)
+    _refuse_planar(vertices, name)
     _refuse_open(faces, name)
     _refuse_pieces(faces, name)
     mesh = Mesh(vertices, faces, name)
@@ -166,8 +166,8 @@ def _refuse_short_stl(data: bytes, name: str) -> None:
         raise _fault(name, "is cut short: no 'endsolid' ends it; export the surface again")
     count = int.from_bytes(data[_STL_HEADER - 4 : _STL_HEADER], "little")
     if len(data) < _STL_HEADER or len(data) != _STL_HEADER + _STL_TRIANGLE * count:
-        held = max(0, len(data) - _STL_HEADER) // _STL_TRIANGLE
-        message = f"is cut short or no STL file: {count} triangles announced, {held} held; export the surface again"
+        complete = max(0, len(data) - _STL_HEADER) // _STL_TRIANGLE
+        message = f"is cut short or no STL file: {count} triangles announced, {complete} held; export the surface again"
         raise _fault(name, message)
 
 
@@ -193,13 +193,13 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    points, place = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
+    points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
     pairs = cKDTree(points).query_pairs(_SAME * float(np.abs(points).max()), output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     count, label = connected_components(links, directed=False)
     merged = np.empty((count, 3))
     merged[label[::-1]] = points[::-1]
-    faces = label[place.reshape(-1, 3)].astype(np.int64)
+    faces = label[inverse.reshape(-1, 3)].astype(np.int64)
     sound = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     used, faces = np.unique(faces[sound], return_inverse=True)
     return merged[used], faces.reshape(-1, 3)
@@ -233,10 +233,10 @@ def _refuse_pieces(faces: np.ndarray, name: str) -> None:
         raise _fault(name, message)
 
 
-def _refuse_sheet(vertices: np.ndarray, name: str) -> None:
+def _refuse_planar(vertices: np.ndarray, name: str) -> None:
     """Raise InputError for a flattened body, before the edges: its two sides merge, and every edge seems doubled."""
-    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    if spread[-1] <= _SAME * spread[0]:
+    singular_values = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if singular_values[-1] <= _SAME * singular_values[0]:
         raise _fault(name, "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness")
 
 

@@ -20,7 +20,7 @@ _CANDIDATES = 8
 _PATCH = (0.1, 0.3)
 _PATCH_POINTS = 18
 # Twice the unknowns of the quadric through the vertex: fewer points do not average.
-_LEAST_POINTS = 10
+_MIN_POINTS = 10
 # Cosine of the largest angle between normals of one patch; beyond it is the other face of a thin body.
 _ONE_SIDE = 0.2
 
@@ -44,7 +44,7 @@ class ContactRadii:
     """
 
     spheres: np.ndarray
-    share: np.ndarray
+    fraction: np.ndarray
     radius: np.ndarray
     local_radius: np.ndarray
 
@@ -69,9 +69,9 @@ def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[n
 
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
-    free = _spread(centers, radii, count, rng)
+    free = _exposed_points(centers, radii, count, rng)
     # Hidden parts yield no points: sample again with a count scaled by the exposed fraction.
-    return _spread(centers, radii, math.ceil(count * count / max(1, len(free))), rng)
+    return _exposed_points(centers, radii, math.ceil(count * count / max(1, len(free))), rng)
 
 
 def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Distances, Distances]:
@@ -114,8 +114,8 @@ def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> Conta
     ups = sphere_points(_DIRECTIONS)
     vertices = np.array([np.argmax(mesh.vertices @ up) for up in ups])
     touched = (ups @ centers.T + radii).argmax(axis=1)
-    corners, place = np.unique(vertices, return_inverse=True)
-    local = local_radii(mesh, corners, rng)[place]
+    corners, inverse = np.unique(vertices, return_inverse=True)
+    local = local_radii(mesh, corners, rng)[inverse]
     spheres, fraction = np.unique(touched, return_counts=True)
     median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, fraction, strict=True)])
     return ContactRadii(spheres, fraction / len(ups), radii[spheres], median)
@@ -134,10 +134,10 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
     result = np.empty(len(corners))
     for k, corner in enumerate(corners):
         at, up = mesh.vertices[corner], normals[corner]
-        far = tree.query(at, min(_PATCH_POINTS, len(normals)))[0][-1]
-        near = tree.query_ball_point(at, min(max(far, _PATCH[0]), _PATCH[1]))
+        distance = tree.query(at, min(_PATCH_POINTS, len(normals)))[0][-1]
+        near = tree.query_ball_point(at, min(max(distance, _PATCH[0]), _PATCH[1]))
         patch = mesh.vertices[[i for i in near if i != corner and normals[i] @ up > _ONE_SIDE]]
-        if len(patch) < _LEAST_POINTS:
+        if len(patch) < _MIN_POINTS:
             near = cloud.query_ball_point(at, _PATCH[1])
             patch = points[[i for i in near if across[i] @ up > _ONE_SIDE]]
         result[k] = _quadric_radius(patch - at, up)
@@ -146,7 +146,7 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
 
 def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
     """Return 1 / sqrt(Gaussian curvature) at the origin of z = p x + q y + a x2/2 + b x y + c y2/2, or inf."""
-    if len(patch) < _LEAST_POINTS:
+    if len(patch) < _MIN_POINTS:
         return math.inf
     side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     side /= np.linalg.norm(side)
@@ -167,7 +167,7 @@ def _vertex_normals(mesh: Mesh) -> np.ndarray:
     return normals / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)[:, None]
 
 
-def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
+def _exposed_points(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return those of `count` points, distributed over all spheres by area, that no other sphere covers."""
     owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(count)).clip(max=len(radii) - 1)
     distances = rng.normal(size=(count, 3))

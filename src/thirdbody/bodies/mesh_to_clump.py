@@ -17,7 +17,7 @@ from thirdbody.errors import Fault, InputError
 
 SPHERES = (4, 40)
 
-KEPT = 1000
+MAX_CACHED = 1000
 """Largest number of cached fits: populations of one scene often share meshes."""
 
 # Lengths in R, the radius of the sphere of the same volume.
@@ -30,7 +30,7 @@ _WIDTHS = (0.1, 0.02, 0.0)
 _STEPS = 30
 # Weight of the initial position of each sphere, as a fraction of all samples: far below any relevant misfit, and enough
 # to hold a sphere that reaches no sample, which would otherwise drift or shrink to nothing.
-_PULL = 1e-3
+_TETHER = 1e-3
 # Linked spheres overlap at least until the distance of their centers is this fraction of the sum of radii.
 _NECK = 0.95
 # Attempts to move spheres hidden inside others to the places of largest misfit.
@@ -65,7 +65,7 @@ class Fit:
         return max(self.to_spheres.maximum, self.to_mesh.maximum)
 
 
-_made: dict[Any, tuple[Clump, Fit]] = {}
+_cache: dict[Any, tuple[Clump, Fit]] = {}
 
 
 def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, Fit]:
@@ -78,18 +78,18 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, F
     """
     shape = sha256(mesh.vertices.tobytes()).digest(), sha256(mesh.faces.tobytes()).digest()
     key = (*shape, mesh.name, n_spheres, seed)
-    if key not in _made:
-        if len(_made) == KEPT:
-            _made.clear()
-        _made[key] = _clump_of(mesh, n_spheres, seed)
-    return _made[key]
+    if key not in _cache:
+        if len(_cache) == MAX_CACHED:
+            _cache.clear()
+        _cache[key] = _clump_of(mesh, n_spheres, seed)
+    return _cache[key]
 
 
 def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
     """`clump_from_mesh` without the cache."""
     minimum, maximum = SPHERES
     if not minimum <= n_spheres <= maximum:
-        raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that stand for a mesh"))
+        raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that represent a mesh"))
     mass = mass_properties(mesh)
     size = (0.75 * mass.volume / np.pi) ** (1.0 / 3.0)
     unit = Mesh((mesh.vertices - mass.centroid) @ mass.axes / size, mesh.faces, mesh.name)
@@ -98,7 +98,7 @@ def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
     _refuse_parts(centers, radii, mesh.name)
     there, back = distances(unit, centers, radii, rng)
     contacts = contact_radii(unit, centers, radii, rng)
-    contacts = ContactRadii(contacts.spheres, contacts.share, contacts.radius * size, contacts.local_radius * size)
+    contacts = ContactRadii(contacts.spheres, contacts.fraction, contacts.radius * size, contacts.local_radius * size)
     ratio = clump(centers, radii).volume / (4.0 / 3.0 * np.pi)
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
     return body, Fit(size, there, back, ratio, contacts, mass.centroid, quaternion_from_matrix(mass.axes))
@@ -120,8 +120,8 @@ def _fitted(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[np.ndarray, n
         idle = np.setdiff1d(np.arange(n), gaps.argmin(axis=1))
         if not idle.size:
             break
-        fresh = _cover(*balls, x, gaps.min(axis=1) ** 2, idle.size)
-        centers[idle], radii[idle] = balls[0][fresh], balls[1][fresh]
+        replacements = _cover(*balls, x, gaps.min(axis=1) ** 2, idle.size)
+        centers[idle], radii[idle] = balls[0][replacements], balls[1][replacements]
         centers, radii = _adjusted(centers, radii, x, 0.0)
     return centers, radii
 
@@ -160,14 +160,14 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
     """Fit centers and radii to bring the union's signed distance at the surface points x (m, 3) to zero."""
     n, start = len(radii), np.column_stack((centers, np.log(radii)))
     first, second = _tree(centers, radii)
-    hold, tie = np.sqrt(_PULL * len(x) / n), np.sqrt(len(x))
+    tether, tie = np.sqrt(_TETHER * len(x) / n), np.sqrt(len(x))
     rows = np.arange(n - 1)
 
     def residual(p: np.ndarray) -> np.ndarray:
         c, r = _unpacked(p)
         apart = np.linalg.norm(c[first] - c[second], axis=1)
         torn = np.maximum(0.0, apart - _NECK * (r[first] + r[second]))
-        return np.concatenate((_distance(c, r, x, width)[0], hold * (p - start.ravel()), tie * torn))
+        return np.concatenate((_distance(c, r, x, width)[0], tether * (p - start.ravel()), tie * torn))
 
     def slope(p: np.ndarray) -> np.ndarray:
         c, r = _unpacked(p)
@@ -177,10 +177,10 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
         arm = c[first] - c[second]
         apart = np.linalg.norm(arm, axis=1)
         torn = tie * (apart > _NECK * (r[first] + r[second]))
-        pull = (torn / np.maximum(apart, 1e-12))[:, None] * arm
-        link[rows, first, :3], link[rows, second, :3] = pull, -pull
+        direction = (torn / np.maximum(apart, 1e-12))[:, None] * arm
+        link[rows, first, :3], link[rows, second, :3] = direction, -direction
         link[rows, first, 3], link[rows, second, 3] = -_NECK * torn * r[first], -_NECK * torn * r[second]
-        return np.concatenate((surface.reshape(len(x), -1), hold * np.eye(4 * n), link.reshape(n - 1, -1)))
+        return np.concatenate((surface.reshape(len(x), -1), tether * np.eye(4 * n), link.reshape(n - 1, -1)))
 
     result = least_squares(residual, start.ravel(), jac=slope, method="lm", max_nfev=_STEPS, xtol=1e-6, ftol=1e-6)
     return _unpacked(result.x)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thirdbody.bodies.bed_relaxation import enter_all, place_turned
+from thirdbody.bodies.bed_relaxation import enter_all, place_rotated
 from thirdbody.bodies.clump import Clump, matrix_from_quaternion
 from thirdbody.bodies.layer_packing import CLEARANCE, TRIES, batches, empty_grid
 from thirdbody.errors import Fault, InputError
@@ -42,7 +42,7 @@ def scatter(
         for batch in batches():
             tries = np.concatenate([rng.normal(size=(batch, 4)), rng.random((batch, 3))], axis=1)
             tries[:, :4] /= np.linalg.norm(tries[:, :4], axis=1)[:, None]
-            k = place_turned(tries, body.centers, body.radii, count, grid, CLEARANCE, spheres)
+            k = place_rotated(tries, body.centers, body.radii, count, grid, CLEARANCE, spheres)
             if k >= 0:
                 break
         else:
@@ -72,7 +72,7 @@ def _full(clumps: Sequence[Clump], order: np.ndarray, done: int, box: np.ndarray
     return InputError(
         Fault(
             "height",
-            f"no place for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, solid fraction "
+            f"no space for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, solid fraction "
             f"{reached:.3f} reached of {wanted:.3f} wanted in a volume {box[2]:.3g} m high",
         )
     )

@@ -21,9 +21,9 @@ _SAME = 1e-6
 _EQUAL = 1e-11
 # Size of a stack of bodies (`size_batches.alike`): with 6e4, tables of triples of spheres stay in the cache; largest
 # number of candidates evaluated at once, and of entries in a table of their pairs: 100 spheres have 300 000 candidates.
-_ROOM, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
+_MAX_BLOCK, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
 # Directions tried where the height does not depend on the direction (a sphere, a rod rolling on its axis).
-_TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
+_DIRECTIONS = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
 
 def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +47,7 @@ def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.nd
     drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
     up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
     q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
-    for _, members in alike([len(body.radii) for body in clumps], _ROOM):
+    for _, members in alike([len(body.radii) for body in clumps], _MAX_BLOCK):
         centers = np.array([clumps[b].centers for b in members])
         quaternions, heights = _poses_of(centers, np.array([clumps[b].radii for b in members]))
         w, x, y, z = np.moveaxis(quaternions, 2, 0)
@@ -84,7 +84,7 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
     heights = (radii[:, None] - rows @ centers.transpose(0, 2, 1)).max(axis=2)
     heights[np.isnan(heights)] = np.inf
     order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
-    return _turned_up(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
+    return _rotations_to_z(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
 
 
 def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -100,23 +100,23 @@ def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return up-vectors (b, p, 3) of the resting poses, or NaN; lengths over the largest radius."""
     directions, touches, families = _candidates(c, r)
-    body, place = np.nonzero(_on_own_sphere(directions, touches, c, r))
-    ups, family = directions[body, place], families[body, place]
+    body, index = np.nonzero(_on_own_sphere(directions, touches, c, r))
+    ups, family = directions[body, index], families[body, index]
     first = _first_of_equal(body, family, ups)
     body, ups, family = body[first], ups[first], family[first]
-    resting = np.zeros(len(body), np.bool_)
+    stable = np.zeros(len(body), np.bool_)
     size = max(1, _PAIRED // r.shape[1])
     for begin in range(0, len(body), size):
         block = slice(begin, begin + size)
-        resting[block] = _rests(ups[block], c[body[block]], r[body[block]])
+        stable[block] = _is_stable(ups[block], c[body[block]], r[body[block]])
     # The lowest direction of all is a minimum, even where close contacts hide it by rounding.
-    alone = np.flatnonzero(np.bincount(body[resting], minlength=len(r)) == 0)
+    alone = np.flatnonzero(np.bincount(body[stable], minlength=len(r)) == 0)
     lowest = _lowest(directions[alone], c[alone], r[alone])
-    body, ups, family = body[resting], ups[resting], family[resting]
+    body, ups, family = body[stable], ups[stable], family[stable]
     count = np.bincount(body, minlength=len(r))
-    place = np.arange(len(body)) - (np.cumsum(count) - count)[body]
+    index = np.arange(len(body)) - (np.cumsum(count) - count)[body]
     rows, families = np.full((len(r), max(count.max(), 1), 3), np.nan), np.full((len(r), max(count.max(), 1)), -1)
-    rows[body, place], families[body, place] = ups, family
+    rows[body, index], families[body, index] = ups, family
     rows[~_distinct(rows, families)] = np.nan
     rows[alone, 0] = lowest
     return rows
@@ -125,9 +125,9 @@ def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return the candidate (b, 3) with the lowest centroid, of the candidates (b, m, 3) of every body."""
     heights = np.empty(ups.shape[:2])
-    turned = c.transpose(0, 2, 1)
+    transposed = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
-        heights[:, block] = (r[:, None] - ups[:, block] @ turned).max(axis=2)
+        heights[:, block] = (r[:, None] - ups[:, block] @ transposed).max(axis=2)
     heights[np.isnan(heights)] = np.inf
     return ups[np.arange(len(r)), heights.argmin(axis=1)]
 
@@ -136,9 +136,9 @@ def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np
     """Return ascending indices of the first candidates (m,) of one body and family with equal directions (m, 3)."""
     keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
     order = np.lexsort(keys.T)
-    fresh = np.ones(len(body), np.bool_)
-    fresh[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
-    return np.sort(order[fresh])
+    is_first = np.ones(len(body), np.bool_)
+    is_first[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    return np.sort(order[is_first])
 
 
 def _blocks(count: int) -> Iterator[slice]:
@@ -146,7 +146,7 @@ def _blocks(count: int) -> Iterator[slice]:
     return (slice(first, first + _MEASURED) for first in range(0, count, _MEASURED))
 
 
-def _turned_up(ups: np.ndarray) -> np.ndarray:
+def _rotations_to_z(ups: np.ndarray) -> np.ndarray:
     """Return quaternions (..., 4) of the smallest rotations of the unit vectors (..., 3) to +z."""
     quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
     # Straight down the smallest rotation is not unique: half a turn about x.
@@ -157,9 +157,9 @@ def _turned_up(ups: np.ndarray) -> np.ndarray:
 def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return which candidates (b, m) have no other sphere below the plane: most fail here, and so does NaN."""
     saved = np.empty(ups.shape[:2], np.bool_)
-    turned = c.transpose(0, 2, 1)
+    transposed = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
-        bottom = ups[:, block] @ turned - r[:, None]
+        bottom = ups[:, block] @ transposed - r[:, None]
         own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
         saved[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
     return saved
@@ -178,7 +178,7 @@ def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
     return distinct
 
 
-def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+def _is_stable(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return whether (m,) bodies c (m, n, 3), r (m, n) with up-vectors (m, 3) rest in stable equilibrium.
 
     The height of the centroid has a local minimum. Equilibrium: the origin lies in the hull of the contacts' projections
@@ -241,7 +241,7 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         ups, touches = [*ups, *triple], [*touches, *[triples(n)[0][0]] * 2]
         none = np.full(triple[0].shape[:2], -1)
         family = [np.full(r.shape, -1), label, none, none]
-        for x, y in _TURNED if free.any() else ():
+        for x, y in _DIRECTIONS if free.any() else ():
             ups.append(np.where(free[:, :, None], alpha * d + beta * (x * e + y * f), np.nan))
             touches.append(i)
             family.append(label)
@@ -250,12 +250,12 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 def _single(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Return up-vectors (b, n, 3) of bodies that rest on one sphere."""
-    far = np.sqrt(dot(c, c))
+    distance = np.sqrt(dot(c, c))
     bottom = c[:, :, 2] - r
     # A sphere about the centroid rolls freely, here on -z; with a second one there, pairs cover the case.
     alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
     rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
-    return np.where(far[:, :, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, :, None], rolling)
+    return np.where(distance[:, :, None] > _TOLERANCE, c / np.maximum(distance, _TOLERANCE)[:, :, None], rolling)
 
 
 def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:

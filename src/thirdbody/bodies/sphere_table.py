@@ -65,5 +65,5 @@ def refuse(faults: Iterable[Fault], total: int | None = None) -> None:
     if not faults:
         return
     more = (len(faults) if total is None else total) - SHOWN
-    rest = [Fault("", f"and {more} more fault{'s' if more > 1 else ''}", faults[0].file)] if more > 0 else []
-    raise InputError(faults[:SHOWN] + rest)
+    summary = [Fault("", f"and {more} more fault{'s' if more > 1 else ''}", faults[0].file)] if more > 0 else []
+    raise InputError(faults[:SHOWN] + summary)

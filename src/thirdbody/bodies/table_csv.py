@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.bodies.bounded_read import MOST_ROWS
+from thirdbody.bodies.bounded_read import MAX_ROWS
 from thirdbody.bodies.sphere_table import PER_BODY, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
@@ -30,7 +30,7 @@ _ALIASES = {f"{word}_{part}": short + part for word, short in _LONG.items() for 
 _NEEDED = ("clump", "x", "y", "z", "radius")
 _EXAMPLE = "clump,x [um],y [um],z [um],radius [um]"
 # Of a table as text: a million spheres with all columns take 200 MB.
-MOST_BYTES, MOST_COLUMNS = 250_000_000, 2 * len(_COLUMNS)
+MAX_TABLE_BYTES, MAX_COLUMNS = 250_000_000, 2 * len(_COLUMNS)
 
 _TITLE = re.compile(r"\s*([^\[\]()]*?)\s*(?:[\[(]([^\[\]()]*)[\])])?\s*")
 
@@ -58,18 +58,18 @@ def read_csv(file: str, data: bytes, parse: Parse) -> SphereTable:
     if len(rows) == 1:
         raise InputError(Fault("", "holds no spheres: nothing follows the header", file))
     values = _values(file, columns, rows[1:], parse)
-    return _sheet(file, columns, values, np.array([line for line, _ in rows[1:]]))
+    return _sphere_table(file, columns, values, np.array([line for line, _ in rows[1:]]))
 
 
 def _refuse_large(file: str, data: bytes) -> None:
     """Raise InputError for more text than a table of bodies needs: cells take some ten times as much memory."""
-    if len(data) > MOST_BYTES:
-        message = f"has {len(data) / 1e6:.0f} MB of text, at most {MOST_BYTES / 1e6:.0f} MB are read: save it as NPZ"
+    if len(data) > MAX_TABLE_BYTES:
+        message = f"has {len(data) / 1e6:.0f} MB of text, at most {MAX_TABLE_BYTES / 1e6:.0f} MB are read: save it as NPZ"
         raise InputError(Fault("", message, file))
-    if (rows := data.count(b"\n") - 1) > MOST_ROWS:
-        raise InputError(Fault("", f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file))
-    if (cells := data.count(b",")) > MOST_COLUMNS * MOST_ROWS:
-        raise InputError(Fault("", f"has {cells} cells, at most {MOST_COLUMNS * MOST_ROWS} are read", file))
+    if (rows := data.count(b"\n") - 1) > MAX_ROWS:
+        raise InputError(Fault("", f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file))
+    if (cells := data.count(b",")) > MAX_COLUMNS * MAX_ROWS:
+        raise InputError(Fault("", f"has {cells} cells, at most {MAX_COLUMNS * MAX_ROWS} are read", file))
 
 
 def _text(file: str, data: bytes) -> str:
@@ -101,8 +101,8 @@ def _header(file: str, line: int, titles: list[str], parse: Parse) -> list[_Colu
         raise InputError(Fault("header", message, file, line))
     if all(_is_number(title) for title in titles):
         raise InputError(Fault("header", f"expected the names of the columns, such as {_EXAMPLE}; got numbers", file, line))
-    if len(titles) > MOST_COLUMNS:
-        raise InputError(Fault("header", f"names {len(titles)} columns, at most {MOST_COLUMNS} are read", file, line))
+    if len(titles) > MAX_COLUMNS:
+        raise InputError(Fault("header", f"names {len(titles)} columns, at most {MAX_COLUMNS} are read", file, line))
     columns: list[_Column] = []
     faults = []
     for title in titles:
@@ -164,7 +164,7 @@ def _values(file: str, columns: list[_Column], rows: list[tuple[int, list[str]]]
             except ValueError as error:
                 faults.append(Fault(column.title, str(error), file, line))
     refuse(faults)
-    return {name: np.array(told, np.int64 if name == "clump" else np.float64) for name, told in values.items()}
+    return {name: np.array(column, np.int64 if name == "clump" else np.float64) for name, column in values.items()}
 
 
 def _value(column: _Column, cell: str, parse: Parse) -> float:
@@ -194,7 +194,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _sheet(file: str, columns: list[_Column], values: dict[str, np.ndarray], lines: np.ndarray) -> SphereTable:
+def _sphere_table(file: str, columns: list[_Column], values: dict[str, np.ndarray], lines: np.ndarray) -> SphereTable:
     """Return the table of the columns. Raises InputError where the rows of one clump disagree about their body."""
     ids, first, body = np.unique(values["clump"], return_index=True, return_inverse=True)
     faults = []

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.bodies.bounded_read import MOST_ROWS
+from thirdbody.bodies.bounded_read import MAX_ROWS
 from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
@@ -74,8 +74,8 @@ def _reason(error: Exception) -> str:
 
 def _size_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
     """Return a fault for the first array with more rows than one file may have spheres."""
-    large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MOST_ROWS]
-    return [Fault(name, f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
+    large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MAX_ROWS]
+    return [Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
 
 
 def _type_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
@@ -116,11 +116,11 @@ def _refuse_values(file: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Raise InputError for the first numbers that are not finite, or negative, with the number of the others."""
     faults, total = [], 0
     for name, array in arrays.items():
-        places = np.argwhere(~np.isfinite(array))
-        total += len(places)
-        for place in places[:SHOWN]:
-            spot = ", ".join(str(k) for k in place)
-            faults.append(Fault(f"{name}[{spot}]", f"{array[tuple(place)]} is not a finite number", file))
+        indices = np.argwhere(~np.isfinite(array))
+        total += len(indices)
+        for index in indices[:SHOWN]:
+            spot = ", ".join(str(k) for k in index)
+            faults.append(Fault(f"{name}[{spot}]", f"{array[tuple(index)]} is not a finite number", file))
     rules = (("radius", np.less_equal, "{:g} m must be greater than 0"), ("clump", np.less, "{} must be at least 0"))
     for name, beyond, message in rules:
         rows = np.flatnonzero(beyond(arrays[name], 0))

@@ -15,7 +15,7 @@ from thirdbody.cli.studies import cost, hard
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.standard_streams import guarded_streams
-from thirdbody.system.terminal import printable_output, say
+from thirdbody.system.terminal import print_line, printable_output
 
 app = typer.Typer(
     cls=Group,
@@ -37,7 +37,7 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
     if version:
         from thirdbody import __version__
 
-        say(f"thirdbody {__version__}")
+        print_line(f"thirdbody {__version__}")
         raise typer.Exit
 
 
@@ -138,7 +138,7 @@ def states(
     states_report(run, frame, json)
     if out is not None:
         draw_forecast(run, out)
-        say(out, err=json)
+        print_line(out, err=json)
 
 
 @app.command(cls=Command)
@@ -156,7 +156,7 @@ def render(
 
     options = vars(image) | vars(film)
     size = options.pop("width"), options.pop("height")
-    say(draw(run, out, progress=True, frame=frame, size=size, **options))
+    print_line(draw(run, out, progress=True, frame=frame, size=size, **options))
 
 
 @app.command(cls=Command)
@@ -169,7 +169,7 @@ def plot(
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts."""
     from thirdbody.plot.summary_page import plot as draw
 
-    say(draw(run, out, panel, frame))
+    print_line(draw(run, out, panel, frame))
 
 
 @app.command(cls=Command)
@@ -185,7 +185,7 @@ def export(
     from thirdbody.export.export_run import export_run
 
     for path in export_run(run, csv, pvd, pack, frame, overwrite):
-        say(path)
+        print_line(path)
 
 
 @app.command(cls=Command)
@@ -217,7 +217,7 @@ def shapes(
     shapes_report(result, json)
     if out is not None:
         draw_shapes(result, path.name, out)
-        say(out, err=json)
+        print_line(out, err=json)
 
 
 app.command(cls=Command)(cost)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from thirdbody.errors import UsageError
-from thirdbody.system.terminal import say
+from thirdbody.system.terminal import print_line
 
 
 def _names(incomplete: str) -> list[str]:
@@ -44,7 +44,7 @@ def new(
         then = "balance" if name.startswith("balance/") else "check"
     else:
         written, then = write_new({path or Path("scene.toml"): TEMPLATE.encode()}), "check"
-    say(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
+    print_line(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
 
 
 def _list(json: bool) -> None:
@@ -58,5 +58,5 @@ def _list(json: bool) -> None:
         return
     width = max(map(len, result))
     for name, question in result.items():
-        say(f"{name:<{width}}  {question}")
+        print_line(f"{name:<{width}}  {question}")
     print("\nto start from one of them: thirdbody new my_scene.toml --from NAME")

@@ -63,7 +63,7 @@ class MeshFit:
     """How a surface mesh becomes a clump."""
 
     unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None
-    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None
+    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that represent it [12]")] = None
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None
 
 
@@ -75,7 +75,7 @@ class Image:
     view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso"
     forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False
     body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None
-    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0.0001 to 1")] = None
+    zoom: Annotated[float | None, typer.Option("--zoom", help="fraction of the domain that is shown, 0.0001 to 1")] = None
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900
 

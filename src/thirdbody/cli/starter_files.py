@@ -72,9 +72,9 @@ def _is_there(path: Path, content: bytes) -> bool:
 def _folder(package: str) -> Path:
     """Return the folder of a package of data files. Raises MissingLibrary if it is not installed."""
     spec = find_spec(package)
-    for place in (spec.submodule_search_locations if spec else None) or ():
-        if Path(place).is_dir():  # an editable install also lists a folder that does not exist
-            return Path(place)
+    for location in (spec.submodule_search_locations if spec else None) or ():
+        if Path(location).is_dir():  # an editable install also lists a folder that does not exist
+            return Path(location)
     raise MissingLibrary(f"{package} is not installed with this copy of thirdbody; install it again, such as by pip install .")
 
 

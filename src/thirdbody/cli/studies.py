@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from thirdbody.cli.option_groups import Json, Plugins, Quiet, Settings, Study, grouped
-from thirdbody.system.terminal import say
+from thirdbody.system.terminal import print_line
 
 LONGEST = 30 * 86400.0
 """Longest wall time of a study [s]."""
@@ -31,9 +31,9 @@ def cost(
     from thirdbody.studies.cost_command import StudyOptions, cost_command
     from thirdbody.studies.study_setup import StudySource
 
-    def tell(text: str) -> None:
+    def log(text: str) -> None:
         if not quiet:
-            say(text, err=True)
+            print_line(text, err=True)
 
     try:
         seconds = units.parse(study.budget, "time")
@@ -43,7 +43,7 @@ def cost(
         raise UsageError(f"--budget {study.budget}: must be above 0 s and at most {LONGEST / 86400.0:g} days")
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
-    cost_command(source, StudyOptions(study.repeats, study.effects, study.verify, seconds), overwrite, json, tell)
+    cost_command(source, StudyOptions(study.repeats, study.effects, study.verify, seconds), overwrite, json, log)
 
 
 def hard(
@@ -56,8 +56,8 @@ def hard(
     """Run the robustness cases: what must hold in each of them, and how far the time step can be raised above its bound."""
     from thirdbody.studies.robustness.report import hard_command
 
-    def tell(text: str) -> None:
+    def log(text: str) -> None:
         if not quiet:
-            say(text, err=True)
+            print_line(text, err=True)
 
-    hard_command(cases or (), out, json, quick, tell)
+    hard_command(cases or (), out, json, quick, log)

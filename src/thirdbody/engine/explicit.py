@@ -11,7 +11,7 @@ from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
-from thirdbody.engine.thread_tuner import Pace, clocks
+from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
@@ -57,7 +57,7 @@ class Explicit:
         self.waiting: list[float] = []  # bounds since the last change of the step, all larger than the step
         self.drag = _drag(state)
         self.ahead = np.array(self.drag)
-        self.pace, self.seconds = Pace(), CALL / BUDGET  # last measured wall time of a step
+        self.pace, self.seconds = ThreadTuner(), CALL / BUDGET  # last measured wall time of a step
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
@@ -102,13 +102,13 @@ class Explicit:
             if code == step_loop.Stop.DONE:
                 return
 
-    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+    def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays and notes with the integrator's own state."""
-        bound, tightest = (None if found is None else dict(vars(found)) for found in (self.bound, self.tightest))
+        bound, tightest = (None if bound is None else dict(vars(bound)) for bound in (self.bound, self.tightest))
         return {}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `keep`, after the state itself was restored. Raises KeyError or TypeError."""
+        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         bounds = {name: None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest")}
         self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
         self._tables()
@@ -122,21 +122,21 @@ class Explicit:
 
     def _scratch(self, threads: int) -> None:
         """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
-        slots, physics, parts = self.state.slots, self.state.physics, step_loop.SHARES * threads
+        slots, physics, parts = self.state.slots, self.state.physics, step_loop.PARTS_PER_THREAD * threads
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
-        longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
+        longest = int(np.diff(slots.cuts[: body_pass.REMOTE, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.scratch_sizes(len(physics.history), longest)
-        self.room = table(parts, max(floats, drift_scratch.WIDTH * body_pass.BODIES))
+        self.scratch = table(parts, max(floats, drift_scratch.WIDTH * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
-        maximum = slots.most if physics.labels else 0
+        maximum = slots.max_per_body if physics.labels else 0
         self.rows = np.empty((parts, maximum, loaded_contact.MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
         s, (began, worked) = self.state, clocks()
         before = s.A[run_totals.STEPS]
         threads = self.pace.threads(numba.get_num_threads(), began)
-        if len(self.room) < step_loop.SHARES * threads:
+        if len(self.scratch) < step_loop.PARTS_PER_THREAD * threads:
             self._scratch(threads)
         answer = step_loop.advance(budget, time, distance, dt, threads, self._context())
         now, busy = clocks()
@@ -151,11 +151,11 @@ class Explicit:
         s, slots, physics = self.state, self.state.slots, self.state.physics
         given = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
-            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
+            slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
-            s.schedule, s.first, self.ahead, self.room, self.marks, self.rows, self.moved,
-            len(physics.history), physics.rolling, *physics.remembered_forces, physics.stored, physics.dashpots,
+            s.schedule, s.first, self.ahead, self.scratch, self.marks, self.rows, self.moved,
+            len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip

@@ -53,18 +53,18 @@ class EnergyGuard:
 
     def check(self, state: State, result: Stored | None = None) -> None:
         """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
-        _judge_norms(state, self.norm)
+        _check_norms(state, self.norm)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])
         self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above
         if self.above >= self.patience:
             raise GuardStop(
                 f"{_when(state)}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
-                f"(guard: {self.residual:g}); a smaller solver.time_step is needed, or a contact law that makes no energy "
+                f"(guard: {self.residual:g}); a smaller solver.time_step is needed, or a contact law that creates no energy "
                 "(thirdbody laws --check)"
             )
 
 
-def _judge_norms(state: State, maximum: float) -> None:
+def _check_norms(state: State, maximum: float) -> None:
     norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
     bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
     if len(bad):

@@ -17,8 +17,8 @@ import numpy as np
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.numerical_energy_guard import MADE_GUARD, body_energies, created_fraction
-from thirdbody.engine.proximity_guard import Nearness
+from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fraction
+from thirdbody.engine.proximity_guard import ProximityGuard
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
@@ -62,7 +62,7 @@ WORK_OF_SPRINGS = 80.0
 difference between the work of the mean force and of the force at the end overestimates the error. Of 20 rolling bodies the
 friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
 
-HELD = 0.1
+ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
 
@@ -76,7 +76,7 @@ class Accuracy:
 
     `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
     `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `go_on`: whether a run continues without bodies that cannot be solved.
+    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved.
     """
 
     tolerance: float = 5e-4
@@ -84,7 +84,7 @@ class Accuracy:
     largest_step: float = math.inf
     growth: float = 2.0
     inertia: bool = True
-    go_on: bool = False
+    skip_unsolved: bool = False
 
 
 class Implicit:
@@ -129,7 +129,7 @@ class Implicit:
         self.memory[:, step_memory.LIMIT] = step_limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
-        self.memory[:, step_memory.MAX_ENERGY] = HELD * float(state.patches.load.max()) * overlap
+        self.memory[:, step_memory.MAX_ENERGY] = ENERGY_FRACTION * float(state.patches.load.max()) * overlap
         self.settings = self._settings(overlap)
         physics = state.physics
         self._law, self._effects, self._observe = (
@@ -137,7 +137,7 @@ class Implicit:
         )  # fmt: skip
         self._tangent, self._pack = address(tangents, LAW), Packer(KINDS)
         self.pace = PACE  # trial steps per second in the last call
-        self._told, self._limit = self.memory.copy(), ""  # counters and text of the last `tell_limit`
+        self._reported, self._limit = self.memory.copy(), ""  # counters and text of the last `describe_limit`
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
@@ -145,7 +145,7 @@ class Implicit:
         V[step_settings.LONGEST] = chosen.largest_step
         V[step_settings.RADII] = chosen.radii
         V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
-        V[step_settings.DEEP], V[step_settings.GROWTH] = overlap, chosen.growth
+        V[step_settings.EXPECTED_OVERLAP], V[step_settings.GROWTH] = overlap, chosen.growth
         springs = any(name.endswith(".field[0]") for name in self.state.physics.history)
         V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * chosen.tolerance
         return V
@@ -157,8 +157,8 @@ class Implicit:
         state.world = replace(world, debris_meets=False)
         search(state)
         state.world = world
-        self.most = state.slots.most
-        self.near = Nearness(state) if world.debris_meets else None
+        self.max_per_body = state.slots.max_per_body
+        self.near = ProximityGuard(state) if world.debris_meets else None
 
     def advance_to(
         self,
@@ -187,7 +187,7 @@ class Implicit:
                 # also after a guard or an interrupt: bodies are at the times they have reached
                 now = until if reached else float(self.totals[:, run_totals.TIME].min())
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
-            self._judge()
+            self._refuse_stopped()
             if self.near is not None:
                 self.near.check(self.memory[:, step_memory.PATH])
 
@@ -196,7 +196,7 @@ class Implicit:
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
                 begun, before = clock.perf_counter(), self.memory[first:last, step_memory.TRIES].sum()
-                self.march(first, last, until, max(FEW, CALL * self.pace / waiting))
+                self.advance_bodies(first, last, until, max(FEW, CALL * self.pace / waiting))
                 done = self.memory[first:last, step_memory.TRIES].sum() - before
                 self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
                 watch()
@@ -206,17 +206,17 @@ class Implicit:
         going = self.memory[first:last, step_memory.CODE] == step_control.GOING
         return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
 
-    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+    def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays and notes with the integrator's own state."""
         arrays = {"totals": self.totals, "memory": self.memory}
-        return arrays | ({} if self.near is None else {"near_places": self.near.places, "near_ways": self.near.ways}), {}
+        return arrays | ({} if self.near is None else {"near_positions": self.near.positions, "near_paths": self.near.paths}), {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Restore the result of `keep`, after the state itself was restored. Raises KeyError or TypeError."""
-        for name, table in Implicit.keep(self)[0].items():
+        """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
+        for name, table in Implicit.export_state(self)[0].items():
             table[:] = arrays[name]
 
-    def march(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
+    def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each.
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
@@ -225,13 +225,13 @@ class Implicit:
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""
-        self.march(0, bodies, until)
-        self._judge()
+        self.advance_bodies(0, bodies, until)
+        self._refuse_stopped()
 
     def _context(self) -> Array:
         """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        force, moment = physics.remembered_forces
+        force, moment = physics.force_columns
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
@@ -241,7 +241,8 @@ class Implicit:
                 width=loaded_contact.MEMORY + physics.contact_memory, has_effects=int(physics.has_effects), law=self._law,
                 effects=self._effects, observe=self._observe, patch=s.patch, settings=self.settings, totals=self.totals,
                 memory=self.memory, schedule=s.schedule, first=s.first, starts=self.starts, ends=self.ends,
-                solutions=self.solutions, initial_overlaps=self.initial_overlaps, most=self.most, labels=int(physics.labels),
+                solutions=self.solutions, initial_overlaps=self.initial_overlaps, max_per_body=self.max_per_body,
+                labels=int(physics.labels),
                 tangents=self._tangent,
             )
         )  # fmt: skip
@@ -281,43 +282,44 @@ class Implicit:
         if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
             self.state.patches.height[-1] = at_time(self.schedule.gap, time)
 
-    def _judge(self) -> None:
-        """Raise GuardStop for the first stopped body; with `go_on`, bodies without a solution are skipped."""
+    def _refuse_stopped(self) -> None:
+        """Raise GuardStop for the first stopped body; with `skip_unsolved`, bodies without a solution are skipped."""
         codes = self.memory[:, step_memory.CODE]
         stopped = np.flatnonzero(codes != step_control.GOING)
-        if self.accuracy.go_on:
+        if self.accuracy.skip_unsolved:
             stopped = stopped[codes[stopped] != step_control.UNSOLVED]
         if len(stopped):
             raise GuardStop(self._explain(int(stopped[0])))
 
-    def refuse_made_energy(self) -> None:
+    def refuse_created_energy(self) -> None:
         """Raise GuardStop if the integrator has created more than MADE_GUARD of the exchanged energy."""
-        held = body_energies(self.state, self.memory[:, step_memory.STORED])
-        built = created_fraction(self.totals, held)
-        body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(held.sum()))[0])
-        if built[body] > MADE_GUARD:
+        stored = body_energies(self.state, self.memory[:, step_memory.STORED])
+        built = created_fraction(self.totals, stored)
+        body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(stored.sum()))[0])
+        if built[body] > CREATED_ENERGY_GUARD:
             fraction, who, when = built[body], self._who(body), self.totals[body, run_totals.TIME]
-        elif whole > MADE_GUARD:
+        elif whole > CREATED_ENERGY_GUARD:
             fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
             return
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
-            f"stopped at t = {when:.6g} s: the integrator has made energy: {100.0 * fraction:.0f} % of all that was exchanged "
-            f"(guard: {100.0 * MADE_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or solver.largest_step is needed, "
-            "or a contact law that makes no energy (thirdbody laws --check)"
+            f"stopped at t = {when:.6g} s: the integrator has created energy: {100.0 * fraction:.0f} % of all that was exchanged "
+            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
+            f"solver.largest_step is needed, "
+            "or a contact law that creates no energy (thirdbody laws --check)"
         )
 
     def summary(self) -> dict[str, Any]:
         """Return the entries of the run summary about the integration; steps are counted per body."""
-        taken, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
-        total = max(float(taken.sum()), 1.0)
+        steps, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
+        total = max(float(steps.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == step_control.UNSOLVED)
         return {
             "integrator": "implicit",
-            "steps": int(taken.sum()),
-            "sphere_steps": int(taken @ np.diff(state.start)),
-            "steps_per_body": float(taken.mean()),
+            "steps": int(steps.sum()),
+            "sphere_steps": int(steps @ np.diff(state.start)),
+            "steps_per_body": float(steps.mean()),
             "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
             "iterations_per_step": float(T[:, step_memory.ITERATIONS].sum()) / total,
             "cuts_per_step": float(T[:, step_memory.CUTS].sum()) / total,
@@ -327,9 +329,9 @@ class Implicit:
             "unsolved": {int(body): self._explain(int(body)) for body in lost},
         }
 
-    def tell_limit(self) -> str:
+    def describe_limit(self) -> str:
         """Return, as text, the most frequent step limit since the last call; empty before the first step."""
-        before, self._told = self._told, self.memory.copy()
+        before, self._reported = self._reported, self.memory.copy()
         self._limit = in_words(self.memory - before, self.state.order) or self._limit
         return self._limit
 
@@ -345,13 +347,13 @@ class Implicit:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = self._who(body)
-        if code == step_control.TOO_DEEP:
+        if code == step_control.OVERLAP_EXCEEDED:
             slot = int(self.memory[body, step_memory.SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
             ratio = s.slots.records.overlap[slot] / s.spheres.radius[s.slots.own[slot]]
             limit = s.D[domain.OVERLAP_GUARD]
-            deep = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
-            return f"{when}: {who} {deep}; a lower load is needed"
+            text = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
+            return f"{when}: {who} {text}; a lower load is needed"
         if code == step_control.LEFT:
             return f"{when}: {who} left the domain"
         if code == step_control.TOO_MANY:

@@ -29,7 +29,7 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
 from thirdbody.kernels.implicit.bundles import FREEDOMS
-from thirdbody.kernels.implicit.residual import TURN
+from thirdbody.kernels.implicit.residual import MAX_ROTATION
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
@@ -42,14 +42,14 @@ class PlateStep:
     `rate`: change of the velocity with the rise [1/s]; `change`: of the velocity beyond that of the last step, scaled [m/s].
     """
 
-    rise: float
+    displacement: float
     velocity: float
     acceleration: float
     rate: float
     change: float
 
 
-class Shared(Implicit):
+class ImplicitCommonPlate(Implicit):
     """`Implicit` for a state whose last patch is a free plate carried by all bodies."""
 
     def __init__(self, state: State, *arguments, **options) -> None:
@@ -74,9 +74,9 @@ class Shared(Implicit):
         super().start()
         self.initial_overlaps = np.zeros(self.state.slots.count)
 
-    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """As `Implicit.keep`; `starts` and `ends` are omitted, since every step computes them."""
-        arrays, notes = super().keep()
+    def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """As `Implicit.export_state`; `starts` and `ends` are omitted, since every step computes them."""
+        arrays, notes = super().export_state()
         return arrays | {"plate": self.plate, "plate_memory": self.plate_memory}, notes
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
@@ -87,7 +87,7 @@ class Shared(Implicit):
     def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         while self.totals[0, run_totals.TIME] < until:
             self._step(until)
-            self._judge()
+            self._refuse_stopped()
             # counted from the start of the run, so that a resumed run calls `watch` at the same instants
             noted = int(self.totals[0, run_totals.STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
             (watch if noted else between)()
@@ -107,18 +107,18 @@ class Shared(Implicit):
             dt = end - time if whole else dt
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             self._load(time, dt)
-            step, found = self._solve(dt, (v_x, v_y))
-            error, rotation = self._error(step, dt), float(self.solutions[:, body_solution.TURN].max())
-            if found and error <= 1.0 and rotation <= TURN:
+            step, converged = self._solve(dt, (v_x, v_y))
+            error, rotation = self._error(step, dt), float(self.solutions[:, body_solution.ROTATION].max())
+            if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
             cuts += 1
-            body, cause = self._why(found, error, rotation)
+            body, cause = self._why(converged, error, rotation)
             kernel.restore_bodies(context)
-            dt *= kernel.reduction(found, error, rotation)
+            dt *= kernel.reduction(converged, error, rotation)
             if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
-                self._give_up()
+                self._refuse_unsolved()
         kernel.accept_bodies(self.state.n_bodies, end, whole, cuts, dt, v_x, v_y, context)
-        self._take(dt, step, load)
+        self._accept(dt, step, load)
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * step_control.EASY
@@ -126,25 +126,25 @@ class Shared(Implicit):
         if whole and kernel.is_breakpoint_at(time, context, end):
             self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
-    def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
+    def _why(self, converged: bool, error: float, rotation: float) -> tuple[int, int]:
         """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
-        lost = self.solutions[:, body_solution.FOUND] == 0.0
-        turning = found and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
-        worst = self.solutions[:, body_solution.TURN if turning else body_solution.ERROR]
+        lost = self.solutions[:, body_solution.SOLVED] == 0.0
+        by_rotation = converged and not (error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30))
+        worst = self.solutions[:, body_solution.ROTATION if by_rotation else body_solution.ERROR]
         body = int(np.argmax(lost if lost.any() else worst))
         if self.solutions[body, body_solution.LANDS] > 0.0:
             return body, step_limits.LANDING
-        return body, step_limits.TURNING if turning else (step_limits.ERROR if found else step_limits.NEWTON)
+        return body, step_limits.ROTATION if by_rotation else (step_limits.ERROR if converged else step_limits.NEWTON)
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
         row, first_iteration, n, context = self.state.P[-1], True, self.state.n_bodies, self._context()
-        rise, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
+        displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            kernel.solve_bodies(n, first_iteration, rise, dt, *velocity, context)
+            kernel.solve_bodies(n, first_iteration, displacement, dt, *velocity, context)
             first_iteration = False
-            step = self._motion(rise, dt)
-            if not self.solutions[:, body_solution.FOUND].all():
+            step = self._motion(displacement, dt)
+            if not self.solutions[:, body_solution.SOLVED].all():
                 return step, False
             push, slope = (float(self.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
             force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
@@ -152,26 +152,26 @@ class Shared(Implicit):
             scale += row[patch.DAMPING] * abs(step.velocity)
             if abs(force) <= CONVERGED * scale:
                 return step, True
-            low, high = (rise, high) if force > 0.0 else (low, rise)
+            low, high = (displacement, high) if force > 0.0 else (low, displacement)
             slope -= row[patch.DAMPING] * step.rate + float(self.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
             # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
-            rise = rise + change if low < rise + change < high else 0.5 * (low + high)
-            if not math.isfinite(rise) or high - low <= 1e-15 * abs(rise):
+            displacement = displacement + change if low < displacement + change < high else 0.5 * (low + high)
+            if not math.isfinite(displacement) or high - low <= 1e-15 * abs(displacement):
                 return step, abs(force) <= 1e-5 * scale
         return step, False
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
         H, R = self.state.slots.H, self.state.slots.R
-        deepest = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
-        return 0.5 * max(deepest, float(self.settings[step_settings.DEEP]))
+        max_overlap = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
+        return 0.5 * max(max_overlap, float(self.settings[step_settings.EXPECTED_OVERLAP]))
 
-    def _motion(self, rise: float, dt: float) -> PlateStep:
-        """Return the step of the plate that rises by `rise` [m]."""
+    def _motion(self, displacement: float, dt: float) -> PlateStep:
+        """Return the step of the plate that rises by `displacement` [m]."""
         now = float(self.state.patches.velocity[-1])
-        velocity, acceleration, rate, change = kernel.plate_motion(self.plate_memory, self.settings, rise, now, dt)
-        return PlateStep(rise, velocity, acceleration if self.accuracy.inertia else 0.0, rate, change)
+        velocity, acceleration, rate, change = kernel.plate_motion(self.plate_memory, self.settings, displacement, now, dt)
+        return PlateStep(displacement, velocity, acceleration if self.accuracy.inertia else 0.0, rate, change)
 
     def _error(self, step: PlateStep, dt: float) -> float:
         """Return the largest error of bodies and plate over the tolerance."""
@@ -192,28 +192,28 @@ class Shared(Implicit):
             row = self.state.P[-1]
             row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
-    def _take(self, dt: float, step: PlateStep, load: float) -> None:
+    def _accept(self, dt: float, step: PlateStep, load: float) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         T, row = self.plate_memory, self.state.P[-1]
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * step.rise
+        mass, work = float(row[patch.MASS]), -carried * step.displacement
         kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(self.accuracy.inertia)
         self.plate[run_totals.PLATE_WORK] += work
         self.plate[run_totals.PLATE_WORK_SIZE] += abs(work)
-        felt = float(row[patch.DAMPING]) * step.velocity * step.rise
-        self.plate[run_totals.DAMPING_WORK] += max(felt, 0.0)
-        lost = min(felt, 0.0) + (float(row[patch.LOAD]) - carried) * step.rise
-        self.plate[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.rise - kinetic + lost
-        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.rise, step.velocity - before
+        dashpot_work = float(row[patch.DAMPING]) * step.velocity * step.displacement
+        self.plate[run_totals.DAMPING_WORK] += max(dashpot_work, 0.0)
+        lost = min(dashpot_work, 0.0) + (float(row[patch.LOAD]) - carried) * step.displacement
+        self.plate[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.displacement, step.velocity - before
         T[step_memory.LAST_DT] = dt
-        row[patch.HEIGHT] += step.rise
+        row[patch.HEIGHT] += step.displacement
         row[patch.VELOCITY] = step.velocity
 
-    def _give_up(self) -> None:
+    def _refuse_unsolved(self) -> None:
         """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
-        lost = np.flatnonzero(self.solutions[:, body_solution.FOUND] == 0.0)
+        lost = np.flatnonzero(self.solutions[:, body_solution.SOLVED] == 0.0)
         if not len(lost):
             when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")

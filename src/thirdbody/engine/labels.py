@@ -21,6 +21,6 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
         slots.own, slots.partner, slots.edges, slots.incidence, state.B, state.E, slots.H, slots.R, state.M.copy(), drag,
         len(physics.history), width,
     )  # fmt: skip
-    scratch = np.empty(observed_body.WIDTH), np.empty((slots.most, width))
+    scratch = np.empty(observed_body.WIDTH), np.empty((slots.max_per_body, width))
     label_bodies(observed, state.A, physics.observe, physics.label, out, *scratch)
     return out

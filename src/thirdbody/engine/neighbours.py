@@ -32,38 +32,38 @@ def search(state: State, recorded: bool = True) -> None:
 def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Candidates:
     """Return the candidates with history H, record R, and the index tables of the pairs."""
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
-    meets = np.diff(spheres) > 0
-    host = state.body[own]
-    outer, guests, lowest, needs = _between_groups(host[n_plates:], state.body[partner[n_plates:]], state.n_bodies)
+    can_touch = np.diff(spheres) > 0
+    owner_body = state.body[own]
+    outer, remote_body, lowest, needs = _between_groups(owner_body[n_plates:], state.body[partner[n_plates:]], state.n_bodies)
     chunks = np.arange(-(-state.n_bodies // BODIES) + 1) * BODIES
-    flat, paired = np.searchsorted(host[:n_plates], chunks), n_plates + np.searchsorted(host[n_plates:], chunks)
-    cuts = flat, paired, np.searchsorted(guests // BODIES * BODIES, chunks)
+    flat, paired = np.searchsorted(owner_body[:n_plates], chunks), n_plates + np.searchsorted(owner_body[n_plates:], chunks)
+    cuts = flat, paired, np.searchsorted(remote_body // BODIES * BODIES, chunks)
     return Candidates(
         own=own, partner=partner, kind=kinds_of(state, own, partner), closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int32),
         outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)), edges=spheres[state.start], incidence=incidence,
-        near=np.flatnonzero(meets).astype(np.int32),
-        beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32), guests=guests,
+        near=np.flatnonzero(can_touch).astype(np.int32),
+        beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
         cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, H=H,
-        F=np.zeros((len(guests), remote_force.WIDTH)), R=R,
+        F=np.zeros((len(remote_body), remote_force.WIDTH)), R=R,
     )  # fmt: skip
 
 
-def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return `outer`, `guests`, `lowest` and `needs` of `Candidates` for pairs of bodies (host, guest).
+def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner).
 
     Rows of remote forces are sorted by chunk of the guest, then by candidate.
     """
     size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
-    others = np.flatnonzero(host // size != guest // size)
-    others = others[np.argsort(guest[others] // BODIES, kind="stable")]
-    outer = np.full(len(host), -1, np.int32)
+    others = np.flatnonzero(owner_body // size != partner_body // size)
+    others = others[np.argsort(partner_body[others] // BODIES, kind="stable")]
+    outer = np.full(len(owner_body), -1, np.int32)
     outer[others] = np.arange(len(others))
-    requested = np.unique(host[others] // size * groups + guest[others] // size)
+    requested = np.unique(owner_body[others] // size * groups + partner_body[others] // size)
     one, other = requested // groups, requested % groups
     lowest = np.arange(groups, dtype=np.int32)
     np.minimum.at(lowest, other, one.astype(np.int32))
     needs = np.concatenate((groups + 1 + np.searchsorted(one, np.arange(groups + 1)), other))
-    return outer, guest[others].astype(np.int32), lowest, needs.astype(np.int32)
+    return outer, partner_body[others].astype(np.int32), lowest, needs.astype(np.int32)
 
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, source: Array, target: Array) -> None:
@@ -112,6 +112,6 @@ def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     lower = -1 if world.lower is None else world.lower
     upper = -1 if world.upper is None else world.upper.material
     other = np.where(partner == -1, lower, upper)
-    meets = partner >= 0
-    other[meets] = material[partner[meets]]
+    with_sphere = partner >= 0
+    other[with_sphere] = material[partner[with_sphere]]
     return state.physics.kinds[material[own], other].astype(np.int32)

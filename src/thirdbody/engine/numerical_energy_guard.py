@@ -9,18 +9,18 @@ import numpy as np
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.columns import body, body_extra, patch, run_totals
 
-MADE_GUARD = 0.1
+CREATED_ENERGY_GUARD = 0.1
 """Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at
 the very start, and below 0.005 later."""
 
 
-def created_fraction(totals: Array, held: Array | float) -> Array:
+def created_fraction(totals: Array, stored: Array | float) -> Array:
     """Return the energy (n,) created by the integrator (negative: lost) over the exchanged energy.
 
-    The exchanged energy is the largest of: sum of |plate work increments|; |work of effects|; dissipated plus `held` (n,) [J]
+    The exchanged energy is the largest of: sum of |plate work increments|; |work of effects|; dissipated plus `stored` (n,) [J]
     kinetic and elastic energy. `totals`: (n, run_totals.WIDTH).
     """
-    spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + held
+    spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + stored
     scale = np.maximum(np.maximum(totals[:, run_totals.PLATE_WORK_SIZE], np.abs(totals[:, run_totals.EFFECT_WORK])), spent)
     return np.divide(-totals[:, run_totals.NUMERICAL_LOSS], scale, out=np.zeros(len(totals)), where=scale > 0.0)
 

@@ -39,7 +39,7 @@ _usual: Any = None
 def start_compiling() -> None:
     """Start child processes that fill the cache while this process reads its scene."""
     global _begun
-    if _begun is not None or (cache_dir.place() / MARK).exists():
+    if _begun is not None or (cache_dir.cache_folder() / MARK).exists():
         return
     queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
     os.write(end, bytes(range(len(UNITS))))
@@ -76,8 +76,8 @@ def warm_up() -> None:
 def work_off(queue: int) -> None:
     """Compile the units left in the queue."""
     _quickly()
-    while taken := os.read(queue, 1):
-        unit = UNITS[taken[0]]
+    while token := os.read(queue, 1):
+        unit = UNITS[token[0]]
         if unit is _work:
             _thoroughly()
         unit()

@@ -12,13 +12,13 @@ STRIDE = 0.25
 """Drag between two checks, in radii of the smallest sphere."""
 
 
-class Nearness:
+class ProximityGuard:
     """Detects whether spheres of different bodies may have touched between two checks."""
 
     def __init__(self, state: State) -> None:
         self.state = state
         self.stride = STRIDE * float(state.spheres.radius.min())
-        self.places, self.ways = state.S[:, :3].copy(), np.zeros(state.n_bodies)
+        self.positions, self.paths = state.S[:, :3].copy(), np.zeros(state.n_bodies)
 
     def check(self, distances: Array) -> None:
         """Raise GuardStop if two bodies may have touched since the last check.
@@ -26,19 +26,19 @@ class Nearness:
         `distances` (n,): upper bounds [m] of the path lengths since the start. A path of known length between two positions
         deviates from the straight line by at most 0.5 sqrt(length^2 - line^2).
         """
-        state, initial_gap = self.state, distances - self.ways
+        state, initial_gap = self.state, distances - self.paths
         own, partner = self._candidates(2.0 * float(initial_gap.max()))
         if len(own):
             gap = self._closest(own, partner, initial_gap)
             worst = int(np.argmin(gap))
             if gap[worst] <= 0.0:
                 raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
-        self.places[:], self.ways[:] = state.S[:, :3], distances
+        self.positions[:], self.paths[:] = state.S[:, :3], distances
 
     def _closest(self, own: Numbers, partner: Numbers, initial_gap: Array) -> Array:
         """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
         S, body = self.state.S, self.state.body
-        moved = S[:, :3] - self.places
+        moved = S[:, :3] - self.positions
         strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
         now = S[own, :3] - S[partner, :3]
         for axis in (0, 1):
@@ -69,7 +69,7 @@ class Nearness:
         return (
             f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "
             'and the implicit integrator has no contact between bodies: integrator = "explicit" has it, and '
-            'contact.debris_contact = "none" declares an ensemble of bodies that do not see each other'
+            'contact.debris_contact = "none" declares an ensemble of bodies without mutual contact'
         )
 
 

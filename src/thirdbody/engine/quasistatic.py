@@ -47,10 +47,10 @@ class NoStaticState(Exception):
 class Grip:
     """Spots (points of contact) of one particle, and its `weight` [N].
 
-    `place` (n, 3): from the centre of mass [m]; `gap` (n,): to their plate at first touch [m]; `upper` (n,): on the upper plate;
-    `planar`: only x, z and the rotation about y are free."""
+    `position` (n, 3): from the centre of mass [m]; `gap` (n,): to their plate at first touch [m]; `upper` (n,): upper
+    plate; `planar`: only x, z and the rotation about y are free."""
 
-    place: Array
+    position: Array
     gap: Array
     upper: NDArray[np.bool_]
     weight: float = 0.0
@@ -59,7 +59,7 @@ class Grip:
     @property
     def arm(self) -> float:
         """Largest distance [m] of a spot from the centre of mass; scales rotations; 1 if that is 0."""
-        return float(np.linalg.norm(self.place, axis=1).max()) or 1.0
+        return float(np.linalg.norm(self.position, axis=1).max()) or 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +67,8 @@ class Balance:
     """An equilibrium.
 
     `plate`: closing [m] or load [N], drag x, y [m]; `closing` of the upper plate [m]; `motion` (6,): translation [m] and rotation
-    vector since first touch; `slip` (n,): accumulated irreversible slip [m]; `hold` (n,): tangential stiffness along the
-    tangential force over that without slip; `free`: number of motions without resistance; `rest`: relative residual."""
+    vector since first touch; `slip` (n,): accumulated irreversible slip [m]; `stiffness_ratio` (n,): tangential stiffness along
+    the tangential force over that without slip; `free`: number of motions without resistance; `residual`: relative residual."""
 
     plate: Array
     closing: float
@@ -76,9 +76,9 @@ class Balance:
     overlap: Array
     answer: Answer
     slip: Array
-    hold: Array
+    stiffness_ratio: Array
     free: int
-    rest: float
+    residual: float
     coordinates: Array = field(repr=False)
     shift: Array = field(repr=False)
 
@@ -93,11 +93,11 @@ class Trial:
     overlap: Array
     shift: Array
     slip: Array
-    share: Array
+    closed_fraction: Array
     answer: Answer
 
     @property
-    def rest(self) -> float:
+    def residual(self) -> float:
         """Largest residual force over the sum of forces; infinite without load."""
         return float(np.abs(self.force).max()) / self.scale if self.scale > 0.0 else float("inf")
 
@@ -108,16 +108,16 @@ class QuasiStatic:
     def __init__(self, grip: Grip, contacts: Contacts, under_load: bool = False) -> None:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
         self.now: Balance | None = None
-        self._kept = [0, 2, 4] if grip.planar else list(range(6))
-        self.rows = _rows(grip, self._kept, under_load)
+        self._freedoms = [0, 2, 4] if grip.planar else list(range(6))
+        self.rows = _rows(grip, self._freedoms, under_load)
         self.memory = contacts.virgin()
-        self.turned = np.zeros(3)  # rotation vector from the initial orientation to that of first touch
-        self.gone = np.zeros(3)  # from there to the orientation of `grip`
-        self._closest = float("inf")  # smallest `rest` in the search for the present point
+        self.seat_rotation = np.zeros(3)  # rotation vector from the initial orientation to that of first touch
+        self.rotation_since_touch = np.zeros(3)  # from there to the orientation of `grip`
+        self._closest = float("inf")  # smallest `residual` in the search for the present point
         # drag of the last step, and change of the coordinates in it
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
-    def remembered(self, name: str) -> Array:
+    def history_column(self, name: str) -> Array:
         """Return the history variable "law.name" (n,) at the last equilibrium; zeros if no law has it."""
         names = self.contacts.chain.history
         return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
@@ -134,7 +134,7 @@ class QuasiStatic:
         while done < 1.0:
             size = min(size, 1.0 - done)
             goal = target if done + size >= 1.0 else start + (done + size) * (target - start)
-            result = self._find(goal)
+            result = self._solve(goal)
             if result is None and cuts < CUTS:
                 cuts, size = cuts + 1, 0.5 * size
                 continue
@@ -148,35 +148,35 @@ class QuasiStatic:
     @property
     def vertical(self) -> int:
         """Index of the vertical translation among the coordinates."""
-        return self._kept.index(2)
+        return self._freedoms.index(2)
 
     @property
     def axes(self) -> list[int]:
         """Axes of the particle's free rotations."""
-        return [k - 3 for k in self._kept if k >= 3]
+        return [k - 3 for k in self._freedoms if k >= 3]
 
     @property
     def rotations(self) -> slice:
         """Slice of the rotation vector, times the arm, in the coordinates."""
-        return slice(self.vertical + 1, len(self._kept))
+        return slice(self.vertical + 1, len(self._freedoms))
 
     def adopt(self, coordinates: Array, plate: Array, memory: Array) -> None:
         """Continue from these coordinates and history, whether in equilibrium or not."""
         self.now, self.memory = None, memory
         closing = float(coordinates[-1] if self.under_load else plate[0])
-        motion, none = self._motion(coordinates), np.zeros(len(self.grip.place))
+        motion, none = self._motion(coordinates), np.zeros(len(self.grip.position))
         for _ in range(2):  # positions and overlaps first, then the forces there, without slip
             trial = self.trial(coordinates, plate)
-            points = (motion, trial.overlap, trial.answer, none, none, 0, trial.rest, coordinates, trial.shift)
+            points = (motion, trial.overlap, trial.answer, none, none, 0, trial.residual, coordinates, trial.shift)
             self.now = Balance(plate, closing, *points)
 
     def _motion(self, coordinates: Array) -> Array:
         """Return translation [m] and rotation vector (6,) of the particle."""
         motion = np.zeros(6)
-        motion[self._kept] = coordinates[: len(self._kept)]
+        motion[self._freedoms] = coordinates[: len(self._freedoms)]
         motion[3:] /= self.grip.arm
-        if self.gone.any():
-            motion[3:] = after(self.gone, motion[3:])
+        if self.rotation_since_touch.any():
+            motion[3:] = after(self.rotation_since_touch, motion[3:])
         return motion
 
     def _commit(self, plate: Array, trial: Trial, free: int) -> None:
@@ -185,17 +185,19 @@ class QuasiStatic:
         slip = np.where(trial.overlap > 0.0, before + trial.answer.slip, 0.0)
         closing = float(trial.y[-1] if self.under_load else plate[0])
         closed = np.zeros(len(trial.overlap)) if self.now is None else self.now.overlap
-        hold = self.contacts.hold(closed, trial.overlap, trial.slip * trial.share[:, None], self.memory, trial.answer)
+        stiffness_ratio = self.contacts.stiffness_ratio(
+            closed, trial.overlap, trial.slip * trial.closed_fraction[:, None], self.memory, trial.answer
+        )
         self.memory = trial.answer.memory
         if self.now is not None:
             self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
-        points = (motion, trial.overlap, trial.answer, slip, hold, free, trial.rest, trial.y, trial.shift)
+        points = (motion, trial.overlap, trial.answer, slip, stiffness_ratio, free, trial.residual, trial.y, trial.shift)
         self.now = Balance(plate, closing, *points)
 
-    def _find(self, plate: Array) -> tuple[Trial, int] | None:
+    def _solve(self, plate: Array) -> tuple[Trial, int] | None:
         self._closest = float("inf")
         # smaller residual first: a sliding particle then stays where it is, although other equilibria exist
-        for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).rest):
+        for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).residual):
             result = self._newton(guess, plate)
             if result is not None:
                 free, vector = self._free(result, plate)
@@ -226,12 +228,12 @@ class QuasiStatic:
     def upright(self, plate: Array) -> Array:
         """Return the coordinates of the vertical equilibrium without rotation, by bisection."""
         y = np.zeros(self.rows.shape[2])
-        vertical, up = self._kept.index(2), self.grip.upper
+        vertical, up = self._freedoms.index(2), self.grip.upper
         size = float(self.contacts.radius.max() + self.grip.gap.max())
 
         def pressed(sink: float, closing: float) -> tuple[float, float]:
             overlap = np.where(up, closing - sink, sink) - self.grip.gap
-            normal = self.contacts.ask(overlap, np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
+            normal = self.contacts.evaluate(overlap, np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
             return float(normal[up].sum()), float(normal[~up].sum())
 
         if self.under_load:
@@ -257,11 +259,11 @@ class QuasiStatic:
         # a spot that closes within the step slips only during the rest of the step
         touched = (before < 0.0) & (overlap > 0.0)
         fraction = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
-        answer = self.contacts.ask(overlap, slip * fraction[:, None], self.memory)
+        answer = self.contacts.evaluate(overlap, slip * fraction[:, None], self.memory)
         force = np.einsum("nm,n->m", self.rows[1], answer.tangential[:, 0])
         force += np.einsum("nm,n->m", self.rows[2], answer.tangential[:, 1])
         force -= np.einsum("nm,n->m", self.rows[0], answer.normal)
-        force[self._kept.index(2)] -= grip.weight
+        force[self._freedoms.index(2)] -= grip.weight
         scale = float(answer.normal.sum()) + grip.weight
         if self.under_load:
             force[-1] += plate[0]
@@ -270,14 +272,16 @@ class QuasiStatic:
 
     def jacobian(self, trial: Trial) -> Array:
         """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
-        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self.memory)
+        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.closed_fraction[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
-        growth = np.where(trial.share < 1.0, -before / np.where(trial.share < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
+        growth = np.where(
+            trial.closed_fraction < 1.0, -before / np.where(trial.closed_fraction < 1.0, trial.overlap - before, 1.0) ** 2, 0.0
+        )
         d, x, y = self.rows
         own = trial.slip * growth[:, None]
-        t_x = (trial.share * k[1])[:, None] * x + (trial.share * k[2])[:, None] * y
+        t_x = (trial.closed_fraction * k[1])[:, None] * x + (trial.closed_fraction * k[2])[:, None] * y
         t_x += (k[5] + k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
-        t_y = (trial.share * k[3])[:, None] * x + (trial.share * k[4])[:, None] * y
+        t_y = (trial.closed_fraction * k[3])[:, None] * x + (trial.closed_fraction * k[4])[:, None] * y
         t_y += (k[6] + k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
         return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * d)
 
@@ -285,10 +289,10 @@ class QuasiStatic:
         """Run Newton's method with a line search, with damping where that fails; None without solution."""
         trial = self.trial(y, plate)
         for _ in range(NEWTON_STEPS):
-            if trial.rest <= CONVERGED:
+            if trial.residual <= CONVERGED:
                 # without any load the residual vanishes too, but the particle is not between the plates
                 return trial if trial.answer.normal.any() else None
-            self._closest = min(self._closest, trial.rest)
+            self._closest = min(self._closest, trial.residual)
             jacobian = self.jacobian(trial)
             if not jacobian.any() or not np.isfinite(jacobian).all():
                 return None
@@ -296,14 +300,14 @@ class QuasiStatic:
             for damping in () if better else (1e-6, 1e-4, 1e-2, 1.0):
                 size = damping * float(np.linalg.norm(jacobian, 2))
                 stack = np.vstack([jacobian, size * np.eye(len(y))])
-                pull = np.concatenate([-trial.force, np.zeros(len(y))])
-                better = self._search(trial, np.linalg.lstsq(stack, pull, rcond=None)[0], plate)
+                target = np.concatenate([-trial.force, np.zeros(len(y))])
+                better = self._search(trial, np.linalg.lstsq(stack, target, rcond=None)[0], plate)
                 if better:
                     break
             if better is None:
                 break
             trial = better
-        return trial if trial.rest <= ACCEPTED and trial.answer.normal.any() else None
+        return trial if trial.residual <= ACCEPTED and trial.answer.normal.any() else None
 
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         """Backtrack from the full step to the first point with a smaller residual."""
@@ -347,31 +351,31 @@ class QuasiStatic:
             return trial
         back = float(vector @ (trial.y - self.now.coordinates)) * vector
         best = self.trial(trial.y - back, plate)
-        if best.rest <= CONVERGED:
+        if best.residual <= CONVERGED:
             return best
         low, high, best = 0.0, 1.0, trial
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             tried = self.trial(trial.y - middle * back, plate)
-            if tried.rest <= CONVERGED:
+            if tried.residual <= CONVERGED:
                 low, best = middle, tried
             else:
                 high = middle
         return best
 
 
-def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
+def _rows(grip: Grip, freedoms: Sequence[int], under_load: bool) -> Array:
     """Return the derivatives (3, n, m) of overlap and displacements by the coordinates.
 
     Coordinates: translation, arm times rotation vector, and under load the closing.
     """
-    x, y, z = grip.place.T
+    x, y, z = grip.position.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     sign = np.where(grip.upper, 1.0, -1.0)
     overlap = sign * np.array([zero, zero, one, y / grip.arm, -x / grip.arm, zero])
     along_x = np.array([one, zero, zero, zero, z / grip.arm, -y / grip.arm])
     along_y = np.array([zero, one, zero, -z / grip.arm, zero, x / grip.arm])
-    rows = np.stack([overlap, along_x, along_y]).transpose(0, 2, 1)[:, :, list(kept)]
+    rows = np.stack([overlap, along_x, along_y]).transpose(0, 2, 1)[:, :, list(freedoms)]
     if not under_load:
         return np.ascontiguousarray(rows)
     closing = np.stack([np.where(grip.upper, 1.0, 0.0), zero, zero])[:, :, None]

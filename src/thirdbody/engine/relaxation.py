@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from thirdbody.engine.quasistatic import ACCEPTED, Grip, NoStaticState, QuasiStatic, Trial, after
 from thirdbody.engine.state import Array
 
-LARGEST_TURN = 0.5
+MAX_ROTATION = 0.5
 """Rotation [rad] beyond which a particle that still moves has tipped over."""
-SMALL_TURN = 0.01
+SMALL_ROTATION = 0.01
 """Rotation [rad] beyond which the particle has left the last equilibrium."""
 STEPS, NEWTON_STEPS, HALVINGS = 5000, 20, 6
 SOLVED = 1e-6
@@ -34,7 +34,7 @@ STRONGEST, WEAKEST = 1e6, 1e-12
 """Bounds of the resistance over the stiffness."""
 
 
-def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
+def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
     """Move a solver to an equilibrium near its last one where Newton's method fails: at the corners of laws of springs.
 
     Parameters
@@ -47,20 +47,20 @@ def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
     Returns
     -------
     bool
-        False, with `walk` unchanged, if the particle would have to rotate by more than `SMALL_TURN`.
+        False, with `solver` unchanged, if the particle would have to rotate by more than `SMALL_ROTATION`.
     """
-    if walk.now is None:
+    if solver.now is None:
         return False
-    last, memory = walk.now, walk.memory
-    near = _Relaxation(walk, np.asarray(plate, float), SMALL_TURN)
-    near.put(walk.now.coordinates, memory)
+    last, memory = solver.now, solver.memory
+    near = _Relaxation(solver, np.asarray(plate, float), SMALL_ROTATION)
+    near.put(solver.now.coordinates, memory)
     if near.comes_to_rest():
         return True
-    walk.now, walk.memory = last, memory
+    solver.now, solver.memory = last, memory
     return False
 
 
-def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
+def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     """Return a solver under load, in equilibrium where the particle comes to rest.
 
     Parameters
@@ -79,17 +79,19 @@ def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     NoStaticState
         It tips over.
     """
-    moving = _Turning(walk, np.asarray(plate, float))
+    moving = _TippingRelaxation(solver, np.asarray(plate, float))
     if moving.comes_to_rest():
         return moving.solver
     assert moving.solver.now is not None
-    rest = moving.solver.now.rest
+    residual = moving.solver.now.residual
     if moving.exhausted:
-        raise NoStaticState(f"the search ended after a turn of {moving.turn:.2g} rad", moving.plate, rest, undecided=True)
-    raise NoStaticState(f"it turns by {LARGEST_TURN} rad and finds no balance on the way", moving.plate, rest)
+        raise NoStaticState(
+            f"the search ended after a rotation of {moving.rotation:.2g} rad", moving.plate, residual, undecided=True
+        )
+    raise NoStaticState(f"it rotates by {MAX_ROTATION} rad and reaches no equilibrium", moving.plate, residual)
 
 
-def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
+def from_first_touch(seated: QuasiStatic, solver: QuasiStatic) -> QuasiStatic:
     """Return a solver with motion measured from first touch in another posture.
 
     Parameters
@@ -109,14 +111,14 @@ def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
     y[: seated.vertical] = 0.0
     y[seated.vertical] += below
     y[-1] -= above + below
-    result = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
-    result.turned = after(walk.turned, seated.gone)
-    plate = seated.now.plate if walk.under_load else np.array([y[-1], 0.0, 0.0])
-    result.adopt(y if walk.under_load else y[:-1], plate, seated.memory)
+    result = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), solver.contacts, solver.under_load)
+    result.seat_rotation = after(solver.seat_rotation, seated.rotation_since_touch)
+    plate = seated.now.plate if solver.under_load else np.array([y[-1], 0.0, 0.0])
+    result.adopt(y if solver.under_load else y[:-1], plate, seated.memory)
     return result
 
 
-def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
+def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
     """Return a solver at the last equilibrium of another, linearised at that orientation.
 
     Parameters
@@ -124,27 +126,27 @@ def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiSt
     walk : QuasiStatic
         The solver.
     minimum : float
-        Deviation of the circular paths of the spots from straight lines, in overlaps, below which `walk` itself is returned.
+        Deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is returned.
 
     Returns
     -------
     QuasiStatic
     """
-    assert walk.now is not None
-    rotation_vector = walk.now.coordinates[walk.rotations]
-    if float(rotation_vector @ rotation_vector) / walk.grip.arm <= minimum * float(walk.now.overlap.max()):
-        return walk
-    rotation, coordinates = np.zeros(3), walk.now.coordinates.copy()
-    rotation[walk.axes] = rotation_vector / walk.grip.arm
-    coordinates[walk.rotations] = 0.0
-    place = _rotated_spots(walk.grip, walk.contacts.radius, rotation)
-    rise = place[:, 2] - walk.grip.place[:, 2]
-    gap = walk.grip.gap + np.where(walk.grip.upper, -rise, rise)
-    result = QuasiStatic(replace(walk.grip, place=place, gap=gap), walk.contacts, walk.under_load)
-    result.turned, result.gone = walk.turned, after(walk.gone, rotation)
-    result.adopt(coordinates, walk.now.plate, walk.memory)
+    assert solver.now is not None
+    rotation_vector = solver.now.coordinates[solver.rotations]
+    if float(rotation_vector @ rotation_vector) / solver.grip.arm <= minimum * float(solver.now.overlap.max()):
+        return solver
+    rotation, coordinates = np.zeros(3), solver.now.coordinates.copy()
+    rotation[solver.axes] = rotation_vector / solver.grip.arm
+    coordinates[solver.rotations] = 0.0
+    position = _rotated_spots(solver.grip, solver.contacts.radius, rotation)
+    lift = position[:, 2] - solver.grip.position[:, 2]
+    gap = solver.grip.gap + np.where(solver.grip.upper, -lift, lift)
+    result = QuasiStatic(replace(solver.grip, position=position, gap=gap), solver.contacts, solver.under_load)
+    result.seat_rotation, result.rotation_since_touch = solver.seat_rotation, after(solver.rotation_since_touch, rotation)
+    result.adopt(coordinates, solver.now.plate, solver.memory)
     assert result.now is not None
-    result.now = replace(result.now, slip=walk.now.slip)
+    result.now = replace(result.now, slip=solver.now.slip)
     return result
 
 
@@ -153,7 +155,7 @@ class _Relaxation:
 
     def __init__(self, solver: QuasiStatic, plate: Array, farthest: float) -> None:
         self.solver, self.plate, self.farthest = solver, plate, farthest
-        self.turn = 0.0  # rotation since the start [rad]
+        self.rotation = 0.0  # rotation since the start [rad]
         self.exhausted = False  # whether the search ended undecided
         # change of the coordinates in the last step times its resistance: the prediction for the next step
         self.push = np.zeros(solver.rows.shape[2])
@@ -179,11 +181,11 @@ class _Relaxation:
                 continue
             self.push = resistance * (result.y - self.solver.now.coordinates)
             self.accept(result)
-            if result.rest <= ACCEPTED:
+            if result.residual <= ACCEPTED:
                 return True
-            if self.turn > self.farthest:
+            if self.rotation > self.farthest:
                 return False
-            resistance = max(resistance / FASTER, self._least_resistance(result), WEAKEST * stiff)
+            resistance = max(resistance / FASTER, self._min_resistance(result), WEAKEST * stiff)
         self.exhausted = True
         return False
 
@@ -191,7 +193,7 @@ class _Relaxation:
         """Accept a step: its end is the start of the next one."""
         assert self.solver.now is not None
         part = self.solver.rotations
-        self.turn += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
+        self.rotation += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
         slip = np.where(trial.overlap > 0.0, self.solver.now.slip + trial.answer.slip, 0.0)
         self.put(trial.y, trial.answer.memory)
         self.solver.now = replace(self.solver.now, slip=slip)
@@ -207,7 +209,7 @@ class _Relaxation:
         trial = min(guesses, key=lambda guess: float(np.linalg.norm(guess.force - resistance * (guess.y - start))))
         for _ in range(NEWTON_STEPS):
             force = trial.force - resistance * (trial.y - start)
-            if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.rest) * trial.scale or trial.rest <= ACCEPTED:
+            if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.residual) * trial.scale or trial.residual <= ACCEPTED:
                 bent = float(np.sum((trial.y[solver.rotations] - start[solver.rotations]) ** 2)) / solver.grip.arm
                 return trial if bent <= BENT * float(trial.overlap.max()) else None
             jacobian = solver.jacobian(trial) - resistance * np.eye(len(start))
@@ -218,7 +220,7 @@ class _Relaxation:
             trial = better
         return None
 
-    def _least_resistance(self, last: Trial) -> float:
+    def _min_resistance(self, last: Trial) -> float:
         """Return the resistance at which the predicted rotation of the next step is within linear kinematics."""
         allowed = CAUTION * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) * self.solver.grip.arm)
         return float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
@@ -235,32 +237,32 @@ class _Relaxation:
         return None
 
 
-class _Turning(_Relaxation):
+class _TippingRelaxation(_Relaxation):
     """Relaxation under load with finite rotations."""
 
-    def __init__(self, walk: QuasiStatic, plate: Array) -> None:
-        solver = QuasiStatic(walk.grip, walk.contacts, True)
-        solver.turned, solver.gone = walk.turned, walk.gone
-        super().__init__(solver, plate, LARGEST_TURN)
-        self.start = walk.gone
+    def __init__(self, origin: QuasiStatic, plate: Array) -> None:
+        solver = QuasiStatic(origin.grip, origin.contacts, True)
+        solver.seat_rotation, solver.rotation_since_touch = origin.seat_rotation, origin.rotation_since_touch
+        super().__init__(solver, plate, MAX_ROTATION)
+        self.start = origin.rotation_since_touch
         start = solver.upright(plate)
-        if walk.now is not None:
-            start = walk.now.coordinates if walk.under_load else np.append(walk.now.coordinates, walk.now.closing)
-        self.put(start, walk.memory)
-        if walk.now is not None and solver.now is not None:
-            solver.now = replace(solver.now, slip=walk.now.slip)
+        if origin.now is not None:
+            start = origin.now.coordinates if origin.under_load else np.append(origin.now.coordinates, origin.now.closing)
+        self.put(start, origin.memory)
+        if origin.now is not None and solver.now is not None:
+            solver.now = replace(solver.now, slip=origin.now.slip)
 
     def accept(self, trial: Trial) -> None:
         """Accept a step, and linearise at the orientation at its end."""
         super().accept(trial)
         self.solver = in_present_posture(self.solver, 0.0)
-        self.turn = float(np.linalg.norm(after(-self.start, self.solver.gone)))
+        self.rotation = float(np.linalg.norm(after(-self.start, self.solver.rotation_since_touch)))
 
 
 def _rotated_spots(grip: Grip, radius: Array, rotation: Array) -> Array:
     """Return the spots (n, 3) [m] of a particle after a rotation: summits of spheres that rotate with it."""
     from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
-    summit = np.zeros_like(grip.place)
+    summit = np.zeros_like(grip.position)
     summit[:, 2] = np.where(grip.upper, radius, -radius)
-    return Rotation.from_rotvec(rotation).apply(grip.place - summit) + summit
+    return Rotation.from_rotvec(rotation).apply(grip.position - summit) + summit

@@ -39,7 +39,7 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
-    saved, notes = integrator.keep()
+    saved, notes = integrator.export_state()
     arrays |= {f"integrator_{name}": array for name, array in saved.items()}
     return Snapshot(arrays, {
         "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
@@ -47,16 +47,16 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     })  # fmt: skip
 
 
-def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
+def restore(captured: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
     """Restore a snapshot into a new run. Raises ValueError, with the run unchanged, on mismatch."""
-    own, fixed, notes = integrator.keep()[0], _fixed(state), kept.notes
-    check(kept.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
-    slots = _slots(kept, state)
+    own, fixed, notes = integrator.export_state()[0], _fixed(state), captured.notes
+    check(captured.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
+    slots = _slots(captured, state)
     state.dt, state.searches = float(notes["dt"]), int(notes["searches"])
     for name, array in fixed.items():
-        array[:] = kept.arrays[name]
+        array[:] = captured.arrays[name]
     state.slots = slots
-    integrator.restore({name: kept.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
+    integrator.restore({name: captured.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
     ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
 
 
@@ -75,12 +75,12 @@ def _fixed(state: State) -> dict[str, Array]:
     return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B}
 
 
-def _slots(kept: Snapshot, state: State) -> Candidates:
+def _slots(captured: Snapshot, state: State) -> Candidates:
     """Return the candidates of a snapshot; index tables that follow from the pairs are computed again."""
-    own, partner, H, R = (kept.arrays[f"slots_{name}"] for name in SLOTS)
+    own, partner, H, R = (captured.arrays[f"slots_{name}"] for name in SLOTS)
     empty = {f"slots_{name}": getattr(state.slots, name)[:0] for name in SLOTS}
     wanted = {name: np.empty((len(own), *rows.shape[1:]), rows.dtype) for name, rows in empty.items()}
     if not len(R):  # not needed, so not stored
         R = np.zeros_like(wanted["slots_R"])
-    check(kept.arrays | {"slots_R": R}, wanted)
-    return slots_of(state, own, partner, int(kept.notes["plates"]), H, R)
+    check(captured.arrays | {"slots_R": R}, wanted)
+    return slots_of(state, own, partner, int(captured.notes["plates"]), H, R)

@@ -26,11 +26,11 @@ def in_columns(positions: Array, diameter: float) -> Ints:
     if len(positions) <= FEWEST:
         return np.arange(len(positions))
     cells = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / (WIDTH * diameter)).astype(np.int64)
-    curve = _spread(cells[:, 0]) | _spread(cells[:, 1]) << 1
+    curve = _interleave_zeros(cells[:, 0]) | _interleave_zeros(cells[:, 1]) << 1
     return np.lexsort((positions[:, 2], curve))
 
 
-def _spread(numbers: Ints) -> Ints:
+def _interleave_zeros(numbers: Ints) -> Ints:
     """Move bit k of numbers below 2^31 to bit 2 k."""
     numbers = np.minimum(numbers, 2**31 - 1)
     for shift, mask in ((16, 0x0000FFFF0000FFFF), (8, 0x00FF00FF00FF00FF), (4, 0x0F0F0F0F0F0F0F0F), (2, 0x3333333333333333),

@@ -36,7 +36,7 @@ Numbers = NDArray[np.int32]
 """Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
 
 
-class _Taken(Sequence[Clump]):
+class _Reordered(Sequence[Clump]):
     """Lazy view of clumps in another order; the clumps may be generated on access."""
 
     def __init__(self, clumps: Sequence[Clump], order: Ints) -> None:
@@ -62,12 +62,12 @@ class Placed:
     velocities: Array
     angular_velocities: Array
 
-    def taken(self, order: Ints) -> Placed:
+    def reordered(self, order: Ints) -> Placed:
         """Return the same bodies in another order."""
         if np.array_equal(order, np.arange(len(order))):
             return self
         return Placed(
-            _Taken(self.clumps, order), self.densities[order], self.materials[order], self.populations[order],
+            _Reordered(self.clumps, order), self.densities[order], self.materials[order], self.populations[order],
             self.positions[order], self.quaternions[order], self.velocities[order], self.angular_velocities[order],
         )  # fmt: skip
 
@@ -94,14 +94,14 @@ class Physics:
     """Compiled laws and effects with their parameters.
 
     `kinds[a, b]`: row of `pairs` for two materials, -1 if none. `rolling`: which relative rotations contacts need
-    (`kernels.rolling_kinematics`). `remembered_forces`, `stored`, `dashpots`: see `Chain`.
+    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`: see `Chain`.
     """
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
     rolling: int
-    remembered_forces: tuple[int, int]
+    force_columns: tuple[int, int]
     stored: int
     dashpots: int
     pairs: Array
@@ -136,7 +136,8 @@ class Candidates:
     `closed` (n,): 1: in contact; 2: in contact one step ago.
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
     `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): row of F for the force on the partner's body, whose number is in `guests`; -1: both bodies are in one group.
+    `outer` (n,): row of F for the force on the partner's body, whose number is in `remote_body`; -1: both bodies are in one
+    group.
     `cuts` (3, chunks + 1): see `kernels.rigid_body`.
     `lowest` (groups,): first group whose contacts act on bodies of the group.
     `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
@@ -151,7 +152,7 @@ class Candidates:
     incidence: Numbers
     near: Numbers
     beginning: Numbers
-    guests: Numbers
+    remote_body: Numbers
     cuts: Numbers
     lowest: Numbers
     needs: Numbers
@@ -176,7 +177,7 @@ class Candidates:
         return Rows((self.R, record.table))
 
     @property
-    def most(self) -> int:
+    def max_per_body(self) -> int:
         """Largest number of candidates of one body."""
         return int(np.diff(self.edges).max(initial=0))
 

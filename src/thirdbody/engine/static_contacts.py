@@ -66,7 +66,7 @@ class Contacts:
         """Return the history (n, width) of virgin contacts."""
         return np.zeros((len(self.radius), len(self.chain.history)))
 
-    def ask(self, overlap: Array, slip: Array, memory: Array) -> Answer:
+    def evaluate(self, overlap: Array, slip: Array, memory: Array) -> Answer:
         """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""
         count = law_output.HISTORY + len(self.chain.history)
         out = self._call(self.chain.law, count, overlap, slip, memory)
@@ -80,14 +80,14 @@ class Contacts:
         """Return (7, n) [N/m]: dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; 0 for open contacts."""
         return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
-    def hold(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
+    def stiffness_ratio(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
         """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides.
 
         It is relative to a contact that never slipped. Both are for a step from the overlap `before`: the annulus that closes
         within the step sees only a part of the slip.
         """
         still = np.zeros_like(slip)
-        unslipped = self.ask(np.maximum(before, 0.0), still, self.virgin()).memory
+        unslipped = self.evaluate(np.maximum(before, 0.0), still, self.virgin()).memory
         now, whole = self.stiffness(overlap, slip, memory), self.stiffness(overlap, still, unslipped)
         size = np.hypot(*answer.tangential.T)
         along = np.where(size > 0.0, answer.tangential.T / np.where(size > 0.0, size, 1.0), np.sqrt(0.5))

@@ -16,7 +16,7 @@ STEP = 1.0
 class StaticLabels:
     """Labels of one particle along its path.
 
-    Call `see` for the pressed state, then for each equilibrium of the drag. `heading`: unit vector of the drag.
+    Call `update` for the pressed state, then for each equilibrium of the drag. `heading`: unit vector of the drag.
     """
 
     def __init__(self, labeller: Labeller, grip: Grip, radius: Array, heading: tuple[float, float]) -> None:
@@ -26,7 +26,7 @@ class StaticLabels:
         self.last: Balance | None = None
         self._observe, self._label = compose_labeller(labeller, effects=False)
 
-    def see(self, point: Balance, grip: Grip) -> dict[str, float]:
+    def update(self, point: Balance, grip: Grip) -> dict[str, float]:
         """Return the labels of the next equilibrium, by name: `state`, `reason`, margins, extras."""
         self.grip = grip
         loaded = np.flatnonzero(point.overlap > 0.0)
@@ -45,7 +45,7 @@ class StaticLabels:
         rows = np.zeros((len(loaded), loaded_contact.MEMORY + self.contact_memory.shape[1]))
         up, answer = self.grip.upper[loaded], point.answer
         rows[:, loaded_contact.PARTNER] = np.where(up, UPPER, LOWER)
-        rows[:, loaded_contact.POINT3] = self.grip.place[loaded]
+        rows[:, loaded_contact.POINT3] = self.grip.position[loaded]
         rows[:, loaded_contact.NORMAL + 2] = np.where(up, -1.0, 1.0)
         rows[:, loaded_contact.CURVATURE], rows[:, loaded_contact.OVERLAP] = self.radius[loaded], point.overlap[loaded]
         rows[:, loaded_contact.CONTACT_RADIUS] = answer.contact_radius[loaded]
@@ -88,5 +88,5 @@ class StaticLabels:
         """Return the residual force (3,) [N] and moment (3,) [N m] about the centre of mass."""
         normal = np.where(self.grip.upper, -1.0, 1.0) * point.answer.normal
         forces = np.column_stack([point.answer.tangential, normal])
-        moment = np.cross(self.grip.place, forces).sum(axis=0)
+        moment = np.cross(self.grip.position, forces).sum(axis=0)
         return forces.sum(axis=0) - [0.0, 0.0, self.grip.weight], moment

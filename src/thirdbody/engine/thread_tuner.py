@@ -12,7 +12,7 @@ import time
 STARVED = 0.6
 """CPU time of all threads over wall time below which they mostly wait for a core; two threads on two cores reach 1.5 or more."""
 
-LEAST = 0.02
+MIN_MEASUREMENT = 0.02
 """Shortest wall time [s] of a measurement."""
 
 SHORT = 1e-3
@@ -23,7 +23,7 @@ PAUSE, LONGEST = 0.5, 8.0
 again after the longest, too."""
 
 
-class Pace:
+class ThreadTuner:
     """Chooses the number of threads of the step loop from the timings of its calls."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Pace:
         if threads != self.used:
             self.used, self.steps, self.wall, self.busy = threads, 0, 0.0, 0.0
         self.steps, self.wall, self.busy = self.steps + steps, self.wall + wall, self.busy + busy
-        if self.wall < LEAST:
+        if self.wall < MIN_MEASUREMENT:
             return
         step, starved = self.wall / max(self.steps, 1), self.busy < STARVED * self.wall
         self.steps, self.wall, self.busy = 0, 0.0, 0.0
@@ -51,7 +51,7 @@ class Pace:
         else:
             self.pause = PAUSE
             if step < SHORT and now - self.tried > LONGEST:
-                self.until = now + LEAST
+                self.until = now + MIN_MEASUREMENT
 
 
 def clocks() -> tuple[float, float]:

@@ -43,15 +43,15 @@ def rayleigh_time(radius: float, material: Material) -> float:
     return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
-def bound(state: State, materials: list[Material], steps: int, deepest: float) -> Bound:
-    """Return the bound of the time step for the next `steps` steps, for overlaps up to `deepest` radii."""
+def bound(state: State, materials: list[Material], steps: int, max_overlap: float) -> Bound:
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii."""
     times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
     best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
     if state.physics.stiffness is None:
         return best
-    numbers, bodies, patches = _found(state, steps * (state.dt or best.step), deepest)
+    numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap)
     of_bodies, of_patches = _steps(bodies), _steps(patches)
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
     limit = float(min(bodies[:, 3].min(), patches[:, 3].min()))
@@ -66,7 +66,7 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
     return Bound(step, mechanism, int(state.order[numbers[body]]), limit, rayleigh)
 
 
-def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
+def _contact_bounds(state: State, horizon: float, max_overlap: float) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = state.slots, state.physics
     context = critical_time_step.Assembly(
@@ -75,7 +75,7 @@ def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, A
     )  # fmt: skip
     bounds = critical_time_step.empty_bounds(state.n_bodies, len(state.P))
     scratch = critical_time_step.make_scratch(state.n_bodies, slots.count)
-    ahead = critical_time_step.Horizon(horizon, deepest)
+    ahead = critical_time_step.Horizon(horizon, max_overlap)
     result = critical_time_step.shortest_steps(context, ahead, physics.stiffness_at, bounds, scratch)
     return bounds.number[:result], bounds.bodies[:result], bounds.patches
 

@@ -80,7 +80,7 @@ class Schedule:
         speed = math.hypot(v_x, v_y)
         return v_x / speed, v_y / speed
 
-    def place(self, t: float) -> tuple[float, float]:
+    def displacement_at(self, t: float) -> tuple[float, float]:
         """Return the lateral displacement (x, y) [m] at time t [s]."""
         return at_time(self.x, t), at_time(self.y, t)
 
@@ -92,7 +92,7 @@ class Schedule:
         """Return the largest load over the initial one between two times [s]; 1 if the load does not change."""
         if not self.load:
             return 1.0
-        first = max(_held(self.load, start), 0)
+        first = max(_segment_index(self.load, start), 0)
         largest = at_time(self.load, start)
         for s, after in zip_longest(self.load[first:], self.load[first + 1 :]):
             if s.start > end:
@@ -168,17 +168,17 @@ class Schedule:
         chord = self._chord(begin) if begin < until else 0.0
         while begin < until:
             after = min(begin + chord, until)
-            yield begin, after, math.dist(self.place(begin), self.place(after))
+            yield begin, after, math.dist(self.displacement_at(begin), self.displacement_at(after))
             begin = after
 
     def _chord(self, t: float) -> float:
         """Return the duration [s] of a chord: a thousandth of the period, or of the rest of a ramp."""
         periods = []
         for axis in (self.x, self.y):
-            held = [s for s in axis if s.start <= t]
+            begun = [s for s in axis if s.start <= t]
             after = [s.start for s in axis if s.start > t]
-            if held and _period(held[-1]) > 0.0:
-                periods.append(_period(held[-1]))
+            if begun and _period(begun[-1]) > 0.0:
+                periods.append(_period(begun[-1]))
             elif after:
                 periods.append(after[0] - t)
         return 1e-3 * min(periods)
@@ -193,15 +193,15 @@ def _period(segment: Segment) -> float:
 
 def _constant_rate(axis: Axis, t: float) -> float | None:
     """Return the rate of an axis from t to its next segment if it is constant, otherwise None."""
-    held = [s for s in axis if s.start <= t]
-    if not held:
+    begun = [s for s in axis if s.start <= t]
+    if not begun:
         return 0.0
-    return held[-1].b if held[-1].kind == motion.POLYNOMIAL and held[-1].c == 0.0 else None
+    return begun[-1].b if begun[-1].kind == motion.POLYNOMIAL and begun[-1].c == 0.0 else None
 
 
 def at_time(axis: Axis, t: float) -> float:
     """Return the value of an axis at time t [s]; zero before its first segment."""
-    row = _held(axis, t)
+    row = _segment_index(axis, t)
     return axis[row].value(t) if row >= 0 else 0.0
 
 
@@ -222,11 +222,11 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
 
 def value_before(axis: Axis, t: float, end: float) -> float:
     """Return the value at `end` [s] of the segment valid at t: the value before a jump at `end`."""
-    row = _held(axis, t)
+    row = _segment_index(axis, t)
     return axis[row].value(end) if row >= 0 else 0.0
 
 
-def _held(axis: Axis, t: float) -> int:
+def _segment_index(axis: Axis, t: float) -> int:
     """Return the index of the segment valid at time t [s], -1 before the first."""
     return bisect_right(axis, t, key=lambda segment: segment.start) - 1
 

@@ -24,7 +24,7 @@ from thirdbody.jit.gc_pause import paused
 VARIABLE = "THIRDBODY_CACHE"
 """The environment variable that names the parent of the cache folders; its content is trusted."""
 
-KEPT = 4
+MAX_VERSIONS = 4
 """Number of folders of earlier versions to keep, so that switching between two checkouts does not recompile each time."""
 
 TAG = "CACHEDIR.TAG"
@@ -35,17 +35,17 @@ TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache
 note = ""
 """Message for the user about the folder, shown when code is compiled into it."""
 
-_place: Path | None = None
+_cached_folder: Path | None = None
 _folder: Path | None = None
 
 
-def place() -> Path:
+def cache_folder() -> Path:
     """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent. Imports nothing heavy.
 
     Raises OutputError if it cannot be created, or if another user could have written its content.
     """
-    global _place
-    if _place is None:
+    global _cached_folder
+    if _cached_folder is None:
         parent = _parent()
         path = parent / _fingerprint(version("numba"))
         try:
@@ -55,15 +55,15 @@ def place() -> Path:
                 _prune(parent)
         except OSError as error:
             raise cannot_write(path, error) from error
-        _place = path
-    return _place
+        _cached_folder = path
+    return _cached_folder
 
 
 def folder() -> Path:
-    """Return the cache folder, set as numba's. Raises OutputError as `place` does."""
+    """Return the cache folder, set as numba's. Raises OutputError as `cache_folder` does."""
     global _folder
     if _folder is None:
-        result = place()
+        result = cache_folder()
         # waiting OpenMP threads would spin: on shared cores a step took 12 ms instead of 0.5 ms
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         with paused("numba"):
@@ -127,18 +127,18 @@ def _temporary() -> Path:
         except FileExistsError:
             status = path.lstat()
             if not stat.S_ISDIR(status.st_mode) or _foreign(status) or (os.name != "nt" and status.st_mode & 0o077):
-                return _fresh(path)
+                return _private_folder(path)
         return path
     except OSError as error:
         raise cannot_write(Path(error.filename or "temporary files"), error) from error
 
 
-def _fresh(taken: Path) -> Path:
+def _private_folder(refused: Path) -> Path:
     """Return a new private folder; child processes share it, and it is deleted when this process ends."""
     global note
     path, owner = tempfile.mkdtemp(prefix="thirdbody-"), os.getpid()
     os.environ[VARIABLE] = path
-    note = f"{taken} is no private folder of this user: compiled code is kept until this process ends"
+    note = f"{refused} is no private folder of this user: compiled code is kept until this process ends"
 
     def remove() -> None:
         if os.getpid() == owner:  # not in a fork
@@ -218,7 +218,7 @@ def _prune(parent: Path) -> None:
     """Delete all folders with our mark but those used last. One deleted meanwhile by another process is no error."""
     named = [path for path in parent.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)]
     ours = [(_last_used(path), path) for path in named if not path.is_symlink() and _is_ours(path)]
-    for _, path in sorted(ours, reverse=True)[KEPT:]:
+    for _, path in sorted(ours, reverse=True)[MAX_VERSIONS:]:
         shutil.rmtree(path, ignore_errors=True)
 
 

@@ -24,7 +24,7 @@ def function_at(signature: Any) -> Callable[[int], Any]:
     make_intrinsic: Any = intrinsic
 
     @make_intrinsic
-    def function(typing: Any, place: Any) -> Any:
+    def function(typing: Any, address: Any) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             built = cgutils.create_struct_proxy(kind)(context, builder)
             built.c_addr = built.jit_addr = builder.inttoptr(args[0], cgutils.voidptr_t)

@@ -8,7 +8,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_kept: set[str] = set()
+_frozen: set[str] = set()
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def paused(what: str) -> Iterator[None]:
     try:
         yield
     finally:
-        if what not in _kept:
-            _kept.add(what)
+        if what not in _frozen:
+            _frozen.add(what)
             gc.freeze()
         gc.enable()

@@ -62,7 +62,7 @@ def _prune(function: Any) -> None:
         block.instructions[:] = [one for one in block.instructions if id(one) not in dropped]
 
 
-def _places(index: Any) -> tuple[Any, ...] | None:
+def _positions(index: Any) -> tuple[Any, ...] | None:
     """Return the types of the indices if all are integers, so that they address one number; else None."""
     kinds = tuple(index) if isinstance(index, types.UniTuple | types.Tuple) else (index,)
     return kinds if all(isinstance(kind, types.Integer) for kind in kinds) else None
@@ -82,7 +82,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
 
     def _pointer(self, table: Any, table_type: Any, index: Any, index_type: Any) -> Any:
         """Return the pointer to one number of a contiguous table; None if the index addresses anything else."""
-        kinds = _places(index_type)
+        kinds = _positions(index_type)
         if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, PLAIN)):
             return None
         if kinds is None or len(kinds) != table_type.ndim or self.context.enable_boundscheck:
@@ -91,16 +91,16 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         shape = b.extract_value(table, fields.get_field_position("shape"))
         at = None
         for k, kind in enumerate(kinds):
-            place = b.extract_value(index, k) if isinstance(index_type, types.BaseTuple) else index
-            place = self.context.cast(b, place, kind, types.intp)
+            position = b.extract_value(index, k) if isinstance(index_type, types.BaseTuple) else index
+            position = self.context.cast(b, position, kind, types.intp)
             length = None
-            if not (isinstance(place, llvm.Constant) and place.constant >= 0) and kind.signed:
+            if not (isinstance(position, llvm.Constant) and position.constant >= 0) and kind.signed:
                 length = b.extract_value(shape, k)
-                place = b.select(b.icmp_signed("<", place, place.type(0)), b.add(place, length), place)
+                position = b.select(b.icmp_signed("<", position, position.type(0)), b.add(position, length), position)
             if at is not None:
-                at = b.add(b.mul(at, b.extract_value(shape, k) if length is None else length), place)
+                at = b.add(b.mul(at, b.extract_value(shape, k) if length is None else length), position)
             else:
-                at = place
+                at = position
         return b.gep(b.extract_value(table, fields.get_field_position("data")), [at])
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:

@@ -30,22 +30,25 @@ TYPED = ("NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "Annota
 PLAIN = {operator.add, operator.sub, operator.mul, operator.truediv, operator.lt, operator.le, operator.gt, operator.ge}
 """Operators to which a literal number is like any other of its type."""
 
-_ask = types.BaseFunction.get_call_type
+_original_call_type = types.BaseFunction.get_call_type
 _answers: dict[Any, tuple[Any, Any]] = {}
 
 
 def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """Return the cached result of `BaseFunction.get_call_type`. All integers that index a table share an entry."""
     if kws or not args:
-        return _ask(self, context, args, kws)
+        return _original_call_type(self, context, args, kws)
     if plain_extreme(self, args) and isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
         return signature(types.float64, *args)
     alike = isinstance(args[0], types.Array) or self.typing_key in PLAIN and all(isinstance(a, types.Number) for a in args)
-    seen = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
-    key = id(self), id(context), seen, targetconfig.ConfigStack.top_or_none()
+    unliteral = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
+    key = id(self), id(context), unliteral, targetconfig.ConfigStack.top_or_none()
     result = _answers.get(key)
     if result is None:
-        result = _answers[key] = (_ask(self, context, args, kws), self)  # keep `self` alive, or another object could get its id
+        result = _answers[key] = (
+            _original_call_type(self, context, args, kws),
+            self,
+        )  # keep `self` alive, or another object could get its id
     return result[0]
 
 
@@ -158,7 +161,7 @@ class Whole(Own):
         return _whole(self.state)
 
 
-class Taken(Inner):
+class KernelOnly(Inner):
     """The same for those that only kernels call."""
 
     def define_pipelines(self) -> list[Any]:
@@ -170,18 +173,18 @@ def _trust_scipy() -> None:
     repeats it."""
     from numba.np import linalg
 
-    look = linalg.ensure_blas
+    original = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
-        linalg.ensure_blas = look
+        linalg.ensure_blas = original
 
 
 if numba.__version__.startswith(TESTED):
     _trust_scipy()
 
 
-def way(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
+def pipeline_options(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
     """Return the options that select this pipeline, if this version of numba is a tested one."""
     return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}

@@ -3,12 +3,12 @@
 from typing import Any
 
 import thirdbody.jit.numba_setup  # noqa: F401
-from thirdbody.jit.numba_pipeline import Inner, Own, Taken, Whole, way
+from thirdbody.jit.numba_pipeline import Inner, KernelOnly, Own, Whole, pipeline_options
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Own)
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Own)
 """Kernels that Python calls and that may be passed as pointers."""
 
-OTHERS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Whole)
+OTHERS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Whole)
 """Functions of laws and plug-ins that Python calls."""
 
 DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
@@ -17,10 +17,12 @@ DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
 POINTED: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
 """Kernels that are only passed as pointers: they need no wrapper for Python."""
 
-HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True} | way(Taken)
+HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True} | pipeline_options(
+    KernelOnly
+)
 """Functions of laws and plug-ins that only kernels call."""
 
-CHUNK: dict[str, Any] = HELPER | way(Inner)
+CHUNK: dict[str, Any] = HELPER | pipeline_options(Inner)
 """Kernels called once per chunk, by kernels only: without the wrappers the engine compiles in half the time."""
 
 CHUNK_OF_THREADS: dict[str, Any] = HELPER | {"parallel": True}

@@ -73,10 +73,10 @@ def make_unpacker(kinds: Kinds, names: type) -> Any:
     def function(typing: Any, rows: Any) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             first = builder.extract_value(args[0], context.data_model_manager[sig.args[0]].get_field_position("data"))
-            parts, place = [], 0
+            parts, offset = [], 0
             for kind in kinds.values():
-                numbers = [builder.load(builder.gep(first, [_LONG(place + k)])) for k in range(_word_count(kind))]
-                place += len(numbers)
+                numbers = [builder.load(builder.gep(first, [_LONG(offset + k)])) for k in range(_word_count(kind))]
+                offset += len(numbers)
                 parts.append(_table(context, builder, kind, *numbers) if len(numbers) > 1 else numbers[0])
             return context.make_tuple(builder, whole, parts)
 

@@ -26,7 +26,7 @@ _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _SPLIT = ir.IntType(32)
 _BITS = ir.VectorType(ir.IntType(64), LANES)
 _SHORTS = ir.VectorType(_SPLIT, LANES)
-_PLACES = [_SHORTS([*(q for q in range(LANES) if bits >> q & 1), *[0] * (LANES - bits.bit_count())]) for bits in range(16)]
+_POSITIONS = [_SHORTS([*(q for q in range(LANES) if bits >> q & 1), *[0] * (LANES - bits.bit_count())]) for bits in range(16)]
 
 
 _intrinsic: Any = intrinsic  # its annotations count the typing context as an argument
@@ -74,7 +74,7 @@ def _four_times(builder: Any, x: Any) -> Any:
     return _shuffle(builder, one, one, [0] * LANES)
 
 
-def _place(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
+def _pointer_to(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
     """Return the pointer to four numbers of a table, which need not be aligned."""
     return builder.bitcast(_number(context, builder, kind, table, index), _VECTOR.as_pointer())
 
@@ -88,7 +88,7 @@ def _number(context: Any, builder: Any, kind: Any, table: Any, index: list[Any])
     return builder.gep(builder.extract_value(table, fields.get_field_position("data")), [at])
 
 
-def _lane(kind: Any) -> int:
+def _lane_number(kind: Any) -> int:
     if not isinstance(kind, types.IntegerLiteral) or not 0 <= kind.literal_value < LANES:
         raise errors.TypingError("a lane is a literal from 0 to 3")
     return int(kind.literal_value)
@@ -103,8 +103,8 @@ def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
     """Load four numbers of row i of the table A from column c on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
-        return builder.load(place, align=8)
+        pointer = _pointer_to(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
+        return builder.load(pointer, align=8)
 
     return four(A, i, c), make
 
@@ -114,8 +114,8 @@ def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
     """Store v into row i of the table A from column c on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
-        builder.store(args[3], place, align=8)
+        pointer = _pointer_to(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
+        builder.store(args[3], pointer, align=8)
         return context.get_dummy_value()
 
     return types.void(A, i, c, v), make
@@ -126,8 +126,8 @@ def get(typing: Any, G: Any, at: Any) -> Any:
     """Load four numbers of a 1-D array from `at` on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
-        return builder.load(place, align=8)
+        pointer = _pointer_to(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        return builder.load(pointer, align=8)
 
     return four(G, at), make
 
@@ -137,8 +137,8 @@ def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
     """Store v into a 1-D array from `at` on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
-        builder.store(args[2], place, align=8)
+        pointer = _pointer_to(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        builder.store(args[2], pointer, align=8)
         return context.get_dummy_value()
 
     return types.void(G, at, v), make
@@ -170,7 +170,7 @@ def set4(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
 @_intrinsic(prefer_literal=True)
 def extract(typing: Any, v: Any, k: Any) -> Any:
     """Return lane k of v, k a literal."""
-    number = _lane(k)
+    number = _lane_number(k)
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.extract_element(args[0], _SPLIT(number))
@@ -181,7 +181,7 @@ def extract(typing: Any, v: Any, k: Any) -> Any:
 @_intrinsic(prefer_literal=True)
 def broadcast_lane(typing: Any, v: Any, k: Any) -> Any:
     """Return lane k of v in all lanes, k a literal."""
-    number = _lane(k)
+    number = _lane_number(k)
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _shuffle(builder, args[0], args[0], [number] * LANES)
@@ -215,7 +215,7 @@ def cross(typing: Any, v: Any, w: Any) -> Any:
 @_intrinsic(prefer_literal=True)
 def axis_times_quaternion(typing: Any, q: Any, axis: Any) -> Any:
     """Return the product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion (w, x, y, z)."""
-    number = _lane(axis)
+    number = _lane_number(axis)
     lanes = ([1 + LANES, 0, 3 + LANES, 2], [2 + LANES, 3, 0, 1 + LANES], [3 + LANES, 2 + LANES, 1, 0])[number]
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -300,12 +300,12 @@ def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
     """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _number(context, builder, sig.args[1], args[1], _index(context, builder, sig, args, range(2, 3)))
-        place = builder.bitcast(place, _SHORTS.as_pointer())
-        was, none, one = builder.load(place, align=4), _SHORTS([0] * LANES), _SHORTS([1] * LANES)
+        pointer = _number(context, builder, sig.args[1], args[1], _index(context, builder, sig, args, range(2, 3)))
+        pointer = builder.bitcast(pointer, _SHORTS.as_pointer())
+        was, none, one = builder.load(pointer, align=4), _SHORTS([0] * LANES), _SHORTS([1] * LANES)
         on = builder.fcmp_ordered(">", args[0], _VECTOR([0.0] * LANES))
         before = builder.shl(builder.and_(was, one), one)
-        builder.store(builder.select(on, one, before), place, align=4)
+        builder.store(builder.select(on, one, before), pointer, align=4)
         initial_gap = builder.and_(builder.icmp_unsigned("!=", was, none), builder.not_(on))
         bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, initial_gap)]
         return builder.or_(bits[0], builder.shl(bits[1], ir.IntType(64)(LANES)))
@@ -321,12 +321,12 @@ def compress_store(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
     """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
-        rows = cgutils.global_constant(builder, "places", ir.ArrayType(_SHORTS, len(_PLACES))(_PLACES))
+        pointer = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        rows = cgutils.global_constant(builder, "places", ir.ArrayType(_SHORTS, len(_POSITIONS))(_POSITIONS))
         ahead = builder.load(builder.gep(rows, [_SPLIT(0), args[3]]))
         first = builder.insert_element(_SHORTS(ir.Undefined), builder.trunc(args[2], _SPLIT), _SPLIT(0))
         numbers = builder.add(_shuffle(builder, first, first, [0] * LANES), ahead)
-        builder.store(numbers, builder.bitcast(place, _SHORTS.as_pointer()), align=4)
+        builder.store(numbers, builder.bitcast(pointer, _SHORTS.as_pointer()), align=4)
         return builder.ctpop(args[3])
 
     return types.int64(A, m, k, bits), make
@@ -354,11 +354,11 @@ def prefetch(typing: Any, A: Any, i: Any, c: Any) -> Any:
     """Prefetch the cache line of a number that is needed soon; nothing changes by it."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
+        pointer = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
         byte = ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [byte, _SPLIT, _SPLIT, _SPLIT])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(function, [builder.bitcast(place, byte), _SPLIT(0), _SPLIT(3), _SPLIT(1)])  # to read, near, data
+        builder.call(function, [builder.bitcast(pointer, byte), _SPLIT(0), _SPLIT(3), _SPLIT(1)])  # to read, near, data
         return context.get_dummy_value()
 
     return types.void(A, i, c), make

@@ -38,9 +38,9 @@ def curvature(partner, x, P):
 @njit(**BARE)
 def velocity(partner, P, motion):
     """Return the velocity of the surface of a first body [m/s]."""
-    rise = P[patch_of_partner(partner), patch.VELOCITY]
+    displacement = P[patch_of_partner(partner), patch.VELOCITY]
     if is_upper(partner):
-        return motion.v_x, motion.v_y, rise
+        return motion.v_x, motion.v_y, displacement
     return 0.0, 0.0, 0.0
 
 

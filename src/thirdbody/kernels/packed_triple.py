@@ -22,10 +22,10 @@ ROUND = 1.5 * 2.0**37
 WHOLE, ZERO = (1023 + 37) << 52, 2.0**37 + 2.0
 """Bits of 2^37, and the number whose field is that of zero with its sign inverted."""
 
-LEAST = 1e-280
+SMALLEST = 1e-280
 """Largest of three numbers that all count as zero, so that every power of two has a reciprocal."""
 
-ROOM = 1.0 + 2.0**-16
+ROUNDING = 1.0 + 2.0**-16
 """Factor that raises the power of two of numbers that round to the next one."""
 
 
@@ -44,7 +44,7 @@ def number_of(bits):
 @njit(**BARE)
 def pack_triple(x, y, z):
     """Return the number that packs three."""
-    power = bits_of(max(max(abs(x), abs(y)), max(abs(z), LEAST)) * ROOM) & POWER
+    power = bits_of(max(max(abs(x), abs(y)), max(abs(z), SMALLEST)) * ROUNDING) & POWER
     fraction = number_of((2046 << 52) - power)  # one over the power of two
     a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
     return number_of(power | (a << 34) | (b << 17) | c)

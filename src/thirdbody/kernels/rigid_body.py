@@ -17,14 +17,14 @@ from thirdbody.kernels.rotation import matrix, spin
 BODIES = 64
 """Bodies per chunk."""
 
-FLAT, PAIRED, GUESTS = range(3)
+FLAT, PAIRED, REMOTE = range(3)
 """Rows of `cuts`: where the candidates of a chunk begin, of its spheres with plates, and of its spheres with others that they
 own; then where the remote forces on its bodies begin."""
 
-FAR = 1e150
+MAX_DISTANCE = 1e150
 """Bound of all distances [m]; its square is finite."""
 
-RESTING_SPEED, RESTING_SPIN, RESTING_MOMENTUM = 1e-60, 1e-60, 1e-90
+NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, NEGLIGIBLE_MOMENTUM = 1e-60, 1e-60, 1e-90
 """Bounds below which motion is set to zero [m/s, rad/s, kg m2/s], some fifty orders below any motion: a sphere that a dashpot
 brings to rest between two plates decays for ever, and arithmetic on denormal numbers is thirty times slower."""
 
@@ -59,8 +59,8 @@ def place_sphere(s, offsets, motion, h, S):
 
     The arm for the step is that of half a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four.
     """
-    turn, w = motion.rotation, motion.spin
-    arm = turn[0] * broadcast(offsets[s, 0]) + turn[1] * broadcast(offsets[s, 1]) + turn[2] * broadcast(offsets[s, 2])
+    rotation, w = motion.rotation, motion.spin
+    arm = rotation[0] * broadcast(offsets[s, 0]) + rotation[1] * broadcast(offsets[s, 1]) + rotation[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
     store_three(S, s, np.int64(sphere.POSITION), motion.position + arm)
     store_three(S, s, np.int64(sphere.MID_VELOCITY), motion.velocity + cross(w, middle))
@@ -89,9 +89,13 @@ def vector(v):
 
 
 @njit(**BARE)
-def columns(turn):
+def columns(matrix):
     """Return the columns of a matrix, a tuple of nine row by row, as vectors of four."""
-    return set4(turn[0], turn[3], turn[6], 0.0), set4(turn[1], turn[4], turn[7], 0.0), set4(turn[2], turn[5], turn[8], 0.0)
+    return (
+        set4(matrix[0], matrix[3], matrix[6], 0.0),
+        set4(matrix[1], matrix[4], matrix[7], 0.0),
+        set4(matrix[2], matrix[5], matrix[8], 0.0),
+    )
 
 
 @njit(**BARE_CHUNK)
@@ -150,10 +154,14 @@ def quaternion(b, B):
 
 
 @njit(**BARE)
-def check_position(b, x, share, limits, bad, out):
-    """Update `bad` and `out`: b + 1 if body b or its `share` is not finite, or if it left the domain."""
+def check_position(b, x, relative_distance, limits, bad, out):
+    """Update `bad` and `out`: b + 1 if body b or its `relative_distance` is not finite, or if it left the domain."""
     low, high = limits
-    bad = bad if all_below(x, FAR) & all_below(broadcast(0.0) - x, FAR) & (share < FAR) else b + 1
+    bad = (
+        bad
+        if all_below(x, MAX_DISTANCE) & all_below(broadcast(0.0) - x, MAX_DISTANCE) & (relative_distance < MAX_DISTANCE)
+        else b + 1
+    )
     out = b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
     return bad, out
 
@@ -177,7 +185,7 @@ def reset_plate_forces(first, last, own, body, E):
 @njit(**BARE)
 def largest_displacement(X0, B, E):
     """Return an upper bound of the displacement of any point of a body since the last search [m]."""
-    far = 0.0
+    largest = 0.0
     for b in range(B.shape[0]):
         x = B[b, body.POSITION] - X0[b, search_pose.POSITION]
         y = B[b, body.POSITION + 1] - X0[b, search_pose.POSITION + 1]
@@ -187,5 +195,5 @@ def largest_displacement(X0, B, E):
             same += B[b, body.QUATERNION + k] * X0[b, search_pose.QUATERNION + k]
         # a point at the end of the arm moves by the chord: twice the arm times the sine of half the angle
         chord = 2.0 * E[b, body_extra.REACH] * math.sqrt(max(1.0 - same * same, 0.0))
-        far = max(far, math.sqrt(x * x + y * y + z * z) + chord)
-    return far
+        largest = max(largest, math.sqrt(x * x + y * y + z * z) + chord)
+    return largest

@@ -68,10 +68,10 @@ def gather_rolling(q, k, context, motion, tile):
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
     I, G, at = tile.inputs, tile.geometry, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
-    I[at + rolling_input.TURN_X * TILE] = (
+    I[at + rolling_input.ROTATION_X * TILE] = (
         w_x * G[q + geometry.AXIS * TILE] + w_y * G[q + (geometry.AXIS + 1) * TILE] + w_z * G[q + (geometry.AXIS + 2) * TILE]
     ) * dt
-    I[at + rolling_input.TURN_Y * TILE] = (
+    I[at + rolling_input.ROTATION_Y * TILE] = (
         w_x * G[q + geometry.CROSS_AXIS * TILE]
         + w_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
         + w_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]

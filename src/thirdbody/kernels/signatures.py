@@ -26,7 +26,7 @@ LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
 _S2 = types.Array(types.int32, 2, "C")
 KINDS: Kinds = {
     # candidates and their schedule (`engine.state`)
-    **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "guests"), _S1),
+    **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "remote_body"), _S1),
     "cuts": _S2, "lowest": _S1, "needs": _S1,
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
@@ -53,6 +53,6 @@ STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F), Step)
 WORK = types.void(_I, _I, _I, _I, STEP, _I1)
 """work(pass, part, first group, last group + 1, step, the packed `Context`)"""
 
-EARLY, SWEEP, LATE, LOOK = range(4)
+EARLY, SWEEP, LATE, OBSERVATION = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that
 others need are drifted early, and those with remote forces are kicked late. In sampled steps the labeller observes."""

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 from thirdbody.laws.contract import Law, Option, Options, Pair, Tangential, kernel
 from thirdbody.laws.elasticity import g_star
-from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, moved_ground, renewal_rate, renewed
 from thirdbody.laws.radial_return import (
     MEMORY,
-    forgets,
     friction_tangent,
     growth_of,
-    keeps,
+    renews,
+    retained_energy,
     rolled,
     rolled_tangent,
     stretched,
@@ -26,7 +26,7 @@ class CoulombParameters(NamedTuple):
     mu: float
     slip_scale: float
     g_star: float
-    keeps: float  # 1; 0: memory = "rescaled"
+    retained_energy: float  # 1; 0: memory = "rescaled"
 
 
 @kernel
@@ -40,7 +40,7 @@ def coulomb(c, load, p, h):
     """
     limit = p.mu * load.force
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * load.contact_radius)
-    t = stretched(c.slip_x, c.slip_y, h, stiffness, limit, p.keeps)
+    t = stretched(c.slip_x, c.slip_y, h, stiffness, limit, p.retained_energy)
     rubs = 1.0 if p.mu > 0.0 else 0.0
     free = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
     slip, critical = rubs * t.slip + (1.0 - rubs) * free, limit / max(stiffness, 1e-300)
@@ -73,8 +73,8 @@ def coulomb_rolling(c, load, p, h):
     """`coulomb` with renewal of the material where the contact area rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
     limit, a = p.mu * load.force, load.contact_radius
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
-    ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
-    fraction = renewed(p.renewal * ground.way / max(a, 1e-300))
+    ground = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
+    fraction = renewed(p.renewal * ground.path / max(a, 1e-300))
     t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, stiffness, limit)
     rubs = 1.0 if p.mu > 0.0 else 0.0
     free = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
@@ -91,7 +91,7 @@ def coulomb_rolling_tangent(c, load, p, h):
     elastic = 2.0 * p.g_star * a
     if elastic < stiffness:
         stiffness, rate = elastic, p.g_star * load.squared_radius_rate / max(a, 1e-300)
-    distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    distance = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).path
     fraction = renewed(p.renewal * distance / max(a, 1e-300))
     x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, growth_of(load), stiffness, rate)
     return friction_tangent(x, y, limit, limit_rate, fraction.fill * stiffness, x_rate, y_rate)
@@ -99,18 +99,18 @@ def coulomb_rolling_tangent(c, load, p, h):
 
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
     """Return friction of the pair, slip scale, G*, and the kind of memory."""
-    return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), keeps(options))
+    return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), retained_energy(options))
 
 
 def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
     """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
     p = mix_coulomb(pair, options)
-    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, p.keeps * renewal_rate(pair, options))
+    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, p.retained_energy * renewal_rate(pair, options))
 
 
-def forgetting_coulomb(options: Options) -> Law | None:
+def renewing_coulomb(options: Options) -> Law | None:
     """Return the variant with renewal in rolling, where these options require it, or None."""
-    return COULOMB_ROLLING if forgets(options) else None
+    return COULOMB_ROLLING if renews(options) else None
 
 
 COULOMB = Law(
@@ -133,7 +133,7 @@ COULOMB = Law(
         MEMORY,
         RENEWAL_OF_SPRINGS,
     ),
-    variant=forgetting_coulomb,
+    variant=renewing_coulomb,
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
 )
 

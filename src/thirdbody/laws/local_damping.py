@@ -43,7 +43,7 @@ LOCAL_DAMPING = BodyEffect(
     parameters=LocalParameters,
     mix=mix_local,
     options=(
-        Option("coefficient", "dimensionless", None, low=0.0, high=0.9, doc="share of the unbalanced force, such as 0.3"),
+        Option("coefficient", "dimensionless", None, low=0.0, high=0.9, doc="fraction of the unbalanced force, such as 0.3"),
         Option("until", "dimensionless", "settled", words=("settled",), doc="when it ends: it is for settling only"),
     ),
     sees_forces=True,

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 from thirdbody.laws.contract import Law, Options, Pair, Tangential, kernel
 from thirdbody.laws.elasticity import e_star, g_star
-from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, moved_ground, renewal_rate, renewed
 from thirdbody.laws.radial_return import (
     MEMORY,
-    forgets,
     friction_tangent,
     growth_of,
-    keeps,
+    renews,
+    retained_energy,
     rolled,
     rolled_tangent,
     stretched,
@@ -25,7 +25,7 @@ class MindlinParameters(NamedTuple):
     g_star: float
     mu: float
     kappa: float  # mu E*/G*
-    keeps: float  # 1; 0: memory = "rescaled"
+    retained_energy: float  # 1; 0: memory = "rescaled"
 
 
 @kernel
@@ -37,7 +37,7 @@ def mindlin(c, load, p, h):
     the material under it: a contact that rolls on keeps its tangential force. In `mindlin_rolling` it decays.
     """
     limit = p.mu * load.force
-    t = stretched(c.slip_x, c.slip_y, h, 2.0 * p.g_star * load.contact_radius, limit, p.keeps)
+    t = stretched(c.slip_x, c.slip_y, h, 2.0 * p.g_star * load.contact_radius, limit, p.retained_energy)
     return Tangential(t.x, t.y, limit, p.kappa * c.overlap, t.slip, t.stored, t.dissipated), (t.x, t.y, t.stored)
 
 
@@ -66,8 +66,8 @@ def mindlin_rolling(c, load, p, h):
     In reality unstressed material enters the contact, and the force decays over about two contact radii of travel.
     """
     limit, a = p.mu * load.force, load.contact_radius
-    ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
-    fraction = renewed(p.renewal * ground.way / max(a, 1e-300))
+    ground = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
+    fraction = renewed(p.renewal * ground.path / max(a, 1e-300))
     t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, 2.0 * p.g_star * a, limit)
     answer = Tangential(t.x, t.y, limit, p.kappa * c.overlap, t.slip, t.stored, t.dissipated)
     return answer, (t.x, t.y, t.stored, ground.x, ground.y, ground.reach)
@@ -78,7 +78,7 @@ def mindlin_rolling_tangent(c, load, p, h):
     """As `mindlin_tangent`, with the fraction of the slip that renewal leaves."""
     a = load.contact_radius
     stiffness, rate = 2.0 * p.g_star * a, p.g_star * load.squared_radius_rate / max(a, 1e-300)
-    distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    distance = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).path
     fraction = renewed(p.renewal * distance / max(a, 1e-300))
     x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, growth_of(load), stiffness, rate)
     return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, fraction.fill * stiffness, x_rate, y_rate)
@@ -87,18 +87,18 @@ def mindlin_rolling_tangent(c, load, p, h):
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
     """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14), and the kind of memory."""
     g = g_star(pair.a, pair.b)
-    return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, keeps(options))
+    return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, retained_energy(options))
 
 
 def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
     """As `mix_mindlin`, with the rate of renewal; zero for the rescaled force."""
     p = mix_mindlin(pair, options)
-    return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.keeps * renewal_rate(pair, options))
+    return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.retained_energy * renewal_rate(pair, options))
 
 
-def forgetting_mindlin(options: Options) -> Law | None:
+def renewing_mindlin(options: Options) -> Law | None:
     """Return the variant with renewal in rolling, where these options require it, or None."""
-    return MINDLIN_ROLLING if forgets(options) else None
+    return MINDLIN_ROLLING if renews(options) else None
 
 
 MINDLIN = Law(
@@ -110,7 +110,7 @@ MINDLIN = Law(
     mix=mix_mindlin,
     history=("force_x", "force_y", "energy"),
     options=(MEMORY, RENEWAL_OF_SPRINGS),
-    variant=forgetting_mindlin,
+    variant=renewing_mindlin,
     source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.radial_return",
 )
 

@@ -38,7 +38,7 @@ RENEWAL = Option(
     high=100.0,
     words=("kalker",),
     or_number=True,
-    doc="rate at which a rolling patch renews its material, per contact radius of way over fresh ground; 'kalker': the rate that"
+    doc="rate at which a rolling patch renews its material, per contact radius travelled; 'kalker': the rate that"
     " gives Kalker's creep coefficient C11; 0 keeps the history in the patch",
 )
 
@@ -88,14 +88,14 @@ def renewal_rate(pair: Pair, options: Options) -> float:
 class Ground(NamedTuple):
     """Travel over fresh ground in the step [m]; offset from the middle of known ground [m]; largest distance from it [m]."""
 
-    way: float
+    path: float
     x: float
     y: float
     reach: float
 
 
 @kernel
-def fresh_ground(roll_x, roll_y, radius, x, y, reach):
+def moved_ground(roll_x, roll_y, radius, x, y, reach):
     """Return how much fresh ground a contact area meets as it moves on.
 
     Parameters
@@ -125,7 +125,7 @@ class Renewal(NamedTuple):
     A spring of unit stiffness then loses the energy (1 - kept^2) w_old^2/2 - mixed w_old . ds + own ds^2.
     """
 
-    kept: float
+    retained: float
     fill: float
     mixed: float
     own: float

@@ -23,14 +23,14 @@ MEMORY = Option(
 )
 
 
-def keeps(options: Options) -> float:
+def retained_energy(options: Options) -> float:
     """Fraction of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
 
 
-def forgets(options: Options) -> bool:
+def renews(options: Options) -> bool:
     """Return whether rolling contacts renew their material: where the scene requires it, and not with the rescaled force."""
-    return keeps(options) > 0.0 and options.get("renewal", 0.0) != 0.0
+    return retained_energy(options) > 0.0 and options.get("renewal", 0.0) != 0.0
 
 
 class Spring(NamedTuple):
@@ -44,7 +44,7 @@ class Spring(NamedTuple):
 
 
 @kernel
-def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
+def stretched(slip_x, slip_y, memory, stiffness, limit, retained):
     """Spring of this stiffness [N/m] after a slip [m], from its memory (T_x, T_y, U), limited to `limit` [N].
 
     The contact area carries the fraction min(1, 2 k U/T^2) of force and energy. X = U - T^2/(2 k) is the energy of the field in
@@ -58,10 +58,10 @@ def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
     inverse = 1.0 / (firm * square)  # one division for two
     compliance = inverse * square
     saved = min(2.0 * stiffness * energy * inverse * firm, 1.0)
-    x_kept, y_kept = saved * x_old, saved * y_old
-    uniform = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
-    beyond = keeps * max(saved * energy - uniform, 0.0)
-    x_try, y_try = x_kept - stiffness * slip_x, y_kept - stiffness * slip_y
+    x_scaled, y_scaled = saved * x_old, saved * y_old
+    uniform = 0.5 * (x_scaled * x_scaled + y_scaled * y_scaled) * compliance
+    beyond = retained * max(saved * energy - uniform, 0.0)
+    x_try, y_try = x_scaled - stiffness * slip_x, y_scaled - stiffness * slip_y
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
     x, y = back * x_try, back * y_try
@@ -88,27 +88,27 @@ def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
 
 
 @kernel
-def rolled(slip_x, slip_y, memory, share, stiffness, limit):
+def rolled(slip_x, slip_y, memory, renewal, stiffness, limit):
     """`stretched` in a step in which rolling renews a fraction of the field (`patch_renewal.Renewal`).
 
     Renewal dissipates int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides in one direction
     throughout.
     """
     x_old, y_old, energy = memory
-    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
-    t = stretched(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, limit, 1.0)
+    scaled = (renewal.retained * x_old, renewal.retained * y_old, renewal.retained * renewal.retained * energy)
+    t = stretched(renewal.fill * slip_x, renewal.fill * slip_y, scaled, stiffness, limit, 1.0)
     square, firm = max(x_old * x_old + y_old * y_old, 1e-150), max(stiffness, 1e-150)
     part = min(2.0 * stiffness * energy / square, 1.0)
     x, y = part * x_old, part * y_old
-    left = 1.0 - share.kept * share.kept
+    left = 1.0 - renewal.retained * renewal.retained
     if t.slip > 0.0:
-        lost_x = (1.0 - share.kept) * x - (1.0 - share.fill) * stiffness * slip_x
-        lost_y = (1.0 - share.kept) * y - (1.0 - share.fill) * stiffness * slip_y
+        lost_x = (1.0 - renewal.retained) * x - (1.0 - renewal.fill) * stiffness * slip_x
+        lost_y = (1.0 - renewal.retained) * y - (1.0 - renewal.fill) * stiffness * slip_y
         heat = max(0.5 * (lost_x * (x + t.x) + lost_y * (y + t.y)) / firm, 0.0)
         heat += left * max(energy - 0.5 * (x * x + y * y) / firm, 0.0)
     else:
         work, distance = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
-        heat = max(left * energy - share.mixed * work + share.own * stiffness * distance, 0.0)
+        heat = max(left * energy - renewal.mixed * work + renewal.own * stiffness * distance, 0.0)
     return Spring(t.x, t.y, t.slip, t.stored, t.dissipated + heat)
 
 
@@ -119,13 +119,13 @@ def growth_of(load):
 
 
 @kernel
-def rolled_tangent(slip_x, slip_y, memory, share, growth, stiffness, stiffness_rate):
+def rolled_tangent(slip_x, slip_y, memory, renewal, growth, stiffness, stiffness_rate):
     """Trial force of `rolled` and its derivative by the overlap; the exponent of renewal is inverse to the contact radius."""
     x_old, y_old, energy = memory
-    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
-    x, y, x_rate, y_rate = stretched_tangent(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, stiffness_rate)
-    grows = growth * (1.0 - share.kept) / share.fill
-    moved = stiffness * (grows * share.fill - growth * (share.fill - share.kept))
+    scaled = (renewal.retained * x_old, renewal.retained * y_old, renewal.retained * renewal.retained * energy)
+    x, y, x_rate, y_rate = stretched_tangent(renewal.fill * slip_x, renewal.fill * slip_y, scaled, stiffness, stiffness_rate)
+    grows = growth * (1.0 - renewal.retained) / renewal.fill
+    moved = stiffness * (grows * renewal.fill - growth * (renewal.fill - renewal.retained))
     return x, y, x_rate + grows * x + moved * slip_x, y_rate + grows * y + moved * slip_y
 
 

@@ -34,19 +34,19 @@ def rolling_resistance(c, turn, load, p, h):
     limit = arm * load.force
     stiffness = p.scale * arm * arm * load.contact_radius
     saved = stiffness / max(max(stiffness, k_old), 1e-300)
-    x_kept, y_kept = saved * x_old, saved * y_old
-    x_try, y_try = x_kept - stiffness * turn.x, y_kept - stiffness * turn.y
+    x_scaled, y_scaled = saved * x_old, saved * y_old
+    x_try, y_try = x_scaled - stiffness * turn.x, y_scaled - stiffness * turn.y
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
     x, y = back * x_try, back * y_try
     compliance = 1.0 / max(stiffness, 1e-300)
-    turned = (1.0 - back) * size * compliance
+    irreversible = (1.0 - back) * size * compliance
     before = 0.5 * (x_old * x_old + y_old * y_old) / max(k_old, 1e-300)
-    loaded = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
+    loaded = 0.5 * (x_scaled * x_scaled + y_scaled * y_scaled) * compliance
     stored = 0.5 * (x * x + y * y) * compliance
-    dissipated = before - loaded + back * size * turned
+    dissipated = before - loaded + back * size * irreversible
     viscosity = p.ratio * c.radius * math.sqrt(c.mass * stiffness)
-    return Rolling(x, y, limit, viscosity, turned, stored, dissipated), (x, y, stiffness)
+    return Rolling(x, y, limit, viscosity, irreversible, stored, dissipated), (x, y, stiffness)
 
 
 @kernel
@@ -57,10 +57,10 @@ def rolling_tangent(c, turn, load, p, h):
     stiffness = p.scale * arm * arm * load.contact_radius
     rate = p.scale * arm * arm * 0.5 * load.squared_radius_rate / max(load.contact_radius, 1e-300)
     saved = stiffness / max(max(stiffness, k_old), 1e-300)
-    kept_rate = rate / k_old if stiffness < k_old else 0.0
+    scale_rate = rate / k_old if stiffness < k_old else 0.0
     x, y = saved * x_old - stiffness * turn.x, saved * y_old - stiffness * turn.y
-    x_rate = kept_rate * x_old - rate * turn.x
-    y_rate = kept_rate * y_old - rate * turn.y
+    x_rate = scale_rate * x_old - rate * turn.x
+    y_rate = scale_rate * y_old - rate * turn.y
     return friction_tangent(x, y, arm * load.force, arm * load.stiffness, stiffness, x_rate, y_rate)
 
 

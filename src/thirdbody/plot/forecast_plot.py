@@ -25,17 +25,17 @@ FORMATS = (".png", ".pdf", ".svg")
 MARKERS = {"rolling": "o", "sliding": "D", "sticking": "s"}
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
 INK = "#222222"
-WIDTH, ROW, ROOM = 5.4, 0.4, 2.1
+WIDTH, ROW, MARGIN_HEIGHT = 5.4, 0.4, 2.1
 """Of the figure [inch]: width, least height of one row, height of everything except the rows."""
 TALLEST = 3.2
 """Height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable."""
 LETTERS = 52
 """Largest number of letters in a line of the title, by its width."""
-LEAST = 3
+MIN_ROWS = 3
 """Number of rows that the axes have room for at least."""
 DOTS = 180
 """Per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)."""
-SPREAD = 0.4
+HALF_WIDTH = 0.4
 """Largest distance of a point from the middle of its row, whose height is 1."""
 EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
 STEP = 0.0125
@@ -68,8 +68,8 @@ class Forecasts(NamedTuple):
     def margin(self) -> np.ndarray:
         """min(mu - t_min, t_max - mu)/mu (n,): positive inside the interval; without friction +-inf, or 0 at an end."""
         inside = np.minimum(self.friction - self.t_min, self.t_max - self.friction)
-        far = np.where(inside == 0.0, 0.0, np.copysign(np.inf, inside))
-        return np.divide(inside, self.friction, out=far, where=self.friction > 0.0)
+        outside = np.where(inside == 0.0, 0.0, np.copysign(np.inf, inside))
+        return np.divide(inside, self.friction, out=outside, where=self.friction > 0.0)
 
     @property
     def clear(self) -> np.ndarray:
@@ -77,7 +77,7 @@ class Forecasts(NamedTuple):
         return np.abs(self.margin) > BAND
 
     @property
-    def as_told(self) -> np.ndarray:
+    def correct(self) -> np.ndarray:
         """Forecast and observation agree (n,), bool."""
         return self.slides == (self.fact != "rolling")
 
@@ -103,7 +103,7 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
     check_format(path)
     if not len(forecasts.body):
         raise InputError("nothing to draw: no body has a forecast")
-    figure = Figure(figsize=(WIDTH, ROOM + rows_height(forecasts.friction)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, MARGIN_HEIGHT + rows_height(forecasts.friction)), layout="constrained")
     draw_into(figure.subplots(), forecasts, title)
     try:
         # a date would make equal pictures differ
@@ -115,7 +115,7 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
 def rows_height(friction: np.ndarray) -> float:
     """Return the height of all rows [inch]: a row of n bodies needs a quarter of their stack, up to TALLEST in all."""
     counts = np.unique(friction, return_counts=True)[1]
-    return max(ROW * max(len(counts), LEAST), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
+    return max(ROW * max(len(counts), MIN_ROWS), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
 
 
 def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
@@ -124,7 +124,7 @@ def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
     _draw_ground(axes, frictions)
     x = np.where(forecasts.t_min > forecasts.t_max, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
     height = rows_height(forecasts.friction) / len(frictions)
-    y = row + swarm(_share(axes, x), row, PITCH / height)
+    y = row + swarm(_axis_fraction(axes, x), row, PITCH / height)
     for name, marker in MARKERS.items():
         here = forecasts.fact == name
         if here.any():
@@ -139,10 +139,10 @@ def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
 def agreement(forecasts: Forecasts) -> str:
     """Return the agreement in words."""
     clear = forecasts.clear
-    report, agree = int(clear.sum()), int((clear & forecasts.as_told).sum())
+    report, agree = int(clear.sum()), int((clear & forecasts.correct).sum())
     fraction = f" ({100.0 * agree / report:.1f} %)" if report else ""
     left = len(clear) - report
-    return f"as told: {agree} of {report}{fraction}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
+    return f"as forecast: {agree} of {report}{fraction}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
 
 
 def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
@@ -154,12 +154,12 @@ def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
     cell = np.floor(x / STEP + 0.5).astype(int)
     for key in np.unique(np.column_stack([row, cell]), axis=0):
         members = np.flatnonzero((row == key[0]) & (cell == key[1]))
-        near = min(pitch, 2.0 * SPREAD / max(len(members) - 1, 1))
+        near = min(pitch, 2.0 * HALF_WIDTH / max(len(members) - 1, 1))
         across[members] = near * (np.arange(len(members)) - 0.5 * (len(members) - 1))
     return across
 
 
-def _share(axes: Axes, x: np.ndarray) -> np.ndarray:
+def _axis_fraction(axes: Axes, x: np.ndarray) -> np.ndarray:
     """Return positions (n,) along the axis as fractions of its width, independent of the size of the figure."""
     return axes.transData.transform(np.column_stack([x, np.zeros(len(x))]))[:, 0] / axes.bbox.width
 
@@ -169,7 +169,7 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     axes.set_xscale("symlog", linthresh=BAND, linscale=0.35)
     axes.set_xlim(*EDGES)
     axes.set_ylim(-0.55, len(frictions) - 0.45)
-    sides = ((EDGES[0], -BAND, "rolling", "told: can only roll"), (BAND, EDGES[1], "sliding", "told: can slide"))
+    sides = ((EDGES[0], -BAND, "rolling", "forecast: can only roll"), (BAND, EDGES[1], "sliding", "forecast: can slide"))
     for start, end, state, text in sides:
         axes.axvspan(start, end, color=_pale(STATE_COLORS[state]), zorder=0, linewidth=0.0)
         middle = -np.sqrt(start * end) if start < 0.0 else np.sqrt(start * end)
@@ -179,9 +179,9 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     axes.axvline(0.0, color=INK, linewidth=0.8, zorder=1)
     for y in np.arange(len(frictions) - 1) + 0.5:
         axes.axhline(y, color="white", linewidth=1.2, zorder=1)
-    places = [-1.0, -0.1, -BAND, 0.0, BAND, 0.1, 1.0, FARTHEST]
-    names = [f"{100.0 * t:+g}".replace("-", "\N{MINUS SIGN}") if t else "0" for t in places]
-    axes.set_xticks([NEVER, *places], ["never", *names])
+    points = [-1.0, -0.1, -BAND, 0.0, BAND, 0.1, 1.0, FARTHEST]
+    names = [f"{100.0 * t:+g}".replace("-", "\N{MINUS SIGN}") if t else "0" for t in points]
+    axes.set_xticks([NEVER, *points], ["never", *names])
     axes.xaxis.minorticks_off()
     axes.set_yticks(range(len(frictions)), [f"{mu:g}" for mu in frictions])
     axes.tick_params(axis="y", length=0.0)
@@ -192,14 +192,14 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
 
 def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray, height: float) -> None:
     """Draw rings and numbers for wrongly forecast bodies outside the band; of many, dark edges, and numbers for the farthest."""
-    wrong = np.flatnonzero(forecasts.clear & ~forecasts.as_told)
+    wrong = np.flatnonzero(forecasts.clear & ~forecasts.correct)
     if not len(wrong):
         return
-    places = np.column_stack([_share(axes, x), y * height])
-    ringed = farthest(forecasts, wrong, places)
-    label = "other than told"
+    points = np.column_stack([_axis_fraction(axes, x), y * height])
+    ringed = farthest(forecasts, wrong, points)
+    label = "other than forecast"
     if len(wrong) > NAMED:
-        dark: str | None = f"other than told ({len(wrong)})"
+        dark: str | None = f"other than forecast ({len(wrong)})"
         for name in sorted(set(forecasts.fact[wrong])):
             here = wrong[forecasts.fact[wrong] == name]
             axes.scatter(x[here], y[here], s=20.0, marker=MARKERS[name], color=STATE_COLORS[name], edgecolors=INK, linewidths=0.9,
@@ -207,13 +207,13 @@ def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.n
             dark = None
         label = f"the {len(ringed)} of these farthest from the band"
     axes.scatter(x[ringed], y[ringed], s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
-    _write_numbers(axes, forecasts.body, ringed, np.column_stack([x, y]), places)
+    _write_numbers(axes, forecasts.body, ringed, np.column_stack([x, y]), points)
 
 
-def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.ndarray:
+def farthest(forecasts: Forecasts, wrong: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return the bodies with a ring and a number: all `wrong` ones if few, else the farthest from the band on each side.
 
-    `places` (n, 2), of all bodies: fraction of the width, and height [inch]. Overlapping numbers are omitted.
+    `positions` (n, 2), of all bodies: fraction of the width, and height [inch]. Overlapping numbers are omitted.
     """
     if len(wrong) <= NAMED:
         return wrong
@@ -223,20 +223,20 @@ def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.
         side = wrong[forecasts.slides[wrong] == slides]
         space = len(chosen) + NAMED // 2
         for k in side[np.argsort(-distance[side], kind="stable")]:
-            near = (np.abs(places[chosen] - places[k]) < NUMBER).all(axis=1)
+            near = (np.abs(points[chosen] - points[k]) < NUMBER).all(axis=1)
             if len(chosen) < space and not near.any():
                 chosen.append(int(k))
     return np.array(chosen)
 
 
-def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, places: np.ndarray) -> None:
+def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, positions: np.ndarray) -> None:
     """Write the number of each body to the right of its ring, or to the left where another ring is."""
     from matplotlib.patheffects import withStroke
 
     for k in ringed:
-        ahead, above = (places[ringed] - places[k]).T
-        taken = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
-        side, align = (-5.5, "right") if taken else (5.5, "left")
+        ahead, above = (positions[ringed] - positions[k]).T
+        occupied = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
+        side, align = (-5.5, "right") if occupied else (5.5, "left")
         axes.annotate(str(body[k]), points[k], (side, 0.0), textcoords="offset points", fontsize=8.5, va="center", ha=align,
                       zorder=6, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
 

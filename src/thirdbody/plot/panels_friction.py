@@ -10,7 +10,7 @@ from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import quantity_text, scale_values
 from thirdbody.trajectory.statistics import running_mean
 
-SHARE = 0.1
+WINDOW_FRACTION = 0.1
 """Fraction of the run covered by one running mean."""
 
 MU = "friction coefficient"
@@ -24,63 +24,63 @@ LOOP_NOTE = (
 )
 
 
-def why_no_friction(sheet: RunData) -> str:
+def why_no_friction(data: RunData) -> str:
     """Return why there is nothing to draw over the sliding distance, empty if there is."""
-    if sheet.stroke:
+    if data.stroke:
         return "the plate goes back and forth: the panel loop shows its friction"
-    return _why_none(sheet)
+    return _why_none(data)
 
 
-def why_no_loop(sheet: RunData) -> str:
+def why_no_loop(data: RunData) -> str:
     """Return why there is no loop, empty if there is one."""
-    return _why_none(sheet) if sheet.stroke else "the plate never turns back"
+    return _why_none(data) if data.stroke else "the plate never turns back"
 
 
-def _why_none(sheet: RunData) -> str:
-    if not sheet.dragged:
+def _why_none(data: RunData) -> str:
+    if not data.dragged:
         return "no drag"
-    return "" if np.isfinite(sheet.name("friction_coefficient")[1:]).any() else "never loaded"
+    return "" if np.isfinite(data.name("friction_coefficient")[1:]).any() else "never loaded"
 
 
-def friction_title(sheet: RunData) -> str:
+def friction_title(data: RunData) -> str:
     """Return the result in words."""
-    result = sheet.run.friction
+    result = data.run.friction
     if not np.isfinite(result.value):
         return "Friction coefficient"
     drifts = f", {result.short_verdict}" if result.stationary is False else ""
     return f"Friction coefficient: {result.short_text}{drifts}"
 
 
-def draw_friction(axes: Axes, sheet: RunData) -> None:
+def draw_friction(axes: Axes, data: RunData) -> None:
     """Draw the interval means, their running mean, mean and error over the second half, and the coefficients of the pairs."""
-    x, unit = scale_values(sheet.axis[0], sheet.axis[1])
-    mu = sheet.name("friction_coefficient").copy()
+    x, unit = scale_values(data.axis[0], data.axis[1])
+    mu = data.name("friction_coefficient").copy()
     mu[0] = np.nan  # that interval was the pressing
     marker = "." if len(x) < 80 else ""
     axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
-    width = max(int(round(SHARE * len(x))), 3)
+    width = max(int(round(WINDOW_FRACTION * len(x))), 3)
     if len(x) > 2 * width:
         mean = np.where(np.isfinite(mu), running_mean(mu, width), np.nan)
-        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window_text(sheet, width)})")
-    _draw_mean(axes, sheet, x)
-    _draw_pairs(axes, sheet)
+        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window_text(data, width)})")
+    _draw_mean(axes, data, x)
+    _draw_pairs(axes, data)
     _shade_unloaded(axes, x, mu)
-    axes.set_xlabel(f"{sheet.axis[2]} ({unit})")
+    axes.set_xlabel(f"{data.axis[2]} ({unit})")
     axes.set_ylabel(MU)
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if sheet.pair_friction else 1.0))
+    axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if data.pair_friction else 1.0))
 
 
-def window_text(sheet: RunData, width: int) -> str:
+def window_text(data: RunData, width: int) -> str:
     """Return the length of `width` intervals of the axis in words."""
-    x, unit, _ = sheet.axis
+    x, unit, _ = data.axis
     return quantity_text(width * (x[-1] - x[0]) / (len(x) - 1), unit, 2)
 
 
-def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
+def _draw_mean(axes: Axes, data: RunData, x: np.ndarray) -> None:
     """Draw the mean with its error over its intervals; where they drift, the linear fit instead."""
-    result = sheet.run.friction
-    members = np.flatnonzero(sheet.averaged[sheet.start :])
+    result = data.run.friction
+    members = np.flatnonzero(data.averaged[data.start :])
     if not len(members):
         return
     ends = x[max(members[0] - 1, 0)], x[members[-1]]
@@ -97,10 +97,10 @@ def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
         band.set_linewidth(0.0)
 
 
-def _draw_pairs(axes: Axes, sheet: RunData, signs: tuple[float, ...] = (1.0,)) -> None:
+def _draw_pairs(axes: Axes, data: RunData, signs: tuple[float, ...] = (1.0,)) -> None:
     """Draw the coefficients that the scene gives: the friction of gross sliding."""
     label: str | None = "if all slid (coefficient\nof the pair)"
-    for value in sheet.pair_friction if len(sheet.pair_friction) <= 3 else []:
+    for value in data.pair_friction if len(data.pair_friction) <= 3 else []:
         for sign in signs:
             axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
             label = None
@@ -119,42 +119,42 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def loop_area(sheet: RunData) -> float:
+def loop_area(data: RunData) -> float:
     """Return the area of the loop of the last whole cycle [m]: sum of mean coefficient times displacement over the intervals.
 
     An unloaded interval adds nothing. NaN before the first whole cycle.
     """
-    if not sheet.drag.cycles:
+    if not data.drag.cycles:
         return float("nan")
-    cycle = sheet.drag.cycles[-1]
+    cycle = data.drag.cycles[-1]
     inside = slice(cycle.start + 1, cycle.stop)
-    return float(np.nansum(sheet.name("friction_coefficient", False)[inside] * sheet.drag.steps[inside]))
+    return float(np.nansum(data.name("friction_coefficient", False)[inside] * data.drag.steps[inside]))
 
 
-def loop_title(sheet: RunData) -> str:
+def loop_title(data: RunData) -> str:
     """Return the area in words."""
-    area, work = loop_area(sheet), sheet.run.friction.energy_per_cycle
+    area, work = loop_area(data), data.run.friction.energy_per_cycle
     if not np.isfinite(area):
         return "Friction loop (no whole cycle yet)"
     energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
     return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
 
 
-def draw_loop(axes: Axes, sheet: RunData) -> None:
+def draw_loop(axes: Axes, data: RunData) -> None:
     """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised."""
-    u, unit = scale_values(sheet.drag.displacement, "m")
+    u, unit = scale_values(data.drag.displacement, "m")
     middle = u.copy()
     middle[1:] = 0.5 * (u[1:] + u[:-1])  # abscissa of the mean over the interval
-    mu = sheet.name("friction_coefficient", False)
-    shown = slice(sheet.start + 1, None)
+    mu = data.name("friction_coefficient", False)
+    shown = slice(data.start + 1, None)
     axes.plot(middle[shown], mu[shown], color=LINES["sky"], linewidth=0.9, label="all of the drag")
-    if sheet.drag.cycles:
-        inside = slice(sheet.drag.cycles[-1].start + 1, sheet.drag.cycles[-1].stop)
+    if data.drag.cycles:
+        inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
         # closed by its first point
         x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
         axes.fill(x[np.isfinite(y)], y[np.isfinite(y)], color=LINES["blue"], alpha=0.12, linewidth=0.0, label="its area")
         axes.plot(x, y, color=LINES["blue"], linewidth=1.8, label="last whole cycle")
-    _draw_pairs(axes, sheet, (1.0, -1.0))
+    _draw_pairs(axes, data, (1.0, -1.0))
     axes.axhline(0.0, color="#222222", linewidth=0.6)
     axes.set_xlabel(f"displacement of the upper plate ({unit})")
     axes.set_ylabel(MU)

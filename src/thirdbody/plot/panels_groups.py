@@ -6,41 +6,43 @@ from matplotlib.axes import Axes
 
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import percent
-from thirdbody.trajectory.state_groups import POPULATION, shares_text, states_by_group, telling
+from thirdbody.trajectory.state_groups import POPULATION, fractions_text, informative_groups, states_by_group
 
 GROUPS_NOTE = (
     "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"
     " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
 )
-MOST, LETTERS, ROOM = 12, 26, 0.14
+MAX_ROWS, LETTERS, MIN_TEXT_FRACTION = 12, 26, 0.14
 """Largest number of rows; letters of a name; fraction of a row that a text in it needs."""
 
 
-def why_no_groups(sheet: RunData) -> str:
+def why_no_groups(data: RunData) -> str:
     """Return why there is no panel, empty when the bodies have labels and differ in population, material or size."""
-    if not sheet.fractions:
+    if not data.fractions:
         return "its bodies were not labelled"
-    return "" if _rows(sheet) else "its bodies are of one population and size"
+    return "" if _rows(data) else "its bodies are of one population and size"
 
 
-def groups_title(sheet: RunData) -> str:
+def groups_title(data: RunData) -> str:
     """Return the most frequent state of each population in words."""
-    populations = [row for kind, row in _rows(sheet) if kind == POPULATION][:3]
+    populations = [row for kind, row in _rows(data) if kind == POPULATION][:3]
     if not populations:
         return "States by size at the last frame"
-    return "At the last frame: " + "; ".join(f"{_short(row['name'])} {shares_text(row['fractions'], 1)}" for row in populations)
+    return "At the last frame: " + "; ".join(
+        f"{_short(row['name'])} {fractions_text(row['fractions'], 1)}" for row in populations
+    )
 
 
-def draw_groups(axes: Axes, sheet: RunData) -> None:
+def draw_groups(axes: Axes, data: RunData) -> None:
     """Draw a stacked bar for each group, the states written in it, with its name and load on the right."""
-    rows = _rows(sheet)
-    for place, (_, row) in enumerate(rows):
+    rows = _rows(data)
+    for y, (_, row) in enumerate(rows):
         left = 0.0
         for name, fraction in row["fractions"].items():
-            axes.barh(place, fraction, left=left, height=0.82, color=sheet.colors[name], linewidth=0.0)
-            if fraction >= ROOM:
+            axes.barh(y, fraction, left=left, height=0.82, color=data.colors[name], linewidth=0.0)
+            if fraction >= MIN_TEXT_FRACTION:
                 text = f"{name} {percent(fraction)}"
-                axes.text(left + 0.5 * fraction, place, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
+                axes.text(left + 0.5 * fraction, y, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
             left += fraction
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.yaxis.tick_right()
@@ -51,9 +53,9 @@ def draw_groups(axes: Axes, sheet: RunData) -> None:
     axes.set_xlabel("bodies of the group (%)")
 
 
-def _rows(sheet: RunData) -> list[tuple[str, dict[str, Any]]]:
-    rows = [(kind, row) for kind, rows in telling(states_by_group(sheet.run)) for row in rows]
-    return rows[:MOST]
+def _rows(data: RunData) -> list[tuple[str, dict[str, Any]]]:
+    rows = [(kind, row) for kind, rows in informative_groups(states_by_group(data.run)) for row in rows]
+    return rows[:MAX_ROWS]
 
 
 def _short(name: str) -> str:

@@ -42,61 +42,62 @@ LEDGER = (
 )
 
 
-KEPT = ("lost in friction", "residual")
+ALWAYS_DRAWN = ("lost in friction", "residual")
 ROUNDING = 1e-15
 
 
-def _why_short(sheet: RunData) -> str:
+def _why_short(data: RunData) -> str:
     """Return why nothing can be drawn over time, empty if it can."""
-    return "" if len(sheet.axis[0]) > 1 and sheet.axis[0][-1] > sheet.axis[0][0] else "fewer than two frames"
+    return "" if len(data.axis[0]) > 1 and data.axis[0][-1] > data.axis[0][0] else "fewer than two frames"
 
 
-def why_no_states(sheet: RunData) -> str:
+def why_no_states(data: RunData) -> str:
     """Return why there is no panel, empty when the run has labels."""
-    return "" if sheet.fractions else "its bodies were not labelled"
+    return "" if data.fractions else "its bodies were not labelled"
 
 
-def states_title(sheet: RunData) -> str:
+def states_title(data: RunData) -> str:
     """Return the final fractions in words."""
-    bodies = sheet.summary.get("bodies", 0)
+    bodies = data.summary.get("bodies", 0)
     name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
-    return f"{name}: at the end {end_shares(sheet)}"
+    return f"{name}: at the end {final_fractions(data)}"
 
 
-def end_shares(sheet: RunData) -> str:
+def final_fractions(data: RunData) -> str:
     """Return `59 % sliding, 41 % rolling`; for one body its state only."""
-    portions = {name: float(values[-1]) for name, values in sheet.fractions.items() if values[-1] > 0.0}
+    portions = {name: float(values[-1]) for name, values in data.fractions.items() if values[-1] > 0.0}
     if len(portions) == 1:
-        return f"{'' if sheet.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
-    return ", ".join(f"{percent(share)} {name}" for name, share in sorted(portions.items(), key=lambda entry: -entry[1]))
+        return f"{'' if data.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
+    return ", ".join(f"{percent(fraction)} {name}" for name, fraction in sorted(portions.items(), key=lambda entry: -entry[1]))
 
 
-def draw_states(axes: Axes, sheet: RunData) -> None:
+def draw_states(axes: Axes, data: RunData) -> None:
     """Draw the fractions stacked; those of a frame extend to the middle of the next interval."""
-    x, unit = scale_values(sheet.axis[0], sheet.axis[1])
-    portions = {name: values[sheet.start :] for name, values in sheet.fractions.items()}
+    x, unit = scale_values(data.axis[0], data.axis[1])
+    portions = {name: values[data.start :] for name, values in data.fractions.items()}
     if len(x) == 1:  # one frame: a bar
         x, portions = np.array([0.0, 1.0]), {name: np.repeat(values, 2) for name, values in portions.items()}
-    met = [name for name, values in portions.items() if values.any()]
-    axes.stackplot(x, [portions[name] for name in met], colors=[sheet.colors[name] for name in met], labels=met, step="mid",
+    present = [name for name, values in portions.items() if values.any()]
+    axes.stackplot(x, [portions[name] for name in present], colors=[data.colors[name] for name in present], labels=present,
+                   step="mid",
                    linewidth=0.0)  # fmt: skip
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100"])
     axes.set_ylabel("bodies (%)")
-    if len(sheet.axis[0]) > 1:
-        axes.set_xlabel(f"{sheet.axis[2]} ({unit})")
+    if len(data.axis[0]) > 1:
+        axes.set_xlabel(f"{data.axis[2]} ({unit})")
     else:
-        axes.set_xticks([0.5], ["the only frame" if sheet.frames == 1 else "the last frame"])
+        axes.set_xticks([0.5], ["the only frame" if data.frames == 1 else "the last frame"])
 
 
-def why_no_gap(sheet: RunData) -> str:
+def why_no_gap(data: RunData) -> str:
     """Return why there is no panel, empty when there is an upper plate."""
-    return _why_short(sheet) or ("" if np.isfinite(sheet.name("gap")).any() else "no upper plate")
+    return _why_short(data) or ("" if np.isfinite(data.name("gap")).any() else "no upper plate")
 
 
-def gap_title(sheet: RunData) -> str:
+def gap_title(data: RunData) -> str:
     """Return its change in words."""
-    gap = sheet.name("gap")
+    gap = data.name("gap")
     change = gap[-1] - gap[0]
     if not _changes(gap):
         return f"Gap between the plates: {quantity_text(gap[-1], 'm')}, unchanged"
@@ -104,37 +105,37 @@ def gap_title(sheet: RunData) -> str:
     return f"Gap between the plates: {quantity_text(gap[-1], 'm')} at the end, {word} by {quantity_text(abs(change), 'm', 2)}"
 
 
-def draw_gap(axes: Axes, sheet: RunData) -> None:
+def draw_gap(axes: Axes, data: RunData) -> None:
     """Draw the gap, or its change since the start of the drag where that is small."""
-    _draw_line(axes, sheet, sheet.name("gap"), "m", "gap", LINES["black"])
+    _draw_line(axes, data, data.name("gap"), "m", "gap", LINES["black"])
 
 
-def why_no_load(sheet: RunData) -> str:
+def why_no_load(data: RunData) -> str:
     """Return why there is no panel, empty when a plate feels a force."""
-    return _why_short(sheet) or ("" if np.nan_to_num(load(sheet)).any() else "no load on a plate")
+    return _why_short(data) or ("" if np.nan_to_num(load(data)).any() else "no load on a plate")
 
 
-def load(sheet: RunData) -> np.ndarray:
+def load(data: RunData) -> np.ndarray:
     """Return the normal force on the upper plate (without one: lower) from the start of the drag [N], interval means."""
-    side, sign = ("upper_force", 1.0) if np.isfinite(sheet.name("gap")).any() else ("lower_force", -1.0)
-    if side not in sheet.series:
-        return np.full(sheet.frames - sheet.start, np.nan)
-    return sign * sheet.series[side][sheet.start :, 2]
+    side, sign = ("upper_force", 1.0) if np.isfinite(data.name("gap")).any() else ("lower_force", -1.0)
+    if side not in data.series:
+        return np.full(data.frames - data.start, np.nan)
+    return sign * data.series[side][data.start :, 2]
 
 
-def load_title(sheet: RunData) -> str:
+def load_title(data: RunData) -> str:
     """Return its final value in words."""
-    values = load(sheet)
+    values = load(data)
     return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
 
 
-def draw_load(axes: Axes, sheet: RunData) -> None:
+def draw_load(axes: Axes, data: RunData) -> None:
     """Draw the normal force on the plate."""
-    _draw_line(axes, sheet, load(sheet), "N", "load", LINES["black"], whole=True)
+    _draw_line(axes, data, load(data), "N", "load", LINES["black"], whole=True)
 
 
-def _draw_line(axes: Axes, sheet: RunData, values: np.ndarray, unit: str, name: str, color: str, whole: bool = False) -> None:
-    x, x_unit = scale_values(sheet.axis[0], sheet.axis[1])
+def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: str, color: str, whole: bool = False) -> None:
+    x, x_unit = scale_values(data.axis[0], data.axis[1])
     whole = whole or not _changes(values)
     if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
         values, name = values - values[0], f"change of {name}"
@@ -142,7 +143,7 @@ def _draw_line(axes: Axes, sheet: RunData, values: np.ndarray, unit: str, name: 
     axes.plot(x, values, color=color, linewidth=1.4)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_ylabel(f"{name} ({unit})")
-    axes.set_xlabel(f"{sheet.axis[2]} ({x_unit})")
+    axes.set_xlabel(f"{data.axis[2]} ({x_unit})")
     if whole:
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
@@ -153,32 +154,32 @@ def _changes(values: np.ndarray) -> bool:
     return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
 
 
-def why_no_energy(sheet: RunData) -> str:
+def why_no_energy(data: RunData) -> str:
     """Return why there is no panel, empty when the run has a ledger."""
-    return _why_short(sheet) or ("" if "energy_plate_work" in sheet.series else "no energy ledger")
+    return _why_short(data) or ("" if "energy_plate_work" in data.series else "no energy ledger")
 
 
-def ledger(sheet: RunData) -> dict[str, np.ndarray]:
+def ledger(data: RunData) -> dict[str, np.ndarray]:
     """Return the lines of the ledger by label [J] since the start of the drag; below rounding only friction and residual."""
     lines = {}
     for line in LEDGER:
-        parts = [sheet.name(f"energy_{part}") for part in line.parts if f"energy_{part}" in sheet.series]
+        parts = [data.name(f"energy_{part}") for part in line.parts if f"energy_{part}" in data.series]
         if parts:
             lines[line.label] = np.sum(parts, axis=0)
     sizes = {label: float(np.abs(values).max()) for label, values in lines.items()}
     minimum = ROUNDING * max(sizes.values())
-    return {label: values for label, values in lines.items() if sizes[label] > minimum or label in KEPT}
+    return {label: values for label, values in lines.items() if sizes[label] > minimum or label in ALWAYS_DRAWN}
 
 
-def energy_title(sheet: RunData) -> str:
+def energy_title(data: RunData) -> str:
     """Return the work and the fraction of friction in words, of the sliding alone; the work of pressing is given separately."""
-    work, lost = (sheet.name(f"energy_{part}") for part in ("plate_work", "friction"))
+    work, lost = (data.name(f"energy_{part}") for part in ("plate_work", "friction"))
     done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
     # the loss at a contact that never slips is a rounding error below zero
     fraction = (
         f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
     )
-    if not sheet.start:
+    if not data.start:
         return f"Energy: {quantity_text(done, 'J')} of work{fraction}"
     return (
         f"Energy: {quantity_text(done, 'J')} of work while sliding{fraction}; {quantity_text(float(work[0]), 'J', 2)} of "
@@ -186,10 +187,10 @@ def energy_title(sheet: RunData) -> str:
     )
 
 
-def draw_energy(axes: Axes, sheet: RunData) -> None:
+def draw_energy(axes: Axes, data: RunData) -> None:
     """Draw the cumulative lines of the ledger; the legend gives their final values, where small ones are not visible."""
-    lines = ledger(sheet)
-    x, x_unit = scale_values(sheet.axis[0], sheet.axis[1])
+    lines = ledger(data)
+    x, x_unit = scale_values(data.axis[0], data.axis[1])
     factor, unit = unit_for(np.concatenate(list(lines.values())), "J")
     for line in LEDGER:
         if line.label in lines:
@@ -198,4 +199,4 @@ def draw_energy(axes: Axes, sheet: RunData) -> None:
             label = f"{line.label}: {quantity_text(end, 'J')}"
             axes.plot(x, values / factor, color=line.color, linestyle=line.style, linewidth=1.4, label=label)
     axes.set_ylabel(f"energy ({unit})")
-    axes.set_xlabel(f"{sheet.axis[2]} ({x_unit})")
+    axes.set_xlabel(f"{data.axis[2]} ({x_unit})")

@@ -34,7 +34,7 @@ TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125
 """Heights of lines of text: title, headline, notes [inch]."""
 LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145
 """Largest number of letters in such a line, by the width of the page."""
-PLACES = 8
+DECIMALS = 8
 """Decimals of the positions of axes, as fractions of the page: far below a pixel."""
 EDGE, MARGIN = 0.2, 0.3
 """Free space above and below, and to the left [inch]."""
@@ -134,10 +134,10 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
     try:
-        sheet = RunData(run, frame)
+        data = RunData(run, frame)
     except IndexError as error:
         raise InputError(str(error)) from None
-    missing = {panel.name: panel.missing(sheet) for panel in PANELS}
+    missing = {panel.name: panel.missing(data) for panel in PANELS}
     there = [name for name in NAMES if not missing[name]]
     for name in panels or ():
         if missing[name]:
@@ -145,67 +145,67 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
             raise InputError(f"{run.path}: this run has no panel '{name}' ({missing[name]}); it has {names}")
     if not there:
         raise InputError(f"{run.path}: nothing to plot: {'; '.join(dict.fromkeys(missing.values()))}")
-    wanted = panels or [name for name in there if name != ("gap" if _gap_is_set(sheet) and "load" in there else "load")]
-    return _compose(sheet, [next(panel for panel in PANELS if panel.name == name) for name in dict.fromkeys(wanted)])
+    wanted = panels or [name for name in there if name != ("gap" if _gap_is_set(data) and "load" in there else "load")]
+    return _compose(data, [next(panel for panel in PANELS if panel.name == name) for name in dict.fromkeys(wanted)])
 
 
-def _gap_is_set(sheet: RunData) -> bool:
+def _gap_is_set(data: RunData) -> bool:
     """Return whether the scene prescribes the gap: then the load is a result."""
-    return sheet.scene.get("plates", {}).get("upper", {}).get("gap") is not None
+    return data.scene.get("plates", {}).get("upper", {}).get("gap") is not None
 
 
-def headline(sheet: RunData) -> list[str]:
+def headline(data: RunData) -> list[str]:
     """Return key figures and circumstances, one line each."""
     # broken between figures, not inside them
-    lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(sheet), _circumstances(sheet)) if texts]
-    if np.isfinite(sheet.run.friction.value):
-        lines.insert(0, f"friction coefficient {sheet.run.friction}")
-    if not sheet.summary["finished"]:
-        why = sheet.summary.get("stopped") or "no end was written: killed, or still running"
-        lines.append(f"Not finished, {sheet.frames} frame{'s' if sheet.frames > 1 else ''} kept: {why}")
-    elif sheet.summary.get("stopped"):
-        lines.append(f"Stopped after {sheet.frames} frame{'s' if sheet.frames > 1 else ''}: {sheet.summary['stopped']}")
-    if "energy_verdict" in sheet.summary:
-        lines.append(sheet.summary["energy_verdict"])
+    lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(data), _circumstances(data)) if texts]
+    if np.isfinite(data.run.friction.value):
+        lines.insert(0, f"friction coefficient {data.run.friction}")
+    if not data.summary["finished"]:
+        why = data.summary.get("stopped") or "no end was written: killed, or still running"
+        lines.append(f"Not finished, {data.frames} frame{'s' if data.frames > 1 else ''} kept: {why}")
+    elif data.summary.get("stopped"):
+        lines.append(f"Stopped after {data.frames} frame{'s' if data.frames > 1 else ''}: {data.summary['stopped']}")
+    if "energy_verdict" in data.summary:
+        lines.append(data.summary["energy_verdict"])
     return [line for text in lines for line in textwrap.wrap(text[:1].upper() + text[1:], LETTERS)]
 
 
-def _figures(sheet: RunData) -> list[str]:
+def _figures(data: RunData) -> list[str]:
     result = []
-    if sheet.fractions:
-        result.append(f"at the end {series.end_shares(sheet)}")
-    residual = sheet.summary.get("energy_residual")
+    if data.fractions:
+        result.append(f"at the end {series.final_fractions(data)}")
+    residual = data.summary.get("energy_residual")
     if residual is not None:
         result.append(f"energy residual {residual:.0e} of the work".replace("e-0", "e-").replace("-", MINUS))
     return result
 
 
-def _circumstances(sheet: RunData) -> list[str]:
-    header, bodies, times = sheet.run.header, sheet.summary.get("bodies", 0), sheet.run.times
+def _circumstances(data: RunData) -> list[str]:
+    header, bodies, times = data.run.header, data.summary.get("bodies", 0), data.run.times
     result = [f"{bodies} bod{'ies' if bodies != 1 else 'y'}"]
     if bodies > 1 and str(header.get("debris_contact", "")).startswith("none"):
-        result[0] += " that do not see each other"
+        result[0] += " without mutual contact"
     law = header.get("law") or {}
     if law:
         result.append(f"law {law.get('family')} ({law.get('level')})")
-    if sheet.dragged:
-        if times[sheet.start] > 0.0:
-            result.append(f"pressed for {quantity_text(times[sheet.start], 's', 2)}")
-        path, took = float(sheet.drag.distance[-1]), float(times[-1] - times[sheet.start])
+    if data.dragged:
+        if times[data.start] > 0.0:
+            result.append(f"pressed for {quantity_text(times[data.start], 's', 2)}")
+        path, elapsed = float(data.drag.distance[-1]), float(times[-1] - times[data.start])
         what = (
             f"moved back and forth over {quantity_text(path, 'm')} in all"
-            if sheet.stroke
+            if data.stroke
             else f"dragged {quantity_text(path, 'm')}"
         )
-        result.append(f"then {what} in {quantity_text(took, 's', 2)} ({quantity_text(path / took, 'm/s', 2)})")
+        result.append(f"then {what} in {quantity_text(elapsed, 's', 2)} ({quantity_text(path / elapsed, 'm/s', 2)})")
     elif times[-1] > 0.0:
         result.append(f"{quantity_text(float(times[-1]), 's', 2)} without drag")
     return result
 
 
-def _compose(sheet: RunData, panels: list[Panel]) -> Figure:
-    title = textwrap.wrap(str(sheet.run.header.get("title") or sheet.run.path.parent.name), LETTERS_OF_TITLE)
-    head, notes = headline(sheet), [line for panel in panels for line in textwrap.wrap(panel.note, LETTERS_OF_NOTE)]
+def _compose(data: RunData, panels: list[Panel]) -> Figure:
+    title = textwrap.wrap(str(data.run.header.get("title") or data.run.path.parent.name), LETTERS_OF_TITLE)
+    head, notes = headline(data), [line for panel in panels for line in textwrap.wrap(panel.note, LETTERS_OF_NOTE)]
     top, foot = TITLE_LINE * len(title) + LINE * len(head) + 0.1, NOTE_LINE * len(notes) + 0.05
     wide, half = [panel for panel in panels if not panel.half], [panel for panel in panels if panel.half]
     parts = [sum(panel.height for panel in wide), sum(panel.height for panel in half[::2])]
@@ -213,23 +213,23 @@ def _compose(sheet: RunData, panels: list[Panel]) -> Figure:
     figure = _new_figure((WIDTH, height), (0.0, (foot + EDGE) / height, 1.0, sum(parts) / height))
     filled = [(members, part) for members, part in zip((wide, half), parts, strict=True) if members]
     frames = figure.subfigures(len(filled), 1, height_ratios=[part for _, part in filled], squeeze=False)[:, 0]
-    for place, (members, _) in zip(frames, filled, strict=True):
-        _fill(place, sheet, members)
+    for subfigure, (members, _) in zip(frames, filled, strict=True):
+        _fill(subfigure, data, members)
     y = _write(figure, EDGE, title, 14.0, TITLE_LINE, INK, "bold")
     _write(figure, y, head, 9.0, LINE, INK)
     _write(figure, height - EDGE - foot + 0.05, notes, 7.0, NOTE_LINE, SOFT)
     return figure
 
 
-def _fill(place: SubFigure, sheet: RunData, panels: list[Panel]) -> None:
+def _fill(subfigure: SubFigure, data: RunData, panels: list[Panel]) -> None:
     """Draw wide panels below each other, or half ones in pairs."""
     columns = 2 if panels[0].half and len(panels) > 1 else 1
     rows = -(-len(panels) // columns)
     heights = [panel.height for panel in panels[::columns]]
-    grid = place.add_gridspec(rows, columns, height_ratios=heights)
-    axes = [place.add_subplot(grid[k // columns, k % columns]) for k in range(len(panels))]
+    grid = subfigure.add_gridspec(rows, columns, height_ratios=heights)
+    axes = [subfigure.add_subplot(grid[k // columns, k % columns]) for k in range(len(panels))]
     for one, panel in zip(axes, panels, strict=True):
-        _draw(one, sheet, panel)
+        _draw(one, data, panel)
     for one, below in zip(axes[:-1], axes[1:], strict=True):
         if not panels[0].half and one.get_xlabel() == below.get_xlabel():
             one.set_xlabel("")  # only the lowest of the panels over the same axis has the label
@@ -252,9 +252,9 @@ def _new_figure(size: tuple[float, float], free: tuple[float, float, float, floa
         def execute(self, fig: Any) -> Any:
             grids = super().execute(fig)
             for part in fig.subfigs:
-                part.bbox_relative.p0, part.bbox_relative.p1 = np.round(part.bbox_relative.get_points(), PLACES)
+                part.bbox_relative.p0, part.bbox_relative.p1 = np.round(part.bbox_relative.get_points(), DECIMALS)
             for axes in fig.axes:
-                bounds = np.round(axes.get_position(original=True).bounds, PLACES)
+                bounds = np.round(axes.get_position(original=True).bounds, DECIMALS)
                 inside = axes.get_in_layout()
                 axes.set_position(bounds, which="original")  # this excludes the axes from the layout
                 axes.set_in_layout(inside)
@@ -274,24 +274,24 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
     return y
 
 
-def _draw(axes: Axes, sheet: RunData, panel: Panel) -> None:
+def _draw(axes: Axes, data: RunData, panel: Panel) -> None:
     """Draw the panel with the elements that all panels share."""
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)
-    panel.draw(axes, sheet)
+    panel.draw(axes, data)
     axes.xaxis.label.set_fontsize(8.5)
     axes.yaxis.label.set_fontsize(8.5)
     axes.spines[["top", "right"]].set_visible(False)
     if not panel.half:
         axes.margins(x=0.02 if panel.name == "loop" else 0.0)
         if panel.name not in ("loop", "states", "groups"):
-            x = sheet.axis[0]
+            x = data.axis[0]
             axes.set_xlim(0.0, x[-1] / unit_for(x, "")[0])
     if panel.name not in ("states", "groups"):
         axes.grid(axis="y", alpha=0.25, linewidth=0.6)
         axes.set_axisbelow(True)
     pad = 5.0 + _draw_legend(axes, panel)
-    axes.set_title(panel.title(sheet), loc="left", fontsize=9.5, fontweight="bold", color=INK, pad=pad)
+    axes.set_title(panel.title(data), loc="left", fontsize=9.5, fontweight="bold", color=INK, pad=pad)
 
 
 def _draw_legend(axes: Axes, panel: Panel) -> float:

@@ -41,10 +41,10 @@ class Pane:
         self._plotter, self._number, self.size = plotter, number, size
         self.renderer = plotter.renderers[number]
 
-    def add(self, mesh: pyvista.PolyData, **look: Any) -> None:
-        """Draw a mesh; `look` are options of `pyvista.Plotter.add_mesh`."""
+    def add(self, mesh: pyvista.PolyData, **options: Any) -> None:
+        """Draw a mesh; `options` are options of `pyvista.Plotter.add_mesh`."""
         self._plotter.subplot(0, self._number)
-        actor = self._plotter.add_mesh(mesh, reset_camera=False, render=False, show_scalar_bar=False, **look)
+        actor = self._plotter.add_mesh(mesh, reset_camera=False, render=False, show_scalar_bar=False, **options)
         actor.prop.interpolation = "Gouraud"  # with the existing normals of a mesh
 
     def add_actor(self, actor: Any) -> None:

@@ -55,10 +55,10 @@ def force_tubes(contacts: Arrays, bodies: Arrays, shift: np.ndarray, size: np.nd
     point = nearest_image(contacts["position"] - shift[own] - middle[own], size) + middle[own]
     pair = contacts["partner"] >= 0
     other = rows_of(bodies, contacts["partner"][pair])
-    far = nearest_image(middle[other] - point[pair], size) + point[pair]
+    end = nearest_image(middle[other] - point[pair], size) + point[pair]
     return Tubes(
         start=np.concatenate([middle[own], point[pair]]),
-        end=np.concatenate([point, far]),
+        end=np.concatenate([point, end]),
         force=np.concatenate([force, force[pair]]),
         colors=np.concatenate([colors, colors[pair]]),
         body=np.concatenate([own, own[pair]]),

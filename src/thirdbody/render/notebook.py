@@ -43,8 +43,10 @@ def _rows(run: Run) -> list[tuple[str, str]]:
 
 def _states(fractions: dict[str, float]) -> str:
     colors = dict(zip(fractions, state_colors(list(fractions)), strict=True))
-    met = [(name, share) for name, share in fractions.items() if share > 0.0]
-    return ", ".join(f'<span style="color:{colors[name]}">&#9632;</span> {escape(name)} {percent(share)}' for name, share in met)
+    present = [(name, fraction) for name, fraction in fractions.items() if fraction > 0.0]
+    return ", ".join(
+        f'<span style="color:{colors[name]}">&#9632;</span> {escape(name)} {percent(fraction)}' for name, fraction in present
+    )
 
 
 def _picture(run: Run) -> str:

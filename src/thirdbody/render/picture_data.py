@@ -209,7 +209,7 @@ def close_up_window(data: PictureData) -> Window | None:
     extent = data.high[:2] - data.low[:2]
     side = math.sqrt(_CLOSE_UP_BODIES / count * extent[0] * extent[1])
     # Deeper than wide: seen at an angle it then fills a square panel.
-    return _most_mixed(data, np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent), (9, 7))
+    return _best_mixed(data, np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent), (9, 7))
 
 
 def slice_window(data: PictureData, along: int) -> Window | None:
@@ -225,10 +225,10 @@ def slice_window(data: PictureData, along: int) -> Window | None:
     if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
         return None
     half[1 - along] = min(1.2 * extent[2], 0.5 * extent[1 - along])
-    return _most_mixed(data, half, (12, 12))
+    return _best_mixed(data, half, (12, 12))
 
 
-def _most_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) -> Window:
+def _best_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) -> Window:
     """Return the window of half size (2,), in a grid over the whole domain, in which states mix most."""
     low, high = data.low[:2] + half, data.high[:2] - half
     axes = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))

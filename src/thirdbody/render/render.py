@@ -212,11 +212,11 @@ def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> s
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
             late = threading.Event()
 
-            def give_up() -> None:
+            def time_out() -> None:
                 late.set()
                 process.kill()
 
-            timer = threading.Timer(limit, give_up)
+            timer = threading.Timer(limit, time_out)
             timer.start()
             try:
                 assert process.stdout is not None

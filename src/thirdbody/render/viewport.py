@@ -110,9 +110,11 @@ class Viewport:
         # Bodies are about as large as twice their spheres.
         thickest = THICKEST * 2.0 * float(np.mean(self._data.radii)) * self.scale
         radii = thickest * np.minimum(tubes.force / full_scale, 1.0)
-        seen = self._data.bodies_inside(low, high)[tubes.body] & (radii > 0.02 * thickest)
-        if seen.any():
-            mesh = tube_mesh(self.scaled(tubes.start[seen]), self.scaled(tubes.end[seen]), radii[seen], tubes.colors[seen])
+        visible = self._data.bodies_inside(low, high)[tubes.body] & (radii > 0.02 * thickest)
+        if visible.any():
+            mesh = tube_mesh(
+                self.scaled(tubes.start[visible]), self.scaled(tubes.end[visible]), radii[visible], tubes.colors[visible]
+            )
             self.inner.add(mesh, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
 
     def _arrow_ends(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

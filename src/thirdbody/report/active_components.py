@@ -104,7 +104,7 @@ def _laws(built: Simulation) -> list[dict[str, Any]]:
         row_of_springs = numbers > 16 and law.name not in NS
         each = NS["spring"] * numbers / 2.0 if row_of_springs else NS.get(law.name, NS["law"])
         rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * each))
-    return rows + [_row(name, False, "no pair asks for it", 0.0) for name in built.choice.off]
+    return rows + [_row(name, False, "no pair requires it", 0.0) for name in built.choice.off]
 
 
 def _effects(built: Simulation) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.errors import InputError, UsageError
-from thirdbody.system.terminal import say
+from thirdbody.system.terminal import print_line
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
@@ -222,7 +222,7 @@ def _print(entry: dict[str, Any]) -> None:
     material = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
     table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{material}", ("", *columns), rows)
     for note in entry.get("notes", ()):
-        say(note)
+        print_line(note)
     for fit in entry.get("fits", ()):
         _print_fit(fit)
 

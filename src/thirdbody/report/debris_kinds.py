@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import UsageError, nearest
-from thirdbody.system.terminal import say
+from thirdbody.system.terminal import print_line
 
 
 def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
@@ -31,7 +31,7 @@ def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
         rows = [[str(entry[key]) for key in ("kind", "from", "description")] for entry in entries]
         table("kinds of debris (debris.kind)", ("kind", "from", "bodies"), rows)
         for why in failures.values():
-            say(f"kind of debris {why}")
+            print_line(f"kind of debris {why}")
         print("\nthe keys of one of them: thirdbody shapes --list KIND")
         return
     (entry,) = entries

@@ -61,8 +61,8 @@ def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -
     plain = None if rotated is None else (rotated[drawn.body] != drawn.slides) & drawn.clear
     return {
         "by_rotation": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
-        "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
-        "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
+        "clear": [int((drawn.correct & drawn.clear).sum()), int(drawn.clear.sum())],
+        "alone": [int((drawn.correct & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
         "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
     }
 

@@ -54,7 +54,7 @@ def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, fr
         Condition("inertia", "inertia, m v\N{SUPERSCRIPT TWO}/(mu N a)", inertia, f"{inertia:.2g}", f"at most {MAX_INERTIA:g}",
                   inertia <= MAX_INERTIA),
         Condition("frames", "frames in that drag", frames, f"{frames:g}", f"at least {MIN_FRAMES}", frames >= MIN_FRAMES),
-        Condition("reversal", "share of that drag taken back", reversed_fraction, percent(reversed_fraction), "none",
+        Condition("reversal", "fraction of that drag reversed", reversed_fraction, percent(reversed_fraction), "none",
         reversed_fraction == 0.0),
         Condition("support", "support of the upper plate", float(follows), support, "follows each body", follows),
     ]  # fmt: skip

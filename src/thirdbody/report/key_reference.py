@@ -82,7 +82,7 @@ def keys_report(word: str | None, plugins: Sequence[Path], json: bool) -> None:
     from thirdbody.report.tables import print_json, table
 
     registry = discover(plugins)
-    keys, names = _found(word, all_keys(registry), all_names(registry))
+    keys, names = _matches(word, all_keys(registry), all_names(registry))
     if json:
         run = {kind: {name: entry._asdict() for name, entry in entries.items()} for kind, entries in names.items()}
         print_json({"scene": [asdict(key) for key in keys], "run": run})
@@ -97,19 +97,21 @@ def keys_report(word: str | None, plugins: Sequence[Path], json: bool) -> None:
             print()
 
 
-def _found(word: str | None, keys: list[Key], names: dict[str, dict[str, Name]]) -> tuple[list[Key], dict[str, dict[str, Name]]]:
+def _matches(
+    word: str | None, keys: list[Key], names: dict[str, dict[str, Name]]
+) -> tuple[list[Key], dict[str, dict[str, Name]]]:
     """Return what a word finds: parts of names, else words of meanings. Raises UsageError for nothing."""
     if word is None:
         return keys, names
     wanted = re.sub(r"\[\d+\]|\.\d+(?=\.|$)", "", word).lower()
     for text_of in (lambda name, meaning: name, lambda name, meaning: meaning):
-        found = [key for key in keys if wanted in text_of(key.path, key.meaning).lower()]
+        result = [key for key in keys if wanted in text_of(key.path, key.meaning).lower()]
         tables = {
             kind: {name: entry for name, entry in entries.items() if wanted in text_of(name, entry.meaning).lower()}
             for kind, entries in names.items()
         }
-        if found or any(tables.values()):
-            return found, tables
+        if result or any(tables.values()):
+            return result, tables
     parts = {part for key in keys for part in (key.path, key.path.rpartition(".")[2])}
     known = parts | {name for entries in names.values() for name in entries}
     raise UsageError(f"keys {word}: nothing has this name, {nearest(wanted, known)}")

@@ -18,7 +18,7 @@ from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
 from thirdbody.runner.run_warnings import run_warnings
-from thirdbody.system.terminal import PrintableStream, say
+from thirdbody.system.terminal import PrintableStream, print_line
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -264,8 +264,8 @@ def print_check(report: dict[str, Any]) -> None:
     from thirdbody.scene.toml_writer import toml_text
 
     for warning in report["warnings"]:
-        say(f"warning: {warning}")
-    say(f"# {report['title'] or 'scene'}: {report['bodies']} bodies, {report['spheres']} spheres")
+        print_line(f"warning: {warning}")
+    print_line(f"# {report['title'] or 'scene'}: {report['bodies']} bodies, {report['spheres']} spheres")
     _print_costs(report)
     _print_integration(report)
     _print_plate(report)
@@ -289,19 +289,19 @@ def _print_laws(report: dict[str, Any]) -> None:
     table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
           [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
     if law["not_needed"]:
-        say(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
+        print_line(f"absent, because no pair requires it: {', '.join(law['not_needed'])}")
     for pair in report["pairs"]:
         values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
-        say(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
+        print_line(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
     on = ", ".join(effect["effect"] for effect in report["effects"]["on"]) or "none"
     if law["explicit_only"]:
-        say(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
+        print_line(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
     contact, labels = report["effects"]["debris_contact"], report["effects"]["labels"]
-    say(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
+    print_line(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
     fractions = [
         "" if row["fraction"] is None else f"{100.0 * row['fraction']:.0f} %" if row["on"] else "-" for row in report["parts"]
     ]
-    table("effects and parts, with their share of the time (estimated)", ("part", "", "fraction", "reason"),
+    table("effects and components, with their fraction of the time (estimated)", ("part", "", "fraction", "reason"),
           [(row["part"], "on" if row["on"] else "off", percent, row["reason"])
            for row, percent in zip(report["parts"], fractions, strict=True)])  # fmt: skip
 
@@ -325,7 +325,7 @@ def _print_plate(report: dict[str, Any]) -> None:
 
 
 def _print_integration(report: dict[str, Any]) -> None:
-    say(f"integrator {report['integrator']}: {report['integrator_reason']}")
+    print_line(f"integrator {report['integrator']}: {report['integrator_reason']}")
     settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
     if "time_step" not in report:
         chosen = report["accuracy"]

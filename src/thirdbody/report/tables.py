@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.errors import InputError, printable
-from thirdbody.system.terminal import say, terminal_of
+from thirdbody.system.terminal import print_line, terminal_of
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def as_plain(value: Any) -> Any:
 def print_warnings(warnings: Iterable[str]) -> None:
     """Print warnings on standard error."""
     for warning in warnings:
-        say(f"warning: {warning}", err=True)
+        print_line(f"warning: {warning}", err=True)
 
 
 def run_report(folder: Path, json: bool) -> None:
@@ -101,12 +101,12 @@ def run_report(folder: Path, json: bool) -> None:
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the final states of every population, and of every material where populations share one: name and fractions."""
-    from thirdbody.trajectory.state_groups import shares_text, telling
+    from thirdbody.trajectory.state_groups import fractions_text, informative_groups
 
     kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
     return [
-        (f"  {row['name']}", f"{shares_text(row['fractions'])} (of {row['bodies']}{_load(row)})")
-        for _, rows in telling(kinds)
+        (f"  {row['name']}", f"{fractions_text(row['fractions'])} (of {row['bodies']}{_load(row)})")
+        for _, rows in informative_groups(kinds)
         for row in rows
     ]
 
@@ -117,10 +117,10 @@ def _load(row: Mapping[str, Any]) -> str:
 
 def _print_groups(run: Run, frame: int) -> None:
     """Print the states of one frame by population, material and size."""
-    from thirdbody.trajectory.state_groups import states_by_group, telling
+    from thirdbody.trajectory.state_groups import informative_groups, states_by_group
 
     headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
-    for kind, rows in telling(states_by_group(run, frame)):
+    for kind, rows in informative_groups(states_by_group(run, frame)):
         load = ["load"] if "load_share" in rows[0] else []
         table(
             f"states at frame {frame} {headings[kind]}",
@@ -159,14 +159,14 @@ def _states_over_frames(run: Run, json: bool) -> None:
         print_json({"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups)
         return
     if not rows:
-        say(f"{run.path}: no frames yet")
+        print_line(f"{run.path}: no frames yet")
         return
     _print_groups(run, run.frames - 1)
     headings = ["frame", "time", "distance", *names]
     table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, counts in last.items():
-        say(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+        print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
     _print_forecast(compare_forecast(run))
 
 
@@ -192,7 +192,10 @@ def _print_forecast(result: dict[str, Any]) -> None:
           f"{_of(*result['alone'])}")  # fmt: skip
     if result["by_rotation"] is not None:
         print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*result['by_rotation'])}")
-    for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
+    for name, text in (
+        ("rolls_instead", "rolled although they can slide"),
+        ("slides_instead", "never rolled although forecast to roll"),
+    ):
         if result[name]:
             shown = ", ".join(map(str, result[name][:20]))
             print(f"{text}: bodies {shown}" + (f" and {len(result[name]) - 20} more" if len(result[name]) > 20 else ""))
@@ -279,7 +282,7 @@ def laws_report(registry: Registry, json: bool) -> None:
             table(title, tuple(rows[0]), [[str(value) for value in row.values()] for row in rows])
             print()
     for name, why in registry.failures.items():
-        say(f"plug-in {name} did not load: {why}")
+        print_line(f"plug-in {name} did not load: {why}")
 
 
 def conformance_report(files: Sequence[Path], json: bool) -> None:

@@ -115,7 +115,7 @@ def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
     short = report.get("histories_shortened")
     if short:
         yield (
-            f"{short} contacts bent their history more often than contact.nodes has room for, and dropped the least of it: an "
+            f"{short} contacts bent their history more often than contact.nodes allows, and dropped the least of it: an "
             "error of some 1e-4 of mu N with 48 nodes, which falls with the square of their number"
         )
     if left:

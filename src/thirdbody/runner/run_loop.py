@@ -14,7 +14,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import EnergyGuard
-from thirdbody.engine.snapshot import put, snapshot
+from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.output_schedule import targets
@@ -66,7 +66,7 @@ class RunLoop:
         """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
         state = self.simulation.state
         try:
-            put(checkpoint.snapshot, state, self.simulation.integrator, self.ledger)
+            restore(checkpoint.snapshot, state, self.simulation.integrator, self.ledger)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
         self.maker.impulses = checkpoint.impulses.copy()
@@ -81,7 +81,7 @@ class RunLoop:
         simulation, integrator = self.simulation, self.simulation.integrator
         self.writer = writer
         if not writer.frames:
-            self.keep()  # before the first frame: a run that is killed at once can be resumed too
+            self.export_state()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
         for target_time, target_distance, is_output in islice(targets(simulation), self.reached, None):
             if is_output or integrator.divisible:
@@ -92,13 +92,13 @@ class RunLoop:
             elif integrator.divisible:
                 self._report_progress({})
             self._stop_or_save()
-        self.keep()
+        self.export_state()
 
     def _moved(self) -> bool:
         """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
         return self.simulation.state.time > self.maker.impulses[0]
 
-    def keep(self) -> None:
+    def export_state(self) -> None:
         """Write a checkpoint."""
         begun = time.perf_counter()
         saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
@@ -132,7 +132,7 @@ class RunLoop:
         if self.stop():
             self._leave("interrupted")
         if now - self.written > max(self.every, MIN_INTERVAL_OVER_COST * self.cost):
-            self.keep()
+            self.export_state()
 
     def stop_before_going_on(self) -> None:
         """Stop on a signal while the earlier part of a run is read; it and its checkpoint stay unchanged."""
@@ -142,7 +142,7 @@ class RunLoop:
             raise error
 
     def _leave(self, why: str) -> None:
-        self.keep()
+        self.export_state()
         raise self._interrupted(f"{why} at t = {self.simulation.state.time:.6g} s; {self.writer.frames} frames are kept")
 
     def _interrupted(self, what: str) -> Interrupted:
@@ -168,7 +168,7 @@ class RunLoop:
         # after the frame, which shows what went wrong
         self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))
         if slow := self._implicit():
-            slow.refuse_made_energy()
+            slow.refuse_created_energy()
 
     def _report_progress(self, series: dict[str, Any]) -> None:
         """Report the progress so far."""
@@ -177,7 +177,7 @@ class RunLoop:
             slow = self._implicit()
             simulated = slow.mean_time() if slow else self.simulation.state.time
             fraction = min(simulated / self.simulation.planned_time, 1.0)
-            limit = slow.tell_limit() if slow else ""
+            limit = slow.describe_limit() if slow else ""
             self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, limit))
 
     def _implicit(self) -> Implicit | None:

@@ -189,7 +189,7 @@ def check_threads(threads: int | None) -> list[str]:
     if threads is not None and threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
     if threads is not None and threads > maximum:
-        return [f"{threads} threads were asked for; {maximum} are used, as many as there are cores"]
+        return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"]
     return []
 
 
@@ -248,7 +248,7 @@ def debris_contact(simulation: Simulation) -> str:
     """Describe the contact between bodies in this run."""
     if simulation.state.world.debris_meets:
         return "searched" if simulation.plan.kind == "explicit" else "watched: the run stops where two bodies come near"
-    return "none: bodies do not see each other"
+    return "none: no contact between bodies"
 
 
 def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:

@@ -62,18 +62,18 @@ def table_keys(schema: Schema) -> list[Key]:
 
 def _keys(table: Schema, tables: Schema, path: str, names: tuple[str, ...]) -> Iterator[Key]:
     """Yield the keys of a table and of the tables inside it."""
-    required, seen = table.get("required", ()), set[str]()
+    required, visited = table.get("required", ()), set[str]()
     for name, value in table["properties"].items():
         key = _key(f"{path}{name}", value, name in required, names)
         if key.meaning:
             yield key
         inner = list(dict.fromkeys(_references(value)))
         for reference in inner:
-            if reference not in seen:  # x and y of a motion have the same tables
+            if reference not in visited:  # x and y of a motion have the same tables
                 entry = tables[reference]
                 below = f"{path}{name}.NAME." if "additionalProperties" in value else f"{path}{name}."
                 yield from _keys(entry, tables, below, (_name(entry),) if len(inner) > 1 else ())
-        seen.update(inner)
+        visited.update(inner)
 
 
 def _name(table: Schema) -> str:

@@ -233,15 +233,15 @@ class Scene(Part):
     @property
     def population_names(self) -> list[str]:
         """Return names of the populations: `name`, else material and kind: `bronze (irregular)`, `bronze (irregular) 2`."""
-        taken = {debris.name for debris in self.debris if debris.name}
+        used = {debris.name for debris in self.debris if debris.name}
         names = []
         for debris in self.debris:
             name = debris.name
             if not name:
                 plain_name = f"{debris.material} ({debris.kind})"
                 numbered = (f"{plain_name} {k}" for k in itertools.count(2))
-                name = next(text for text in itertools.chain([plain_name], numbered) if text not in taken)
-                taken.add(name)
+                name = next(text for text in itertools.chain([plain_name], numbered) if text not in used)
+                used.add(name)
             names.append(name)
         return names
 

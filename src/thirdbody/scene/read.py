@@ -127,7 +127,7 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
     try:
         document = tomllib.loads(text)
     except RecursionError:
-        line = _most_nested_line(text)
+        line = _max_nesting_line(text)
         raise InputError(Fault("", f"nested too deeply, at most {MAX_LEVELS} levels are read", name, line, 1)) from None
     except ValueError as error:
         raise InputError(_syntax_fault(str(error), text, name)) from None
@@ -151,7 +151,7 @@ def _refuse_nested(document: dict[str, Any], name: str) -> None:
         raise InputError(faults)
 
 
-def _most_nested_line(text: str) -> int:
+def _max_nesting_line(text: str) -> int:
     """Return the line with the most opening brackets: only for text that nests too deeply to be read."""
     lines = text.split("\n")
     return 1 + max(range(len(lines)), key=lambda k: lines[k].count("[") + lines[k].count("{"))

@@ -82,7 +82,7 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
         "friction_error": rms_error(result.friction, reference.friction),
         "load_error": rms_error(*load),
         "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / path,
-        "rotation_error": _median(turns(result.quaternion, reference.quaternion)[same]),
+        "rotation_error": _median(rotation_angles(result.quaternion, reference.quaternion)[same]),
         "label_difference": label_difference(result.states, reference.states),
         "dissipation_error": _relative(result.dissipated, reference.dissipated),
     }
@@ -100,7 +100,7 @@ def rms_error(result: Array, reference: Array) -> float:
     return float(np.sqrt(np.mean((a[known] - b[known]) ** 2))) / size if size > 0.0 else float("nan")
 
 
-def turns(first: Array, second: Array) -> Array:
+def rotation_angles(first: Array, second: Array) -> Array:
     """Return the angles (B,) [rad] between orientations (B, 4); also exact for small ones, where arccos loses half its digits."""
     w = np.abs(np.sum(first * second, axis=1))
     cross = np.cross(second[:, 1:], first[:, 1:])

@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 
 from thirdbody.studies.cost import Study
-from thirdbody.studies.worker_process import RUNGS
+from thirdbody.studies.worker_process import RUNS
 
 Array = np.ndarray
 
-CELLS, MARGIN, MOST = 12, 2.0, 1600
+CELLS, MARGIN, MAX_CELLS = 12, 2.0, 1600
 """Grid cells over the smallest contact radius, empty rim in largest contact radii, and largest number of cells along a side."""
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Loaded contacts (n) of one body on one plate, SI: `place` (n, 2), `overlap`, `radius` (of contact), `load` (n,)."""
+    """Loaded contacts (n) of one body on one plate, SI: `position` (n, 2), `overlap`, `radius` (of contact), `load` (n,)."""
 
     body: int
     plate: str
-    place: Array
+    position: Array
     overlap: Array
     radius: Array
     load: Array
@@ -45,12 +45,12 @@ class Spots:
     @property
     def apart(self) -> Array:
         """Distances (n, n) [m]; infinite from a contact to itself."""
-        r = np.linalg.norm(self.place[:, None] - self.place[None], axis=2)
+        r = np.linalg.norm(self.position[:, None] - self.position[None], axis=2)
         np.fill_diagonal(r, math.inf)
         return r
 
     @property
-    def share(self) -> float:
+    def neighbour_fraction(self) -> float:
         """Fraction of a contact's overlap due to its neighbours' loads: sum of N/(pi E* r) over the overlap.
 
         The mean over the contacts, weighted with their loads: a contact that hardly touches has the largest error and the least
@@ -63,9 +63,9 @@ class Spots:
 def interaction(folder: Path) -> dict[str, Any] | None:
     """Return the interaction neglected at the closest contacts of a run; None if no body has two loaded contacts on one plate.
 
-    `share`: fraction of a contact's overlap (`Spots.share`); `closed_form` and `boundary_elements` (None without tamaas, reason
-    in `why`): `approach`, the relative change of the approach of the whole group under the same load, and `loads`, that of each
-    contact's load when the group is pressed as one rigid body.
+    `neighbour_fraction`: fraction of a contact's overlap (`Spots.neighbour_fraction`); `closed_form` and `boundary_elements`
+    (None without tamaas, reason in `why`): `approach`, the relative change of the approach of the whole group under the same
+    load, and `loads`, that of each contact's load when the group is pressed as one rigid body.
     """
     spots = closest(folder)
     if spots is None:
@@ -73,7 +73,7 @@ def interaction(folder: Path) -> dict[str, Any] | None:
     nearest = float(np.min(spots.apart / np.maximum(spots.radius[:, None], spots.radius[None])))
     report: dict[str, Any] = {
         "body": spots.body, "plate": spots.plate, "spots": len(spots.load), "nearest": nearest,
-        "share": spots.share, "closed_form": far_field(spots), "boundary_elements": None, "why": "",
+        "neighbour_fraction": spots.neighbour_fraction, "closed_form": far_field(spots), "boundary_elements": None, "why": "",
     }  # fmt: skip
     try:
         import tamaas
@@ -88,8 +88,8 @@ def interaction(folder: Path) -> dict[str, Any] | None:
 
 def above(built: Study, folder: Path) -> dict[str, Any] | None:
     """Return `interaction` of the study's reference."""
-    place = built.reference.place
-    return interaction(folder / RUNGS / place) if place else None
+    name = built.reference.folder
+    return interaction(folder / RUNS / name) if name else None
 
 
 def closest(folder: Path) -> Spots | None:
@@ -109,7 +109,7 @@ def closest(folder: Path) -> Spots | None:
             if len(k) > 1:
                 result.append(Spots(int(body), plate, table["position"][k, :2], table["overlap"][k], table["contact_radius"][k],
                                    table["normal_force"][k]))  # fmt: skip
-    return max(result, key=lambda spots: spots.share, default=None)
+    return max(result, key=lambda spots: spots.neighbour_fraction, default=None)
 
 
 def far_field(spots: Spots) -> dict[str, Any]:
@@ -121,13 +121,13 @@ def far_field(spots: Spots) -> dict[str, Any]:
     for _ in range(50):  # converges quadratically: a handful is enough
         force = stiff * down**1.5
         slope = 1.5 * stiff * np.sqrt(down)
-        rest = np.append(spots.overlap + lift - bend @ force - down, spots.load.sum() - force.sum())
+        residual = np.append(spots.overlap + lift - bend @ force - down, spots.load.sum() - force.sum())
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = np.eye(n) + bend * slope
         matrix[:n, n], matrix[n, :n] = -1.0, slope
-        step = np.linalg.solve(matrix, rest)
+        step = np.linalg.solve(matrix, residual)
         down, lift = np.maximum(down + step[:n], 1e-3 * spots.overlap), lift + step[n]
-    return _told(spots, lift, stiff * down**1.5)
+    return _relative_changes(spots, lift, stiff * down**1.5)
 
 
 def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
@@ -140,22 +140,22 @@ def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
     tamaas.set_log_level(tamaas.LogLevel.error)
     cell = float(spots.radius.min()) / CELLS
     rim = MARGIN * float(spots.radius.max())
-    low, high = spots.place.min(axis=0) - rim, spots.place.max(axis=0) + rim
+    low, high = spots.position.min(axis=0) - rim, spots.position.max(axis=0) + rim
     n = np.ceil((high - low) / cell).astype(int)
-    if n.max() > MOST:
-        raise ValueError(f"the grid would have {n.max()} cells along a side, at most {MOST}")
+    if n.max() > MAX_CELLS:
+        raise ValueError(f"the grid would have {n.max()} cells along a side, at most {MAX_CELLS}")
     axes = [low[i] + cell * np.arange(n[i]) for i in (0, 1)]
     gap = [((axes[0][:, None] - x) ** 2 + (axes[1][None] - y) ** 2) * spots.overlap[k] / (2.0 * spots.radius[k] ** 2)
-           for k, (x, y) in enumerate(spots.place)]  # fmt: skip
+           for k, (x, y) in enumerate(spots.position)]  # fmt: skip
     # a lone contact fills only its corner of the grid: the same to 1e-8 and three hundred times as fast
-    near = [np.ix_(*(np.abs(axes[i] - spots.place[k, i]) < rim for i in (0, 1))) for k in range(len(gap))]
+    near = [np.ix_(*(np.abs(axes[i] - spots.position[k, i]) < rim for i in (0, 1))) for k in range(len(gap))]
     alone = np.array([_pressed(tamaas, spots, cell, gap[k][near[k]], spots.load[k])[1] for k in range(len(gap))])
     heights = np.stack([gap[k] + (alone.max() - alone[k]) for k in range(len(gap))])
     pressure, approach = _pressed(tamaas, spots, cell, heights.min(axis=0), spots.load.sum())
     owner = heights.argmin(axis=0)
     loads = np.array([pressure[owner == k].sum() * cell**2 for k in range(len(gap))])
     # relative to the lone contact's overlap, scaled by the scene's: the error of the grid cancels to first order
-    return _told(spots, (approach - alone.max()) / alone.max() * spots.overlap.max(), loads)
+    return _relative_changes(spots, (approach - alone.max()) / alone.max() * spots.overlap.max(), loads)
 
 
 def _pressed(tamaas: Any, spots: Spots, cell: float, gap: Array, load: float) -> tuple[Array, float]:
@@ -182,7 +182,7 @@ def _pressed(tamaas: Any, spots: Spots, cell: float, gap: Array, load: float) ->
     return pressure * spots.e_star * d / a, approach
 
 
-def _told(spots: Spots, lift: float, loads: Array) -> dict[str, Any]:
+def _relative_changes(spots: Spots, lift: float, loads: Array) -> dict[str, Any]:
     return {"approach": float(lift / spots.overlap.max()), "loads": (loads / spots.load - 1.0).tolist()}
 
 
@@ -196,7 +196,7 @@ def print_interaction(report: dict[str, Any] | None) -> None:
         f"radii apart"
     )
     print(f"above the finest law, what Hertz and Mindlin neglect: elastic interaction of spots; most in {where}:")
-    print(f"  a neighbour's load makes {_percent(report['share'])} of a spot's overlap, and of s_c when it slides")
+    print(f"  a neighbour's load makes {_percent(report['neighbour_fraction'])} of a spot's overlap, and of s_c when it slides")
     for name, label in (("closed_form", "closed form, far point loads"), ("boundary_elements", "boundary elements, tamaas")):
         result = report[name]
         if result is not None:
@@ -206,5 +206,5 @@ def print_interaction(report: dict[str, Any] | None) -> None:
         print(f"  {report['why']}")
 
 
-def _percent(share: float, sign: str = "") -> str:
-    return f"{100.0 * share:{sign}.2g} %"
+def _percent(fraction: float, sign: str = "") -> str:
+    return f"{100.0 * fraction:{sign}.2g} %"

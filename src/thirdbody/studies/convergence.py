@@ -27,26 +27,26 @@ def convergence(built: Study) -> list[dict[str, Any]]:
 
 
 def _of_springs(built: Study) -> list[dict[str, Any]]:
-    laws = [row for row in built.rows if row.rung.axis == "law" and row.stable]
-    rows = [row for row in laws if row.rung.springs is not None]
+    laws = [row for row in built.rows if row.variant.axis == "law" and row.stable]
+    rows = [row for row in laws if row.variant.springs is not None]
     finest = laws[-1] if laws else None
-    verified = [row for row in built.rows if row.rung.axis == "verify" and row.stable]
+    verified = [row for row in built.rows if row.variant.axis == "verify" and row.stable]
     if verified:  # with steps so fine that they do not hide the error of the springs
         rows, finest = verified, built.reference
     if finest is None or not rows:
         return []
     if finest in rows:  # no law without springs: the largest number of springs is the reference
         rows.remove(finest)
-    sizes = [1.0 / row.rung.springs for row in rows]  # type: ignore[operator]
-    return [_series(built, "springs", [str(row.rung.springs) for row in rows], sizes, rows, finest)]
+    sizes = [1.0 / row.variant.springs for row in rows]  # type: ignore[operator]
+    return [_series(built, "springs", [str(row.variant.springs) for row in rows], sizes, rows, finest)]
 
 
 def _of_steps(built: Study) -> list[dict[str, Any]]:
     result = []
-    laws = [row for row in built.rows if row.rung.axis == "law"]
+    laws = [row for row in built.rows if row.variant.axis == "law"]
     extra = {"step": built.default, "fine": laws[-1] if laws else None}
     for what, axis in (("step", "step"), ("other integrator's step", "integrator"), ("step of the finest law", "fine")):
-        rows = [row for row in built.rows if row.rung.axis == axis]
+        rows = [row for row in built.rows if row.variant.axis == axis]
         rows += [row for row in (extra.get(axis), built.reference if axis == "fine" else None) if row is not None]
         rows = sorted((row for row in rows if row.stable and row.step), key=lambda row: -float(row.step or 0.0))
         if len({row.integrator for row in rows}) != 1 or len(rows) < 3:
@@ -70,7 +70,7 @@ def _series(built: Study, what: str, names: list[str], sizes: list[float], rows:
     result = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
     fitted = falling(result)
     slope = order(sizes[:fitted], [e if e > FLOOR else math.nan for e in result[:fitted]])
-    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": result, "order": slope, "fitted": fitted}
+    return {"what": what, "against": limit.variant.name, "sizes": names, "errors": result, "order": slope, "fitted": fitted}
 
 
 def falling(result: list[float]) -> int:
@@ -93,22 +93,23 @@ def reference_error(built: Study) -> float:
     """
     merit, last = figure_of_merit(built), built.reference
     rows = [row for row in built.rows if row.stable and row.integrator == last.integrator and row.step
-            and (row.rung.level, row.rung.springs) == (last.rung.level, last.rung.springs) and row is not last]  # fmt: skip
+            and (row.variant.level, row.variant.springs) == (last.variant.level,
+                 last.variant.springs) and row is not last]  # fmt: skip
     sizes = {_size(row) / _size(last): row.errors[merit] for row in rows}
     r = min((size for size in sizes if size > 1.0), default=math.nan)
     second = next((error for size, error in sizes.items() if math.isclose(size, r * r, rel_tol=0.01)), math.nan)
     first = sizes.get(r, math.nan)
-    rise = second / first if first > FLOOR else math.nan
-    return first / (rise - 2.0) if rise > SLOWEST else math.nan
+    growth = second / first if first > FLOOR else math.nan
+    return first / (growth - 2.0) if growth > SLOWEST else math.nan
 
 
 def print_reference(built: Study) -> None:
     """Print the estimated error of the reference."""
     report = reference_error(built)
     words = (
-        "not known, its steps tell no order" if math.isnan(report) else f"about {percent(report)}, extrapolated from its steps"
+        "not known, its steps show no order" if math.isnan(report) else f"about {percent(report)}, extrapolated from its steps"
     )
-    print(f"error of the reference itself: {words}; differences below it tell nothing")
+    print(f"error of the reference itself: {words}; smaller differences are not significant")
 
 
 def print_convergence(series: list[dict[str, Any]]) -> None:

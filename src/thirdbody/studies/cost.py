@@ -23,14 +23,14 @@ JSON_FILE, PICTURE = "cost.json", "cost.png"
 GOOD, SAME = 0.01, 0.01
 """Friction error and fraction of changed labels that a recommended variant may have."""
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 
 @dataclass
 class Study:
     """Completed study, with the scene that was computed.
 
-    `alone`: bodies of the scene meet, those of the computed copy do not; `budget`, `took`: of the whole study [s].
+    `alone`: bodies of the scene meet, those of the computed copy do not; `budget`, `elapsed`: of the whole study [s].
     """
 
     scene: str
@@ -40,24 +40,24 @@ class Study:
     rows: list[Row]
     alone: bool = False
     budget: float = BUDGET
-    took: float = math.nan
+    elapsed: float = math.nan
 
     @property
     def default(self) -> Row | None:
         """Variant with the settings of the scene itself."""
-        return next((row for row in self.rows if row.rung.default), None)
+        return next((row for row in self.rows if row.variant.default), None)
 
     @property
     def reference(self) -> Row:
         """Reference of the errors: the finest variant that finished."""
-        return next(row for row in reversed(self.rows) if row.rung.reference)
+        return next(row for row in reversed(self.rows) if row.variant.reference)
 
 
 def study(
     path: Path, folder: Path, settings: Mapping[str, Any] | None = None, plugins: Sequence[str | Path] = (),
-    repeats: int = REPEATS, tell: Tell = lambda text: None, verify: bool = False, budget: float = BUDGET,
+    repeats: int = REPEATS, log: Log = lambda text: None, verify: bool = False, budget: float = BUDGET,
 ) -> Study:  # fmt: skip
-    """Compute the variants of a scene file; runs remain in `folder`/rungs. Raises ThirdbodyError for an invalid scene.
+    """Compute the variants of a scene file; runs remain in `folder`/variants. Raises ThirdbodyError for an invalid scene.
 
     The scene is reduced until its variants should finish within `budget` seconds; variants without time are omitted and marked.
     Errors are relative to the last variant, or, where that one failed, to the slowest other one that finished. Raises UsageError
@@ -66,16 +66,16 @@ def study(
     from thirdbody.studies.machine_info import machine
 
     if repeats < 2:
-        raise UsageError(f"--repeats {repeats}: at least 2, or nothing tells how much times spread")
+        raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
     clock = Budget(budget)
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
-        stage = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, verify, clock, worker, tell)
-        climb = VariantRuns(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
-        rows = climb.rows(stage.rungs, repeats)
+        setup = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, verify, clock, worker, log)
+        runs = VariantRuns(worker, folder, plugins, setup.base, setup.costs, setup.overheads, clock, log)
+        rows = runs.rows(setup.variants, repeats)
     _one_pace(rows)
-    built = Study(str(path), scene.title, stage.reduction, machine(), rows, stage.alone, budget)
+    built = Study(str(path), scene.title, setup.reduction, machine(), rows, setup.alone, budget)
     compute_errors(built)
     return built
 
@@ -92,11 +92,11 @@ def compute_errors(built: Study) -> None:
     """Compute the errors of all rows against the reference, which is replaced where the finest variant failed."""
     rows = built.rows
     if not rows[-1].stable:
-        whole = [row for row in rows if row.stable and row.rung.axis == "law"]
+        whole = [row for row in rows if row.stable and row.variant.axis == "law"]
         if not whole:
-            raise UsageError(f"no rung of {built.scene} came to its end: {rows[0].message or rows[-1].message}")
+            raise UsageError(f"no variant of {built.scene} finished: {rows[0].message or rows[-1].message}")
         for row in rows:
-            row.rung = replace(row.rung, reference=row is whole[-1])
+            row.variant = replace(row.variant, reference=row is whole[-1])
     reference = built.reference.outcome
     assert reference is not None  # a stable run has frames
     for row in rows:
@@ -117,7 +117,7 @@ def efficient(built: Study) -> list[Row]:
     definition, is the last.
     """
     merit = figure_of_merit(built)
-    rows = [row for row in built.rows if row.stable and row.rung.axis != "verify" and math.isfinite(row.errors[merit])]
+    rows = [row for row in built.rows if row.stable and row.variant.axis != "verify" and math.isfinite(row.errors[merit])]
     saved = [row for row in rows if row is built.reference or not any(_beaten(row, other, merit) for other in rows)]
     return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
 
@@ -144,26 +144,29 @@ def recommended(built: Study) -> tuple[Row, str]:
     """
     merit = figure_of_merit(built)
     fit = Study(built.scene, built.title, [], {}, [row for row in built.rows if possible(built, row)])
-    rows = [row for row in efficient(fit) if not row.rung.reference] or [built.reference]
-    good = [row for row in fit.rows if row.stable and row.rung.axis != "verify" and not row.rung.reference and _good(row, merit)]
+    rows = [row for row in efficient(fit) if not row.variant.reference] or [built.reference]
+    good = [
+        row for row in fit.rows if row.stable and row.variant.axis != "verify" and not row.variant.reference and _good(row, merit)
+    ]
     ties = _ties(good)
     default = built.default
-    row = _least(ties, merit, default) if good else rows[-1]
-    own = ", what the scene asks for," if row is default else ""
+    row = _best_of(ties, merit, default) if good else rows[-1]
+    own = ", the variant of the scene," if row is default else ""
     what = "friction" if merit == "friction_error" else "load"
-    words = [f"`{row.rung.name}`{own} gives {percent(row.errors[merit])} {what} error"]
+    words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {what} error"]
     if default is not None and default.stable and default is not row:
-        words.append(f" at {_ratio(row, default)} `{default.rung.name}` ({percent(default.errors[merit])})")
+        words.append(f" at {_ratio(row, default)} `{default.variant.name}` ({percent(default.errors[merit])})")
     words.append(_of_labels(row))
-    others = [other.rung.name for other in ties if other is not row]
+    others = [other.variant.name for other in ties if other is not row]
     if good and others:
         words.append(f"; {_listed(others)} take{'s' if len(others) == 1 else ''} the same time within the spread")
     if not good:
-        words.append("; no rung is within 1 % in both: bodies that tip make the rest")
-    faster = _least(_ties([other for other in built.rows if other.stable and not possible(built, other) and _good(other, merit)]),
+        words.append("; no variant is within 1 % in both: bodies that tip make the rest")
+    faster = _best_of(_ties([other for other in built.rows if other.stable and not possible(built, other) and _good(other,
+                                                                                            merit)]),
                     merit, None)  # fmt: skip
     if faster is not None and slower(row.timing, faster.timing):
-        words.append(f"; if bodies need not see each other (contact.debris_contact = \"none\"), `{faster.rung.name}` gives "
+        words.append(f"; if bodies need not see each other (contact.debris_contact = \"none\"), `{faster.variant.name}` gives "
                      f"{percent(faster.errors[merit])} in {faster.seconds / row.seconds:.2g} times that time"
                      f"{_of_labels(faster)}")  # fmt: skip
     return row, "".join(words)
@@ -177,7 +180,7 @@ def _ties(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if not slower(row.timing, first.timing)]
 
 
-def _least(rows: Sequence[Row], merit: str, default: Row | None) -> Any:
+def _best_of(rows: Sequence[Row], merit: str, default: Row | None) -> Any:
     """Return, of variants of equal time, the scene's own, else the most accurate one; None for none."""
     return next((row for row in rows if row is default), min(rows, key=lambda row: row.errors[merit], default=None))
 
@@ -204,9 +207,9 @@ def _of_labels(row: Row) -> str:
     return "; no label changes" if labels == 0.0 else f"; {percent(labels)} of the labels differ"
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Return a fraction in per cent, two digits."""
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * fraction:.2g} %"
 
 
 def as_json(built: Study) -> dict[str, Any]:
@@ -221,15 +224,15 @@ def as_json(built: Study) -> dict[str, Any]:
         "reduction": built.reduction,
         "apart": built.alone,
         "budget_s": built.budget,
-        "took_s": built.took,
-        "reference": built.reference.rung.name,
-        "recommended": {"rung": row.rung.name, "words": words},
-        "rungs": [
+        "took_s": built.elapsed,
+        "reference": built.reference.variant.name,
+        "recommended": {"variant": row.variant.name, "words": words},
+        "variants": [
             {
-                "name": entry.rung.name,
-                "axis": entry.rung.axis,
-                "level": entry.rung.level,
-                "springs": entry.rung.springs,
+                "name": entry.variant.name,
+                "axis": entry.variant.axis,
+                "level": entry.variant.level,
+                "springs": entry.variant.springs,
                 "integrator": entry.integrator,
                 "step": entry.step,
                 "wall_s": entry.wall_seconds,
@@ -244,12 +247,12 @@ def as_json(built: Study) -> dict[str, Any]:
                 "energy_residual": None if entry.outcome is None else entry.outcome.residual,
                 "stable": entry.stable,
                 "message": entry.message,
-                "default": entry.rung.default,
-                "reference": entry.rung.reference,
+                "default": entry.variant.default,
+                "reference": entry.variant.reference,
                 "on_front": any(entry is other for other in onfront),
             }
             for entry in built.rows
-            if entry.rung.axis != "verify"
+            if entry.variant.axis != "verify"
         ],
     }
 

@@ -23,10 +23,10 @@ class StudyOptions(NamedTuple):
     budget: float = BUDGET
 
 
-def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, tell: Callable[[str], None]) -> None:
+def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
     """Run `thirdbody cost`. Raises ThirdbodyError; no partial files remain except the runs of variants."""
     if options.effects:
-        _effects(source, options, overwrite, json, tell)
+        _effects(source, options, overwrite, json, log)
         return
     from thirdbody.studies.contact_interaction import above, print_interaction
     from thirdbody.studies.convergence import convergence, print_convergence, print_reference, reference_error
@@ -34,20 +34,20 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
     from thirdbody.studies.cost_table import print_study
 
     began, folder, verify = time.perf_counter(), source.folder, options.verify
-    with new_study_folder(folder, overwrite) as place:
-        built = study(source.scene, place, source.settings, source.plugins, options.repeats, tell, verify, options.budget)
-        tell("the elastic interaction of spots")
+    with new_study_folder(folder, overwrite) as work_folder:
+        built = study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, verify, options.budget)
+        log("the elastic interaction of spots")
         report: dict[str, Any] = {"convergence": convergence(built), "reference_error": reference_error(built)}
-        report["interaction"] = above(built, place)
+        report["interaction"] = above(built, work_folder)
         if verify:
             from thirdbody.studies.impact import impact_table
 
-            tell("an oblique impact")
+            log("an oblique impact")
             report["impact"] = impact_table(built, source.plugins)
-        draw_study(built, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
-        built.took = time.perf_counter() - began
+        draw_study(built, work_folder / PICTURE, (work_folder / PICTURE).with_suffix(".pdf"))
+        built.elapsed = time.perf_counter() - began
         report = as_json(built) | report
-        _write(place / JSON_FILE, report)
+        _write(work_folder / JSON_FILE, report)
     if json:
         print_json(report)
         return
@@ -59,15 +59,15 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
         from thirdbody.studies.impact import print_impact
 
         print_impact(report["impact"])
-    print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the rungs beside them")
+    print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the variants beside them")
 
 
-def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, tell: Callable[[str], None]) -> None:
+def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
     from thirdbody.studies.effects import effects_study, print_effects
 
-    with new_study_folder(source.folder, overwrite) as place:
-        report = effects_study(source.scene, place, source.settings, source.plugins, options.repeats, tell)
-        _write(place / "effects.json", report)
+    with new_study_folder(source.folder, overwrite) as work_folder:
+        report = effects_study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log)
+        _write(work_folder / "effects.json", report)
     if json:
         print_json(report)
     else:

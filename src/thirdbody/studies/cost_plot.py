@@ -48,13 +48,13 @@ def picture(built: Study) -> Figure:
     axes.spines[["top", "right"]].set_visible(False)
     heights = _heights(built, merit)
     rows = [row for row, _ in heights]
-    place = {id(row): (row.seconds, height) for row, height in heights}
-    _points(axes, [row for row in rows if row is not built.reference], place)
-    front = [row for row in efficient(built) if id(row) in place]
-    _front(axes, front, place)
-    ringed = _marks(axes, built, place, merit)
+    points = {id(row): (row.seconds, height) for row, height in heights}
+    _points(axes, [row for row in rows if row is not built.reference], points)
+    front = [row for row in efficient(built) if id(row) in points]
+    _front(axes, front, points)
+    ringed = _marks(axes, built, points, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
-    _names(axes, rows, place, front, ringed)
+    _names(axes, rows, points, front, ringed)
     what = "friction curve" if merit == "friction_error" else "load or gap"
     axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
                     fontsize=9)  # fmt: skip
@@ -69,56 +69,57 @@ def _heights(built: Study, merit: str) -> list[tuple[Row, float]]:
 
     The reference is drawn at its estimated error, never above the end of the front, or below all others.
     """
-    rows = [row for row in built.rows if row.stable and row.rung.axis in AXES and row is not built.reference]
+    rows = [row for row in built.rows if row.stable and row.variant.axis in AXES and row is not built.reference]
     shown = [(row, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])]
     own, minimum = reference_error(built), min((height for _, height in shown if height > NOTHING), default=1.0)
     return [*shown, (built.reference, minimum / 3.0 if math.isnan(own) else min(own, minimum))]
 
 
-def _points(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
+def _points(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]]) -> None:
     for axis, (label, color, marker) in AXES.items():
-        here = [row for row in rows if row.rung.axis == axis]
+        here = [row for row in rows if row.variant.axis == axis]
         if not here:
             continue
-        x, y = zip(*(place[id(row)] for row in here), strict=True)
-        axes.errorbar(x, y, xerr=_spread(here), fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0, label=label,
+        x, y = zip(*(points[id(row)] for row in here), strict=True)
+        axes.errorbar(x, y, xerr=_error_bars(here), fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0,
+                      label=label,
                       markeredgecolor="white", markeredgewidth=0.6, zorder=3)  # fmt: skip
 
 
-def _spread(rows: list[Row]) -> list[list[float]]:
+def _error_bars(rows: list[Row]) -> list[list[float]]:
     halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # the axis is logarithmic: no zero
     return [halves, halves]
 
 
-def _front(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
+def _front(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]]) -> None:
     """Draw the front as steps: between two variants more time gains nothing until it suffices for the next one."""
-    x, y = zip(*(place[id(row)] for row in rows), strict=True)
+    x, y = zip(*(points[id(row)] for row in rows), strict=True)
     axes.plot(x, y, color=INK, linewidth=1.2, linestyle="--", drawstyle="steps-post", zorder=2,
               label="efficient front, to the reference")  # fmt: skip
 
 
-def _marks(axes: Any, built: Study, place: dict[int, tuple[float, float]], merit: str) -> set[int]:
+def _marks(axes: Any, built: Study, points: dict[int, tuple[float, float]], merit: str) -> set[int]:
     """Draw rings, the reference and the line of the steps' effect; return the ids of the rows with a ring."""
     default, best, reference = built.default, recommended(built)[0], built.reference
     ringed = set()
     for row, color, size, label in (
-        (default, LINE_COLORS["black"], 15.0, "as the scene asks"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
+        (default, LINE_COLORS["black"], 15.0, "as in the scene"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
     ):  # fmt: skip
-        if row is not None and row.stable and not row.rung.reference:
-            axes.plot(*place[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
+        if row is not None and row.stable and not row.variant.reference:
+            axes.plot(*points[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
             ringed.add(id(row))
-    x, y = place[id(reference)]
+    x, y = points[id(reference)]
     own = reference_error(built)
     unknown = math.isnan(own)
     label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
     marker, size = ("v", 7.0) if unknown else ("*", 10.0)
-    axes.errorbar([x], [y], xerr=_spread([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
+    axes.errorbar([x], [y], xerr=_error_bars([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
                   elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
-    laws = [row for row in built.rows if row.rung.axis == "law" and row.stable and row is not reference]
+    laws = [row for row in built.rows if row.variant.axis == "law" and row.stable and row is not reference]
     if laws and laws[-1].errors[merit] > 0.0:
         axes.axhline(laws[-1].errors[merit], color=SOFT, linewidth=1.0, linestyle="-.", zorder=1,
-                     label=f"{laws[-1].rung.name}: what the step alone changes")  # fmt: skip
+                     label=f"{laws[-1].variant.name}: what the step alone changes")  # fmt: skip
     return ringed
 
 
@@ -126,18 +127,18 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right and top of an item of the picture, in its pixels."""
 
 
-def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], front: list[Row], ringed: set[int]) -> None:
+def _names(axes: Any, rows: list[Row], points: dict[int, tuple[float, float]], front: list[Row], ringed: set[int]) -> None:
     """Draw a name near each point, where it covers the least: other names and points first, then the front."""
     from matplotlib.patheffects import withStroke
 
     axes.figure.canvas.draw()
     scale = axes.figure.dpi / 72.0
-    dots = {id(row): axes.transData.transform(place[id(row)]) for row in rows}
-    taken: list[Box] = []
+    dots = {id(row): axes.transData.transform(points[id(row)]) for row in rows}
+    occupied: list[Box] = []
     steps, inside = _steps([dots[id(row)] for row in front]), axes.bbox.extents
-    own = next((row.rung.name.split(",")[0] for row in rows if row.rung.axis != "law"), "")
+    own = next((row.variant.name.split(",")[0] for row in rows if row.variant.axis != "law"), "")
     for row in sorted(rows, key=lambda row: dots[id(row)][0]):
-        text, (x, y) = row.rung.name.removeprefix(f"{own}, "), dots[id(row)]
+        text, (x, y) = row.variant.name.removeprefix(f"{own}, "), dots[id(row)]
         width, height = 3.9 * len(text) * scale, 9.5 * scale
         off = 9.0 if id(row) in ringed else 0.0  # outside the ring
         others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != id(row)
@@ -147,17 +148,17 @@ def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], fr
             left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
             box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
             out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
-            hidden = sum(_meet(box, other) for other in [*taken, *others]) + out
-            crossed = any(_meet(box, step) for step in steps)
+            hidden = sum(_boxes_overlap(box, other) for other in [*occupied, *others]) + out
+            crossed = any(_boxes_overlap(box, step) for step in steps)
             away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # prefer above and to the right
             result.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
         _, box, shift = min(result)
-        taken.append(box)
-        far = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
-        axes.annotate(text, place[id(row)], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
+        occupied.append(box)
+        distant = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
+        axes.annotate(text, points[id(row)], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
                       ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
                       path_effects=[withStroke(linewidth=2.0, foreground="white")],
-                      arrowprops={"arrowstyle": "-", "color": SOFT, "linewidth": 0.5} if far else None)  # fmt: skip
+                      arrowprops={"arrowstyle": "-", "color": SOFT, "linewidth": 0.5} if distant else None)  # fmt: skip
 
 
 def _steps(points: list[Any]) -> list[Box]:
@@ -167,7 +168,7 @@ def _steps(points: list[Any]) -> list[Box]:
     return level + [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
 
 
-def _meet(a: Box, b: Box) -> bool:
+def _boxes_overlap(a: Box, b: Box) -> bool:
     return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
 
 
@@ -176,7 +177,9 @@ def _further(value: float, more: float) -> float:
     return value + math.copysign(more, value)
 
 
-_AROUND = [(dx, side * dy) for far in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (far, -far)]
+_AROUND = [
+    (dx, side * dy) for distant in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (distant, -distant)
+]
 """Offsets of a name from its point [points]."""
 
 

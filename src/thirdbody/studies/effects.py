@@ -17,7 +17,7 @@ from thirdbody.studies.cost import percent
 from thirdbody.studies.machine_info import machine
 from thirdbody.studies.reduced_scene import reduce_scene
 from thirdbody.studies.study_setup import save
-from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, in_process
+from thirdbody.studies.worker_process import RUNS, SCENE_FILE, in_process
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
@@ -33,18 +33,18 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
 
 def effects_study(
     path: Path, folder: Path, settings: Mapping[str, Any], plugins: Sequence[str | Path], repeats: int,
-    tell: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Return paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for an invalid scene."""
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
-    tell("building the scene and estimating its time")
-    scene, built, reduction = reduce_scene(scene, plugins, SECONDS, meet=True)
+    log("building the scene and estimating its time")
+    scene, built, reduction = reduce_scene(scene, plugins, SECONDS, keep_contacts=True)
     save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
     for name, what, changes in candidates(scene, built, plugins, left_out):
-        tell(f"{name}: {what}")
+        log(f"{name}: {what}")
         rows.append(_compared(folder, name, what, changes, plugins, repeats))
     return {"scene": str(path), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
             "left_out": left_out}  # fmt: skip
@@ -78,12 +78,12 @@ def candidates(
 def _compared(
     folder: Path, name: str, what: str, changes: dict[str, Any], plugins: Sequence[str | Path], repeats: int
 ) -> dict[str, Any]:
-    place = folder / RUNGS / name.replace(" ", "_")
-    own, other = in_process(folder / SCENE_FILE, place, [{}, changes], plugins, max(repeats, 5))
+    folder_of_runs = folder / RUNS / name.replace(" ", "_")
+    own, other = in_process(folder / SCENE_FILE, folder_of_runs, [{}, changes], plugins, max(repeats, 5))
     ratios = sorted(b / a for a, b in zip(own["cpu"], other["cpu"], strict=False) if a > 0.0)
     row: dict[str, Any] = {"effect": name, "what": what, "ratios": ratios, "stable": other["stable"], "message": other["message"]}
     if ratios and other["stable"] and own["stable"]:
-        first, second = read_outcome(place / "0"), read_outcome(place / "1")
+        first, second = read_outcome(folder_of_runs / "0"), read_outcome(folder_of_runs / "1")
         assert first is not None and second is not None  # both finished
         row |= {"ratio": statistics.median(ratios), "change": errors(second, first)}
     return row
@@ -92,10 +92,10 @@ def _compared(
 def print_effects(message: dict[str, Any]) -> None:
     """Print the result of `effects_study`."""
     from thirdbody.report.tables import table
-    from thirdbody.system.terminal import say
+    from thirdbody.system.terminal import print_line
 
-    say(f"{message['title'] or message['scene']}: each effect against the scene as it is")
-    say(f"reduced: {'; '.join(message['reduction']) or 'nothing'}")
+    print_line(f"{message['title'] or message['scene']}: each effect against the scene as it is")
+    print_line(f"reduced: {'; '.join(message['reduction']) or 'nothing'}")
     rows = []
     for row in message["effects"]:
         if "ratio" not in row:
@@ -107,4 +107,4 @@ def print_effects(message: dict[str, Any]) -> None:
     table("", ("effect", "what", "time (pairs)", "friction", "load|gap", "labels", "dissipated"), rows)
     failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in message["effects"] if "ratio" not in row]
     for line in [*failed, *message["left_out"]]:
-        say(line)
+        print_line(line)

@@ -63,10 +63,10 @@ every = "1 s"
 
 def duration() -> float:
     """Return the duration of the undamped impact [s], the shorter of the two angles (Hertz: 2.943 delta/v, v normal)."""
-    return 2.94328 * _deepest(SPEED * math.cos(math.radians(SHALLOW))) / (SPEED * math.cos(math.radians(SHALLOW)))
+    return 2.94328 * _max_overlap(SPEED * math.cos(math.radians(SHALLOW))) / (SPEED * math.cos(math.radians(SHALLOW)))
 
 
-def _deepest(normal: float) -> float:
+def _max_overlap(normal: float) -> float:
     """Return the largest overlap of a Hertz impact [m]: (15 m v^2/(16 E* R^(1/2)))^(2/5)."""
     mass, e_star = 4000.0 * 4.0 / 3.0 * math.pi * RADIUS**3, 380e9 / (1.0 - 0.23**2)
     return float((15.0 * mass * normal**2 / (16.0 * e_star * math.sqrt(RADIUS))) ** 0.4)

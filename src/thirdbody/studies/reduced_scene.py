@@ -37,12 +37,12 @@ in each.
 
 
 def reduce_scene(
-    scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS, meet: bool = False
+    scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS, keep_contacts: bool = False
 ) -> tuple[Scene, Simulation, list[str]]:
     """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions.
 
     A thinned copy has its bodies apart, so that its variants measure accuracy and not which of two bodies tips first when they
-    collide; with `meet` they stay as close to each other as they were.
+    collide; with `keep_contacts` they stay as close to each other as they were.
     """
     from thirdbody.runner.simulate import prepare, set_threads
 
@@ -51,7 +51,7 @@ def reduce_scene(
     for step in ("thin", "shorten"):
         fraction = maximum / seconds_of(built)
         if step == "thin":
-            changes, words = thin(scene, built.state.n_bodies, fraction, meet and built.state.world.debris_meets)
+            changes, words = thin(scene, built.state.n_bodies, fraction, keep_contacts and built.state.world.debris_meets)
         else:
             changes, words = shorten(built, fraction)
         if changes:
@@ -72,46 +72,46 @@ def seconds_of(built: Simulation) -> float:
     return math.inf if math.isnan(message) else max(message * busy, 1e-9)
 
 
-def thin(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[dict[str, Any], list[str]]:
+def thin(scene: Scene, bodies: int, fraction: float, keep_contacts: bool = False) -> tuple[dict[str, Any], list[str]]:
     """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted, and their description.
 
     They can where each carries a separate load or the gap is prescribed, and where they are drawn at random on one layer. The
-    domain gets wider, or, with `meet`, smaller such that the bodies stay as close as they are.
+    domain gets wider, or, with `keep_contacts`, smaller such that the bodies stay as close as they are.
     """
     upper = scene.plates.upper
     alone = upper is None or upper.support == "load_per_particle" or upper.gap is not None
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") == "layer" for debris in scene.debris)
-    if share >= 1.0 or bodies <= FEWEST or not alone or not drawn:
+    if fraction >= 1.0 or bodies <= FEWEST or not alone or not drawn:
         return {}, []
-    keep = max(FEWEST / bodies, share)
-    counts = {k: max(1, round(keep * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
+    retained = max(FEWEST / bodies, fraction)
+    counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
     left = sum(counts.values())
     changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
     near = math.sqrt(left / bodies)
-    times, words = (near, "as close as they were") if meet else (WIDER, "in a domain so wide that they are apart")
+    times, words = (near, "as close as they were") if keep_contacts else (WIDER, "in a domain so wide that they are apart")
     changes["domain.size"] = [units.format_si(times * side, "length") for side in scene.domain.size]
     return changes, [f"{left} of {bodies} bodies, {words}"]
 
 
-def shorten(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]:
+def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[str]]:
     """Return the changes to keep a fraction of the time, if well below 1, and their description.
 
     A shorter distance (or time) after settling, with the frames closer together.
     """
     solver, output = built.scene.solver, built.scene.output
     settled = built.settle / built.planned_time
-    if share >= CLOSE or settled >= 1.0:
+    if fraction >= CLOSE or settled >= 1.0:
         return {}, []
-    fits = (share - settled) / (1.0 - settled)
-    share = min(1.0, max(fits, SHORTEST, BESIDE * settled / (1.0 - settled)))
+    fits = (fraction - settled) / (1.0 - settled)
+    fraction = min(1.0, max(fits, SHORTEST, BESIDE * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
     whole = solver.distance if solver.distance is not None else solver.duration
     assert whole is not None
-    left = _round(share * whole)
+    left = _round(fraction * whole)
     report = f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}"
     changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)}
     span = built.planned_distance if output.every_kind == "distance" else built.planned_time
-    every = min(output.every, _round(share * span / FRAMES))
+    every = min(output.every, _round(fraction * span / FRAMES))
     if every < output.every:
         unit = "length" if output.every_kind == "distance" else "time"
         changes["output.every"] = units.format_si(every, unit)

@@ -18,28 +18,28 @@ class Late(Exception):
 
 
 class Clock:
-    """Wall and processor seconds between `go` and `rest`, with pauses."""
+    """Wall and processor seconds between `start` and `stop`, with pauses."""
 
     def __init__(self) -> None:
         self.wall = self.cpu = 0.0
 
-    def go(self) -> None:
+    def start(self) -> None:
         """Start or continue."""
         self.wall -= time.perf_counter()
         self.cpu -= time.process_time()
 
-    def rest(self) -> None:
+    def stop(self) -> None:
         """Stop."""
         self.cpu += time.process_time()
         self.wall += time.perf_counter()
 
     def aside(self, act: Callable[[], Any]) -> None:
         """Call a function without counting its time."""
-        self.rest()
+        self.stop()
         try:
             act()
         finally:
-            self.go()
+            self.start()
 
 
 def attach(integrator: Any) -> Clock:
@@ -52,11 +52,11 @@ def attach(integrator: Any) -> Clock:
         watch: Callable[[], None] = lambda: None,
         between: Callable[[], None] = lambda: None,
     ) -> None:
-        clock.go()
+        clock.start()
         try:
             advance(until, distance, lambda: clock.aside(watch), lambda: clock.aside(between))
         finally:
-            clock.rest()
+            clock.stop()
 
     integrator.advance_to = timed
     return clock
@@ -70,28 +70,28 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
     that do nothing. Raises GuardStop as the run does, and Late after `limit` seconds of the processor.
     """
     integrator: Any = built.integrator
-    calls, end, march = 0, time.process_time() + limit, getattr(integrator, "march", None)
+    calls, end, advance = 0, time.process_time() + limit, getattr(integrator, "advance_bodies", None)
 
     def counted(*arguments: Any) -> None:
         nonlocal calls
         calls += 1
-        march(*arguments)  # type: ignore[misc]
+        advance(*arguments)  # type: ignore[misc]
 
     def watch() -> None:
         if time.process_time() > end:
             raise Late
 
-    if march is not None:
-        integrator.march = counted
+    if advance is not None:
+        integrator.advance_bodies = counted
     clock = Clock()
-    clock.go()
+    clock.start()
     for until, distance, is_output in targets(built):
         if is_output or integrator.divisible:
             integrator.advance_to(until, distance, watch)
-    clock.rest()
+    clock.stop()
     if not calls:
         return clock.wall, clock.cpu
-    wall, cpu = _call(lambda: march(0, 1, built.state.time))  # type: ignore[misc]  # body 0 is there already
+    wall, cpu = _call(lambda: advance(0, 1, built.state.time))  # type: ignore[misc]  # body 0 is there already
     return clock.wall - calls * wall, clock.cpu - calls * cpu
 
 
@@ -99,7 +99,7 @@ def _call(act: Callable[[], Any]) -> tuple[float, float]:
     """Return the seconds (wall, processor) of a short call: medians, to exclude disturbances."""
     clocks = [Clock() for _ in range(EMPTY)]
     for clock in clocks:
-        clock.go()
+        clock.start()
         act()
-        clock.rest()
+        clock.stop()
     return statistics.median(clock.wall for clock in clocks), statistics.median(clock.cpu for clock in clocks)

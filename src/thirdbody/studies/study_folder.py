@@ -14,7 +14,7 @@ from pathlib import Path
 from thirdbody.errors import OutputError
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
-from thirdbody.studies.worker_process import RUNGS, SCENE_FILE
+from thirdbody.studies.worker_process import RUNS, SCENE_FILE
 
 RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json")
 REPLACED = "replaced"
@@ -22,9 +22,9 @@ REPLACED = "replaced"
 
 _RUN_FILE = rf"({'|'.join(map(re.escape, FILES))}|{PARTS.pattern})"
 _OURS = re.compile(
-    rf"(({re.escape(REPLACEMENT)}/)?({'|'.join(map(re.escape, (SCENE_FILE, *RESULTS)))}|({RUNGS}|{REPLACED})/(.*/)?{_RUN_FILE}))"
+    rf"(({re.escape(REPLACEMENT)}/)?({'|'.join(map(re.escape, (SCENE_FILE, *RESULTS)))}|({RUNS}|{REPLACED})/(.*/)?{_RUN_FILE}))"
 )
-_OUR_FOLDERS = re.compile(rf"({re.escape(REPLACEMENT)}|({re.escape(REPLACEMENT)}/)?({RUNGS}|{REPLACED})(/.*)?)")
+_OUR_FOLDERS = re.compile(rf"({re.escape(REPLACEMENT)}|({re.escape(REPLACEMENT)}/)?({RUNS}|{REPLACED})(/.*)?)")
 
 
 @contextmanager
@@ -38,20 +38,20 @@ def new_study_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         yield folder
         return
     with lock_folder(folder):
-        place = folder / REPLACEMENT
-        _remove(folder, place)
+        work_folder = folder / REPLACEMENT
+        _remove(folder, work_folder)
         try:
-            with _told(folder):
-                place.mkdir()
-            yield place
-            with _told(folder):
-                _take_place(place, folder)
+            with _disk_faults(folder):
+                work_folder.mkdir()
+            yield work_folder
+            with _disk_faults(folder):
+                _replace_study(work_folder, folder)
         finally:
-            _remove(folder, place)
+            _remove(folder, work_folder)
 
 
 @contextmanager
-def _told(folder: Path) -> Iterator[None]:
+def _disk_faults(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -66,14 +66,14 @@ def refuse_existing_study(folder: Path, overwrite: bool) -> None:
         raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
     if not folder.is_dir():
         raise OutputError(f"{folder}: is not the folder of a study and will not be overwritten")
-    with _told(folder):
+    with _disk_faults(folder):
         names, others = os.listdir(folder), _other_files(folder)
     if others:
         more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
         named = ", ".join(others[:NAMED]) + more
         raise OutputError(f"{folder}: holds other files than those of a study ({named}) and will not be overwritten")
-    if names and not {RUNGS, REPLACEMENT, *RESULTS} & set(names):
-        raise OutputError(f"{folder}: is not the folder of a study (it has no {RUNGS}) and will not be overwritten")
+    if names and not {RUNS, REPLACEMENT, *RESULTS} & set(names):
+        raise OutputError(f"{folder}: is not the folder of a study (it has no {RUNS}) and will not be overwritten")
 
 
 def _other_files(folder: Path) -> list[str]:
@@ -96,22 +96,22 @@ def _is_plain(path: Path) -> bool:
     return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
 
 
-def _take_place(place: Path, folder: Path) -> None:
+def _replace_study(work_folder: Path, folder: Path) -> None:
     """Replace the older study by a complete one. Raises OSError."""
     for name in (SCENE_FILE, *RESULTS):
-        if os.path.lexists(place / name):
-            os.replace(place / name, folder / name)
+        if os.path.lexists(work_folder / name):
+            os.replace(work_folder / name, folder / name)
         else:
             (folder / name).unlink(missing_ok=True)
-    if os.path.lexists(folder / RUNGS):
-        os.rename(folder / RUNGS, place / REPLACED)
-    if os.path.lexists(place / RUNGS):
-        os.rename(place / RUNGS, folder / RUNGS)
+    if os.path.lexists(folder / RUNS):
+        os.rename(folder / RUNS, work_folder / REPLACED)
+    if os.path.lexists(work_folder / RUNS):
+        os.rename(work_folder / RUNS, folder / RUNS)
 
 
-def _remove(folder: Path, place: Path) -> None:
-    """Remove the files that a study writes from `place` within its folder, and folders that are then empty."""
-    for above, _, files in os.walk(place, topdown=False):
+def _remove(folder: Path, work_folder: Path) -> None:
+    """Remove the files that a study writes from `work_folder` within its folder, and folders that are then empty."""
+    for above, _, files in os.walk(work_folder, topdown=False):
         for name in files:
             path = Path(above, name)
             if _OURS.fullmatch(path.relative_to(folder).as_posix()):

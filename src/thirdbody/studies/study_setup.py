@@ -13,7 +13,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduce_scene
 from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, measure_costs
 from thirdbody.studies.variants import Base, Variant, springs_option, variants_of
-from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
+from thirdbody.studies.worker_process import RUNS, SCENE_FILE, Overdue, Worker, request
 
 TRIED = 3
 """Approximate number of variants whose laws are compiled by trying the costliest ones."""
@@ -37,7 +37,7 @@ class StudySetup:
     """
 
     base: Base
-    rungs: list[Variant]
+    variants: list[Variant]
     reduction: list[str]
     alone: bool
     costs: Costs
@@ -54,30 +54,30 @@ class StudySource(NamedTuple):
 
 
 def prepare_study(
-    source: StudySource, repeats: int, verify: bool, budget: Budget, worker: Worker, tell: Callable[[str], None]
+    source: StudySource, repeats: int, verify: bool, budget: Budget, worker: Worker, log: Callable[[str], None]
 ) -> StudySetup:
     """Return the saved copy whose variants fit the budget. Raises UsageError if not even the smallest does."""
     part = min(1.0, budget.seconds / BUDGET)
     maker = _Maker(worker, source, part < 1.0, budget)
     try:
-        tell("starting the worker")
+        log("starting the worker")
         worker.start(budget.end(1.0))
-        tell("building the scene and estimating its time")
-        base, variants, reduction, alone = maker.made(part * SECONDS, verify)
-        tell("timing the costliest rungs")
+        log("building the scene and estimating its time")
+        base, variants, reduction, alone = maker.build(part * SECONDS, verify)
+        log("timing the costliest variants")
         costs, overheads = measure_costs(
             worker, variants, base, source.folder, source.plugins, part * PROBE, budget.end(worker.pace)
         )
-        pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in variants})
+        pace, codes = worker.pace, len({(variant.level, variant.springs, variant.integrator) for variant in variants})
         left = (budget.end(pace) - time.perf_counter()) / pace
-        beside = max(0, codes - TRIED) * overheads.fresh + len(variants) * overheads.known
+        beside = max(0, codes - TRIED) * overheads.first + len(variants) * overheads.others
         fraction = fitting(variants, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
         if abs(fraction - 1.0) >= SAME and reduction:
-            tell(f"a copy {fraction:.2g} times as costly")
-            base, variants, reduction, alone = maker.made(fraction * part * SECONDS, verify)
+            log(f"a copy {fraction:.2g} times as costly")
+            base, variants, reduction, alone = maker.build(fraction * part * SECONDS, verify)
             costs = replace(costs, scale=fraction)
     except Overdue:
-        why = "it was over before the scene was built and its costliest rungs were timed; what was compiled till then is kept"
+        why = "it was over before the scene was built and its costliest variants were timed; what was compiled till then is kept"
         raise budget.refuse(why, budget.spent()) from None
     return StudySetup(base, variants, reduction, alone, costs, overheads)
 
@@ -91,7 +91,7 @@ class _Maker:
     few: bool
     budget: Budget
 
-    def made(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str], bool]:
+    def build(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str], bool]:
         """Return a saved copy that integrates in `maximum` seconds with the scene's settings.
 
         Its base, its variants, its omissions, `alone`. Raises Overdue, and ThirdbodyError for a scene that cannot be built.
@@ -100,7 +100,7 @@ class _Maker:
 
         source, until = self.source, self.budget.end(self.worker.pace)
         job = request(source.scene, source.folder, source.settings, source.plugins)
-        report = self.worker.ask({"do": "make", "most": maximum, "few": self.few, **job}, until)
+        report = self.worker.request({"do": "make", "most": maximum, "few": self.few, **job}, until)
         if not report["stable"]:
             raise error_of_reply(report)
         base, reduction, copy = (
@@ -118,11 +118,11 @@ class _Maker:
         """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
         from thirdbody.trajectory.reader import open_run
 
-        place = self.source.folder / RUNGS / "automatic_step"
-        job = request(self.source.folder / SCENE_FILE, place, {}, self.source.plugins)
-        if not self.worker.ask({"do": "run", **job}, until)["stable"]:
+        run_folder = self.source.folder / RUNS / "automatic_step"
+        job = request(self.source.folder / SCENE_FILE, run_folder, {}, self.source.plugins)
+        if not self.worker.request({"do": "run", **job}, until)["stable"]:
             return first
-        with open_run(place) as run:
+        with open_run(run_folder) as run:
             return min(first, float(run.summary()["time_step_limit"]["smallest"]))
 
 

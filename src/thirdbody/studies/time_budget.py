@@ -11,7 +11,7 @@ from typing import Any
 from thirdbody.errors import UsageError
 from thirdbody.quantity import duration
 from thirdbody.studies.variants import Base, Law, Variant
-from thirdbody.studies.worker_process import LIMIT, RUNGS, SCENE_FILE, Worker, request
+from thirdbody.studies.worker_process import LIMIT, RUNS, SCENE_FILE, Worker, request
 
 BUDGET = 420.0
 """Limit of the wall time of a whole study, from its first line to its last [s]."""
@@ -46,12 +46,12 @@ def repeats_of(seconds: float, wished: int) -> int:
 class Costs:
     """Measured seconds of one run of a copy.
 
-    `own`: with the scene's settings; `springs`: with `most` springs, the largest number (None without such a level); `finest`:
-    with the finest law, `best`; `other`: with the other integrator.
+    `own`: with the scene's settings; `springs`: with `max_springs` springs, the largest number (None without such a level);
+    `finest`: with the finest law, `best`; `other`: with the other integrator.
     """
 
     own: float
-    most: int
+    max_springs: int
     springs: float | None
     best: Law
     finest: float
@@ -69,7 +69,7 @@ class Costs:
             seconds = self.own
         else:
             first = base.springs or 0
-            each = (self.springs - self.own) / (self.most - first) if self.most > first else 0.0
+            each = (self.springs - self.own) / (self.max_springs - first) if self.max_springs > first else 0.0
             seconds = max(self.own + each * (variant.springs - first), 0.1 * self.own)
         return min(LIMIT, self.scale * seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5))
 
@@ -82,22 +82,22 @@ OPTIONAL, DEAR = ("springs", "other"), 0.1
 class Overheads:
     """Mean seconds of one core that variants need in addition to their integration.
 
-    `fresh`: where the law was not yet compiled in the process; `known`: all others.
+    `first`: where the law was not yet compiled in the process; `others`: all others.
     """
 
-    fresh: float = 0.0
-    known: float = 0.0
+    first: float = 0.0
+    others: float = 0.0
     counts: tuple[int, int] = (0, 0)
 
-    def with_answer(self, answer: Mapping[str, Any], fresh: bool) -> Overheads:
+    def with_answer(self, answer: Mapping[str, Any], first: bool) -> Overheads:
         """Return the means including those of one more variant."""
-        took = max(0.0, answer.get("used_cpu", 0.0) - answer.get("cpu_s", 0.0))
-        compiled = answer.get("compile_s", 0.0) if fresh else 0.0
+        seconds = max(0.0, answer.get("used_cpu", 0.0) - answer.get("cpu_s", 0.0))
+        compiled = answer.get("compile_s", 0.0) if first else 0.0
         n, m = self.counts
-        known = (m * self.known + took - compiled) / (m + 1)
-        if not fresh:
-            return replace(self, known=known, counts=(n, m + 1))
-        return Overheads((n * self.fresh + took) / (n + 1), known, (n + 1, m + 1))
+        others = (m * self.others + seconds - compiled) / (m + 1)
+        if not first:
+            return replace(self, others=others, counts=(n, m + 1))
+        return Overheads((n * self.first + seconds) / (n + 1), others, (n + 1, m + 1))
 
 
 def measure_costs(
@@ -113,36 +113,38 @@ def measure_costs(
 
     Raises Overdue at `until`.
     """
-    plain = [rung for rung in variants if rung.factor == 1.0 and rung.axis in ("law", "integrator")]
-    laws = [rung for rung in plain if rung.axis == "law"]
-    springs = [rung for rung in laws if rung.springs is not None]
+    plain = [variant for variant in variants if variant.factor == 1.0 and variant.axis in ("law", "integrator")]
+    laws = [variant for variant in plain if variant.axis == "law"]
+    springs = [variant for variant in laws if variant.springs is not None]
     tried = {
-        "own": next((rung for rung in laws if rung.default), laws[0]),
+        "own": next((variant for variant in laws if variant.default), laws[0]),
         "finest": laws[-1],
-        "other": next((rung for rung in plain if rung.axis == "integrator"), laws[0]),
+        "other": next((variant for variant in plain if variant.axis == "integrator"), laws[0]),
     } | ({"springs": springs[-1]} if springs else {})
-    took: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     overheads = Overheads()
     for name, variant in tried.items():
         left = (until - time.perf_counter()) / worker.pace
-        if name in OPTIONAL and overheads.fresh + maximum > DEAR * left:
+        if name in OPTIONAL and overheads.first + maximum > DEAR * left:
             continue
-        job = request(folder / SCENE_FILE, folder / RUNGS / "costliest" / name, variant.changes, plugins, maximum)
-        report = worker.ask({"do": "run", **job}, until)
+        job = request(folder / SCENE_FILE, folder / RUNS / "costliest" / name, variant.changes, plugins, maximum)
+        report = worker.request({"do": "run", **job}, until)
         overheads = overheads.with_answer(report, True)
         # one that stops early, or cannot run, costs little
-        took[name] = report["cpu_s"] / report["done"] if report.get("done") else 0.0
-    took.setdefault("other", took["own"])
+        seconds[name] = report["cpu_s"] / report["done"] if report.get("done") else 0.0
+    seconds.setdefault("other", seconds["own"])
     finest = springs[-1].springs or 0 if springs else 0
-    costs = Costs(took["own"], finest, took.get("springs"), (laws[-1].level, laws[-1].springs), took["finest"], took["other"])
+    costs = Costs(
+        seconds["own"], finest, seconds.get("springs"), (laws[-1].level, laws[-1].springs), seconds["finest"], seconds["other"]
+    )
     return costs, overheads
 
 
-def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, share: float = 1.0) -> float:
+def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, fraction: float = 1.0) -> float:
     """Return the seconds of all variants together when each run takes a fraction of its time in the probed copy."""
     total = 0.0
     for variant in variants:
-        seconds = share * costs.of(variant, base)
+        seconds = fraction * costs.of(variant, base)
         times = repeats_of(seconds, 1 if variant.axis == "verify" else repeats)
         total += seconds * (times + (seconds <= LONG))  # a short run's first one is not timed
     return total

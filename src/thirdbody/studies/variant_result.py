@@ -12,11 +12,11 @@ from thirdbody.studies.variants import Variant
 class Row:
     """Result of one variant.
 
-    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `place`: the folder of its run; `beside`:
-    seconds of the scene's own variant, timed alternately with it.
+    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `folder`: the folder of its run;
+    `beside`: seconds of the scene's own variant, timed alternately with it.
     """
 
-    rung: Variant
+    variant: Variant
     wall: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
     stable: bool = False
@@ -25,7 +25,7 @@ class Row:
     step: float | None = None
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
-    place: str = ""
+    folder: str = ""
     beside: list[float] = field(default_factory=list)
 
     @property

@@ -12,12 +12,12 @@ from thirdbody.studies.time_budget import LONG, Budget, Costs, Overheads, repeat
 from thirdbody.studies.variant_result import Row
 from thirdbody.studies.variants import Base, Variant
 from thirdbody.studies.worker import BATCH, ENOUGH
-from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
+from thirdbody.studies.worker_process import RUNS, SCENE_FILE, Overdue, Worker, request
 
 ROUNDS, PRECISE = 25, 0.05
 """Largest number of rounds of timings; relative uncertainty below which a variant needs no more of them."""
 
-KEPT = 2
+RESERVED_ROUNDS = 2
 """Rounds of timings for which time is reserved while variants are run: without them more variants would give no costs."""
 
 HOPELESS = 1.5
@@ -31,10 +31,10 @@ class VariantRuns:
 
     def __init__(
         self, worker: Worker, folder: Path, plugins: Sequence[str | Path], base: Base, costs: Costs, overheads: Overheads,
-        budget: Budget, tell: Callable[[str], None],
+        budget: Budget, log: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.worker, self.folder, self.plugins, self.base = worker, folder, plugins, base
-        self.costs, self.overheads, self.budget, self.tell = costs, overheads, budget, tell
+        self.costs, self.overheads, self.budget, self.log = costs, overheads, budget, log
         self.compiled: set[tuple[Any, ...]] = set()
 
     def rows(self, variants: Sequence[Variant], repeats: int) -> list[Row]:
@@ -42,26 +42,28 @@ class VariantRuns:
 
         Raises UsageError where that is the scene's own, or the reference.
         """
-        rows = {number: Row(rung, message=LEFT_OUT, integrator=rung.integrator) for number, rung in enumerate(variants, 1)}
+        rows = {
+            number: Row(variant, message=LEFT_OUT, integrator=variant.integrator) for number, variant in enumerate(variants, 1)
+        }
         done: list[Row] = []
-        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].rung, entry[0], len(variants))):
-            needed = row.rung.default or row.rung.reference
-            if needed or self._predicted(row.rung) + KEPT * self._round([*done, row]) <= self._left():
-                self._run(row, f"{number:02d}_{_slug(row.rung.name)}", needed)
+        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].variant, entry[0], len(variants))):
+            needed = row.variant.default or row.variant.reference
+            if needed or self._predicted(row.variant) + RESERVED_ROUNDS * self._round([*done, row]) <= self._left():
+                self._run(row, f"{number:02d}_{_slug(row.variant.name)}", needed)
                 done.append(row)
-            self.tell(f"{row.rung.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
+            self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
         self._repeat([row for row in done if row.stable], repeats)
         return list(rows.values())
 
     def _run(self, row: Row, name: str, needed: bool) -> None:
         """Run one variant once."""
-        variant, fresh = row.rung, _code(row.rung) not in self.compiled
+        variant, first = row.variant, _code(row.variant) not in self.compiled
         if needed and self._predicted(variant) > HOPELESS * self._left():
             raise self.budget.refuse(
                 f"`{variant.name}` takes about {duration(self._predicted(variant))}", self._predicted(variant)
             )
         try:
-            report = self.worker.ask({"do": "run", **self._job(variant, name)}, self.budget.end(self.worker.pace))
+            report = self.worker.request({"do": "run", **self._job(variant, name)}, self.budget.end(self.worker.pace))
         except Overdue:
             row.message = "stopped: the budget was over"
             self.compiled.clear()
@@ -69,20 +71,20 @@ class VariantRuns:
                 raise self.budget.refuse(f"no time was left for `{variant.name}`", self._predicted(variant)) from None
             return
         self.compiled.add(_code(variant))
-        self.overheads = self.overheads.with_answer(report, fresh)
-        row.stable, row.message, row.place = report["stable"], report["message"], name
+        self.overheads = self.overheads.with_answer(report, first)
+        row.stable, row.message, row.folder = report["stable"], report["message"], name
         row.integrator, row.step = report.get("integrator") or variant.integrator, report.get("step")
         if "cpu_s" not in report:
             return
         row.cpu, row.wall = [report["cpu_s"]], [report["wall_s"]]
-        row.outcome = read_outcome(self.folder / RUNGS / name)
+        row.outcome = read_outcome(self.folder / RUNS / name)
         if variant.default and row.stable and (expected := self.costs.of(variant, self.base)) > 0.0:
             self.costs = replace(self.costs, scale=self.costs.scale * report["cpu_s"] / expected)
 
     def _repeat(self, rows: Sequence[Row], repeats: int) -> None:
         """Time variants alternately, until each is known well or no time is left. Those needed for errors only are not timed."""
-        own = next((row for row in rows if row.rung.default), None)
-        going = [row for row in rows if row.rung.axis not in ("verify", "reference") and row is not own]
+        own = next((row for row in rows if row.variant.default), None)
+        going = [row for row in rows if row.variant.axis not in ("verify", "reference") and row is not own]
         again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in [*going, *([own] if own else [])]}
         costs = {id(row): self._one_timing(row) for row in rows}
         for _ in range(ROUNDS):
@@ -103,7 +105,7 @@ class VariantRuns:
             return None
         began = time.perf_counter()
         try:
-            report = self.worker.ask({"do": "time", **self._job(row.rung, row.place)}, self.budget.end(self.worker.pace))
+            report = self.worker.request({"do": "time", **self._job(row.variant, row.folder)}, self.budget.end(self.worker.pace))
         except Overdue:
             return None
         costs[id(row)] = time.perf_counter() - began
@@ -121,7 +123,7 @@ class VariantRuns:
         row.beside = row.beside if paired else []
 
     def _job(self, variant: Variant, name: str) -> dict[str, Any]:
-        return request(self.folder / SCENE_FILE, self.folder / RUNGS / name, variant.changes, self.plugins)
+        return request(self.folder / SCENE_FILE, self.folder / RUNS / name, variant.changes, self.plugins)
 
     def _left(self) -> float:
         """Return the seconds until the deadline of the last variant."""
@@ -129,16 +131,16 @@ class VariantRuns:
 
     def _predicted(self, variant: Variant) -> float:
         """Return the expected wall seconds of running a variant once."""
-        beside = self.overheads.known if _code(variant) in self.compiled else self.overheads.fresh
+        beside = self.overheads.others if _code(variant) in self.compiled else self.overheads.first
         return self.worker.pace * (self.costs.of(variant, self.base) + beside)
 
     def _round(self, rows: Sequence[Row]) -> float:
         """Return the wall seconds of timing these variants once more."""
-        return sum(self._one_timing(row) for row in rows if row.rung.axis not in ("verify", "reference"))
+        return sum(self._one_timing(row) for row in rows if row.variant.axis not in ("verify", "reference"))
 
     def _one_timing(self, row: Row) -> float:
-        seconds = row.cpu[0] if row.cpu else self.costs.of(row.rung, self.base)
-        return self.worker.pace * (max(seconds, min(BATCH * seconds, ENOUGH)) + 0.5 * self.overheads.known)
+        seconds = row.cpu[0] if row.cpu else self.costs.of(row.variant, self.base)
+        return self.worker.pace * (max(seconds, min(BATCH * seconds, ENOUGH)) + 0.5 * self.overheads.others)
 
 
 def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:

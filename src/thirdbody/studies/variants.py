@@ -77,7 +77,7 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
     other = "implicit" if base.kind == "explicit" else "explicit"
     own, finest, minimum = (base.level, base.springs), laws[-1], FINEST[base.kind]
 
-    def rung(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
+    def variant(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
         words = [_law_name(*law)] + ([kind] if kind != base.kind else [])
         words += [_factor_name(kind, factor)] if factor != 1.0 else []
         default = axis == "law" and law == own
@@ -86,14 +86,14 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
             changes |= _resolved(scene, family, law[0])
         return Variant(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
 
-    variants = [rung("law", law, base.kind) for law in laws]
-    variants += [rung("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
-    variants += [rung("integrator", own, other, factor) for factor in AROUND[other]]
+    variants = [variant("law", law, base.kind) for law in laws]
+    variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
+    variants += [variant("integrator", own, other, factor) for factor in AROUND[other]]
     if own != finest:
-        variants += [rung("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
+        variants += [variant("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     if verify:
-        variants += [rung("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
-    return [*variants, rung("reference", finest, base.kind, minimum)]
+        variants += [variant("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
+    return [*variants, variant("reference", finest, base.kind, minimum)]
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:

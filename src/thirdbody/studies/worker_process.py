@@ -17,7 +17,7 @@ from thirdbody.system.child_process import python_command, python_environment
 LIMIT = 90.0
 """Time limit of one run of a variant on one core [s]; a run beyond it is marked as such."""
 
-SCENE_FILE, RUNGS = "scene.toml", "rungs"
+SCENE_FILE, RUNS = "scene.toml", "variants"
 """In the folder of a study: the scene as it is computed, and the runs of its variants."""
 
 PATIENCE = 3600.0
@@ -54,11 +54,11 @@ class Worker:
             python_command("thirdbody.studies.worker"), env=python_environment(),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
         )  # fmt: skip
-        self._rest = b""
+        self._buffer = b""
         self._answer(until)  # its message that it is ready
         self.started = time.perf_counter() - began
 
-    def ask(self, request: Mapping[str, Any], until: float = float("inf")) -> dict[str, Any]:
+    def request(self, request: Mapping[str, Any], until: float = float("inf")) -> dict[str, Any]:
         """Return the answer to a request; for a crashed process with that `message`, like a variant that failed.
 
         Raises Overdue where there is none at `until` ([s] of `time.perf_counter`).
@@ -95,7 +95,7 @@ class Worker:
         until = min(until, time.perf_counter() + PATIENCE)
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
-            while b"\n" not in self._rest:
+            while b"\n" not in self._buffer:
                 left = until - time.perf_counter()
                 if left <= 0.0 or not selector.select(left):
                     self.close()
@@ -103,8 +103,8 @@ class Worker:
                 part = os.read(self._process.stdout.fileno(), 1 << 16)
                 if not part:
                     return self._crashed()
-                self._rest += part
-        line, self._rest = self._rest.split(b"\n", 1)
+                self._buffer += part
+        line, self._buffer = self._buffer.split(b"\n", 1)
         return dict(json.loads(line))
 
     def _crashed(self) -> dict[str, Any]:
@@ -117,23 +117,23 @@ class Worker:
 
 
 def in_process(
-    scene: Path, place: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
+    scene: Path, folder: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
     limit: float = LIMIT,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run the variants of a scene, then time them alternately, in a separate process; return the results (see `worker`)."""
     with Worker() as worker:
-        jobs = [request(scene, place / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
-        result = [worker.ask({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
-        for report in (told for told in result if told["stable"] and told["cpu_s"] > LONG):
+        jobs = [request(scene, folder / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
+        result = [worker.request({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
+        for report in (report for report in result if report["stable"] and report["cpu_s"] > LONG):
             report["wall"].append(report["wall_s"])
             report["cpu"].append(report["cpu_s"])
-        if len({len(told["cpu"]) for told in result if told["stable"]}) > 1:  # only some are long: do not separate pairs
+        if len({len(report["cpu"]) for report in result if report["stable"]}) > 1:  # only some are long: do not separate pairs
             for report in result:
                 report["wall"], report["cpu"] = [], []
-        going = [(told, job) for told, job in zip(result, jobs, strict=True) if told["stable"]]
+        going = [(report, job) for report, job in zip(result, jobs, strict=True) if report["stable"]]
         while going and len(going[0][0]["cpu"]) < repeats:
             for report, job in going:
-                answer = worker.ask({"do": "time", **job})
+                answer = worker.request({"do": "time", **job})
                 if not answer["stable"]:
                     return result
                 report["wall"].append(answer["wall_s"])

@@ -5,7 +5,7 @@ Otherwise libraries terminate the process, or fail to load with messages that bl
 
 from thirdbody.errors import ThirdbodyError
 
-LEAST = 1024
+MIN_ADDRESS_SPACE = 1024
 """Smallest address space [MB]: below it the compiler terminates the process.
 
 The compiled libraries need it with two threads each (measured: 470 to run, 700 to compile, 900 to draw), with a reserve."""
@@ -23,18 +23,18 @@ class MemoryShortage(ThirdbodyError):
 def require_address_space() -> None:
     """Raise MemoryShortage if the limit of this process is below what the libraries need."""
     limit = _limit()
-    if limit is not None and limit < LEAST:
-        raise MemoryShortage(f"`ulimit -v` leaves {limit} MB of address space; at least {LEAST} MB are needed")
+    if limit is not None and limit < MIN_ADDRESS_SPACE:
+        raise MemoryShortage(f"`ulimit -v` leaves {limit} MB of address space; at least {MIN_ADDRESS_SPACE} MB are needed")
 
 
 def memory_shortage(problem: BaseException) -> MemoryShortage | None:
     """Return the error for an exception caused by lack of memory, None for any other exception."""
     lines = [" ".join(line.split()) for line in str(problem).splitlines()]
-    telling = [line for line in lines if any(words in line.lower() for words in SHORT)]
-    report = telling and isinstance(problem, ImportError | OSError | RuntimeError)
+    informative = [line for line in lines if any(words in line.lower() for words in SHORT)]
+    report = informative and isinstance(problem, ImportError | OSError | RuntimeError)
     if not report and not isinstance(problem, MemoryError):
         return None
-    text = (telling or lines or [""])[-1]
+    text = (informative or lines or [""])[-1]
     return MemoryShortage(f"not enough memory{f' ({text[:200]})' if text else ''}{limit_hint()}")
 
 

@@ -42,7 +42,7 @@ def guarded_streams() -> Iterator[None]:
     before = sys.stdout, sys.stderr
     output, error = _guard(sys.stdout, sys.__stdout__, 1), _guard(sys.stderr, sys.__stderr__, 2)
     try:
-        with _told(output):
+        with _report_failure(output):
             sys.stdout = output or before[0]
             sys.stderr = error or before[1]
             yield
@@ -51,7 +51,7 @@ def guarded_streams() -> Iterator[None]:
 
 
 @contextmanager
-def _told(output: io.TextIOWrapper | None) -> Iterator[None]:
+def _report_failure(output: io.TextIOWrapper | None) -> Iterator[None]:
     """Report on standard error, at the end, that standard output could not be written; a failed command keeps its exit code."""
     code: Any = None
     try:

@@ -85,7 +85,7 @@ def printable_output() -> Iterator[None]:
 
 def _warn(message: Warning | str, *_where: object, **_also: object) -> None:
     """Print a Python warning like all others, without the line of code that issued it."""
-    say(f"warning: {message}", err=True)
+    print_line(f"warning: {message}", err=True)
 
 
 @contextmanager
@@ -116,6 +116,6 @@ def _nowhere() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def say(text: object, *, err: bool = False) -> None:
+def print_line(text: object, *, err: bool = False) -> None:
     """Print one line, on standard error if `err`: line breaks within `text`, such as in a name, are escaped too."""
     print(printable(str(text)), file=sys.stderr if err else sys.stdout, flush=err)

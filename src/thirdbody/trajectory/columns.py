@@ -58,14 +58,14 @@ def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[l
 def _series(run: Run) -> list[Column]:
     first = [name for name in ("time", "distance") if name in run.series]
     names = first + [name for name in run.series if name not in first]
-    return [column for name in names for column in _spread(name, run.series[name], run.units[name])]
+    return [column for name in names for column in _as_columns(name, run.series[name], run.units[name])]
 
 
 def _transitions(run: Run) -> list[Column]:
     result = run.transitions()
     columns = []
     for name, values in result.items():
-        columns += _spread(name, values)
+        columns += _as_columns(name, values)
         if name in ("from", "to", "reason"):
             columns += _named(name, values, run.reason_names if name == "reason" else run.state_names)
     return columns
@@ -97,13 +97,13 @@ def _stamped(run: Run, number: int, columns: list[Column]) -> list[Column]:
 def _columns(arrays: Mapping[str, np.ndarray], names: Mapping[str, Mapping[int, str] | list[str]]) -> list[Column]:
     columns = []
     for name, values in arrays.items():
-        columns += _spread(name, values)
+        columns += _as_columns(name, values)
         if name in names:
             columns += _named(name, values, names[name])
     return columns
 
 
-def _spread(name: str, values: np.ndarray, unit: str | None = None) -> list[Column]:
+def _as_columns(name: str, values: np.ndarray, unit: str | None = None) -> list[Column]:
     """Return an array as columns: itself, or its components."""
     unit = _UNITS.get(name, "") if unit is None else unit
     unit = "" if unit == "1" else unit

@@ -30,24 +30,24 @@ class Sink(io.FileIO):
     def __init__(self, path: str | Path, mode: str):
         super().__init__(path, mode, opener=_open_no_link)
         self._fault: OSError | None = None
-        self._held: list[tuple[int, bytes]] | None = None
+        self._queue: list[tuple[int, bytes]] | None = None
         self._old = self.seek(0, io.SEEK_END)
-        self._told: set[int] = set()
+        self._written: set[int] = set()
 
     def write(self, data: Any) -> int:
         """Write all data, or nothing after an error; within `in_order` buffer it."""
-        if self._held is not None:
-            self._held.append((self.tell(), bytes(data)))
+        if self._queue is not None:
+            self._queue.append((self.tell(), bytes(data)))
         else:
             self.put(self.tell(), memoryview(data).cast("B"))
         return len(data)
 
-    def put(self, place: int, data: bytes | memoryview) -> None:
+    def put(self, offset: int, data: bytes | memoryview) -> None:
         """Write to the file itself."""
         done = 0
         while done < len(data) and self._fault is None:
             try:
-                self.seek(place + done)
+                self.seek(offset + done)
                 done += super().write(data[done:]) or 0  # the system may write only a part
             except OSError as error:
                 self._fault = error
@@ -61,34 +61,34 @@ class Sink(io.FileIO):
         (a split node keeps its second half until its parent refers to the new neighbour), all else by address, one write per
         page. HDF5 reads nothing back while it flushes.
         """
-        self._held = []
+        self._queue = []
         try:
             yield
-            held, self._held = sorted(self._held, key=self._rank), None
-            for rank, parts in groupby(held, self._rank):
+            queued, self._queue = sorted(self._queue, key=self._rank), None
+            for rank, parts in groupby(queued, self._rank):
                 self._put_parts(list(parts), together=rank[0] == 3)
-            self._told |= {place for place, _ in held}
+            self._written |= {offset for offset, _ in queued}
         finally:
-            self._held = None
+            self._queue = None
 
     def _rank(self, part: tuple[int, bytes]) -> tuple[int, int]:
-        place, data = part
-        if place == 0:
+        offset, data = part
+        if offset == 0:
             return 0, 0
-        if place >= self._old and place not in self._told:
-            return 1, place
-        return (2, -data[5]) if data[:4] == NODE else (3, place // PAGE)
+        if offset >= self._old and offset not in self._written:
+            return 1, offset
+        return (2, -data[5]) if data[:4] == NODE else (3, offset // PAGE)
 
     def _put_parts(self, parts: list[tuple[int, bytes]], together: bool) -> None:
         if together:
-            start, end = min(place for place, _ in parts), max(place + len(data) for place, data in parts)
+            start, end = min(offset for offset, _ in parts), max(offset + len(data) for offset, data in parts)
             self.seek(start)
             whole = bytearray(self.read(end - start) or b"")  # bytes between the parts stay unchanged
-            for place, data in parts:
-                whole[place - start : place - start + len(data)] = data
+            for offset, data in parts:
+                whole[offset - start : offset - start + len(data)] = data
             parts = [(start, bytes(whole))]
-        for place, data in parts:
-            self.put(place, data)
+        for offset, data in parts:
+            self.put(offset, data)
 
     def truncate(self, size: int | None = None) -> int:
         """Set the size; may fail as a write may."""

@@ -7,7 +7,7 @@ from typing import Any
 CLOSED = 1e-3
 """Largest residual, relative to the largest energy of the run, that is accepted."""
 
-KEPT = 0.01
+MAX_NUMERICAL_LOSS = 0.01
 """Largest numerical loss or gain of the implicit integrator, relative to the largest energy of the run, that is accepted."""
 
 MUCH = 0.05
@@ -26,16 +26,16 @@ def energy_verdict(summary: Mapping[str, Any], scene_text: str = "") -> str | No
         reason = _reason(summary, lines, solver)
         report.append(f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}")
     fraction = summary.get("energy_numerical_share") or 0.0
-    if abs(fraction) > KEPT:
+    if abs(fraction) > MAX_NUMERICAL_LOSS:
         done = "lost" if fraction > 0.0 else "made"
         what = f"the implicit integrator itself {done} {100.0 * abs(fraction):.1f} % of the energy (line `numerical`)"
         report.append(f"{what}: {_numerical_reason(fraction, solver)}")
     return "; ".join(report) or None
 
 
-def _numerical_reason(share: float, solver: Mapping[str, Any]) -> str:
-    if share < 0.0:
-        return "steps are too long, or a contact law makes energy; a smaller solver.tolerance or solver.largest_step is needed"
+def _numerical_reason(fraction: float, solver: Mapping[str, Any]) -> str:
+    if fraction < 0.0:
+        return "steps are too long, or a contact law creates energy; a smaller solver.tolerance or solver.largest_step is needed"
     if solver.get("inertia") is False:
         return (
             "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost at "

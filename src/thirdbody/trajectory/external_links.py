@@ -6,7 +6,7 @@ HDF5 can store a link to another file, data in another file, and filters that it
 
 import h5py
 
-MOST_LINKS = 10_000
+MAX_LINKS = 10_000
 """Largest number of links in a run file: a run has some hundred, and one for each array that a law or an effect records."""
 
 _FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
@@ -17,12 +17,12 @@ def refuse_foreign(file: h5py.File) -> None:
 
     Only hard links are followed, each object once; the target of a soft link also has a hard link.
     """
-    groups, seen, links = [file["/"]], {_address(file["/"])}, 0
+    groups, visited, links = [file["/"]], {_address(file["/"])}, 0
     while groups:
         group = groups.pop()
         links += len(group)
-        if links > MOST_LINKS:
-            raise ValueError(f"holds more than {MOST_LINKS} links, the most that are read")
+        if links > MAX_LINKS:
+            raise ValueError(f"holds more than {MAX_LINKS} links, the most that are read")
         for name in group:
             kind = group.id.links.get_info(name.encode("utf-8", "surrogateescape")).type
             if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
@@ -30,9 +30,9 @@ def refuse_foreign(file: h5py.File) -> None:
             if kind == h5py.h5l.TYPE_SOFT:
                 continue
             node = group[name]
-            if _address(node) in seen:
+            if _address(node) in visited:
                 continue
-            seen.add(_address(node))
+            visited.add(_address(node))
             if isinstance(node, h5py.Group):
                 groups.append(node)
             elif isinstance(node, h5py.Dataset):
@@ -49,6 +49,6 @@ def _refuse_storage(dataset: h5py.Dataset) -> None:
     plan = dataset.id.get_create_plist()
     if plan.get_layout() == h5py.h5d.VIRTUAL or plan.get_external_count():
         raise ValueError(f"{dataset.name} has its data in another file")
-    for place in range(plan.get_nfilters()):
-        if (number := plan.get_filter(place)[0]) not in _FILTERS:
+    for index in range(plan.get_nfilters()):
+        if (number := plan.get_filter(index)[0]) not in _FILTERS:
             raise ValueError(f"{dataset.name} needs the filter {number}, which is not used by runs")

@@ -129,7 +129,7 @@ class FrameMaker:
         points = self._corners.copy()
         upper = self.state.world.upper
         if upper is not None:
-            points[4:, :2] += np.array(upper.schedule.place(self.state.time))
+            points[4:, :2] += np.array(upper.schedule.displacement_at(self.state.time))
             points[4:, 2] = self._gap()
         return {"points": points}
 
@@ -146,7 +146,7 @@ class FrameMaker:
         NaN without motion. The plate follows its schedule exactly in every step of both integrators.
         """
         upper = self.state.world.upper
-        return np.nan if upper is None else float(np.array(upper.schedule.place(self.state.time)) @ self.drag[:2])
+        return np.nan if upper is None else float(np.array(upper.schedule.displacement_at(self.state.time)) @ self.drag[:2])
 
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean force of the debris on both plates since the previous frame; at the first frame the present force."""

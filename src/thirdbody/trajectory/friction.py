@@ -10,7 +10,7 @@ from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
 from thirdbody.trajectory.names import CYCLES
 from thirdbody.trajectory.plate_motion import Drag
 from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.statistics import LEAST, change_and_error, mean_and_error
+from thirdbody.trajectory.statistics import MIN_SAMPLES, change_and_error, mean_and_error
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
 """A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""
@@ -85,7 +85,7 @@ class Friction:
     def short_verdict(self) -> str:
         """`stationary`, `still rising by 4 % over the second half`, or that it is undecided."""
         if self.stationary is None:
-            return "stationary or not: cannot be told"
+            return "stationary or not: unknown"
         return "stationary" if self.stationary else self.verdict
 
     def __str__(self) -> str:
@@ -137,8 +137,8 @@ def _of_strokes(run: Run, drag: Drag, mu: np.ndarray) -> Friction:
     over = "over the second half" if len(late) >= FEWEST else f"over the last {len(late)} cycles"
     stationary, verdict = _verdict(float(late.mean()), change, margin, over)
     if len(late) < 2:
-        verdict = "only one whole cycle: whether it is stationary cannot be told"
-    error = float(late.std(ddof=1)) if len(late) >= LEAST else NAN
+        verdict = "only one whole cycle: whether it is stationary is unknown"
+    error = float(late.std(ddof=1)) if len(late) >= MIN_SAMPLES else NAN
     return Friction(
         float(sizes[-1]), error, float(late.min()), float(late.max()), float(change), margin, stationary, verdict, len(sizes),
         float(cycles["energy"][-1]),

@@ -64,23 +64,23 @@ class Drag:
         return np.diff(self.displacement, prepend=self.displacement[:1])
 
     @cached_property
-    def turns(self) -> list[int]:
+    def reversals(self) -> list[int]:
         """Frames at which the plate reverses, by more than the fraction BACK of the range of its displacement."""
-        u, turns = self.displacement, []
+        u, reversals = self.displacement, []
         back = BACK * float(np.ptp(u)) if len(u) else 0.0
         best, sign = 0, 1.0
         for k in range(len(u)):
             if sign * (u[k] - u[best]) >= 0.0:
                 best = k
             elif sign * (u[best] - u[k]) > back:
-                turns.append(best)
+                reversals.append(best)
                 best, sign = k, -sign
-        return turns
+        return reversals
 
     @property
     def stroke(self) -> bool:
         """Whether the plate moves back and forth."""
-        return bool(self.turns)
+        return bool(self.reversals)
 
     @cached_property
     def cycles(self) -> list[slice]:
@@ -90,7 +90,7 @@ class Drag:
         """
         if not self.stroke:
             return []
-        u, ends = self.displacement, [self.start, *self.turns, self.frames - 1]
+        u, ends = self.displacement, [self.start, *self.reversals, self.frames - 1]
         near = CLOSED * float(np.ptp(u))
         first, last = abs(u[ends[0]] - u[ends[2]]) <= near, abs(u[ends[-1]] - u[ends[-3]]) <= near
         ends = ends[0 if first else 1 : None if last else -1]

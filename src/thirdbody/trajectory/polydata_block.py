@@ -104,7 +104,7 @@ class Block:
     def _offset_column(self, name: str) -> Column:
         return growing(self._offsets, name, (), np.int64)
 
-    def keep(self, arrays: Arrays) -> None:
+    def write_static(self, arrays: Arrays) -> None:
         """Write arrays that hold for every frame."""
         for name, values in arrays.items():
             array = as_numbers(name, values)

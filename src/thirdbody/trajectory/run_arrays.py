@@ -62,11 +62,11 @@ class RunArrays:
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
 
-        def told() -> Result:
+        def checked() -> Result:
             with damage_as_fault(self.path, where):
                 return read()
 
-        return self._open.steady(told, self._connect)
+        return self._open.steady(checked, self._connect)
 
     def _text(self, name: str) -> Any:
         with damage_as_fault(self.path, f"/scene/{name}"):

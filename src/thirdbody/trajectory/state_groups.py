@@ -61,9 +61,9 @@ def _size_classes(diameter: np.ndarray | None) -> list[Group]:
     if count < 2:
         return []
     edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
-    place = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
+    index = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
     ends = [quantity_text(edge, "m", 2).replace(GLUE, " ") for edge in edges]
-    return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", place == k) for k in range(len(edges) - 1) if (place == k).any()]
+    return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
 
 
 def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
@@ -81,7 +81,7 @@ def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]
 
 def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of `states_by_group`."""
-    load = _load_shares(run, frame, len(bodies["state"]))
+    load = _load_fractions(run, frame, len(bodies["state"]))
     result: dict[str, list[dict[str, Any]]] = {}
     for group in groups_of(run, bodies):
         states = bodies["state"][group.members]
@@ -99,7 +99,7 @@ def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict
     return result
 
 
-def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
+def _load_fractions(run: Run, frame: int, count: int) -> np.ndarray | None:
     """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
     contacts = run.contacts(frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
@@ -112,7 +112,7 @@ def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
     return None
 
 
-def telling(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+def informative_groups(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield the informative kinds of groups: of more than one group; materials only where populations share one."""
     for kind in KINDS:
         rows = result.get(kind, [])
@@ -121,7 +121,7 @@ def telling(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list
             yield kind, rows
 
 
-def shares_text(fractions: dict[str, float], maximum: int = 4) -> str:
+def fractions_text(fractions: dict[str, float], maximum: int = 4) -> str:
     """Return `95 % rolling, 5 % sliding`, the largest first."""
-    portions = sorted(((share, name) for name, share in fractions.items() if share > 0.0), key=lambda entry: -entry[0])
-    return ", ".join(f"{percent(share)} {name}" for share, name in portions[:maximum]).replace(GLUE, " ")
+    portions = sorted(((fraction, name) for name, fraction in fractions.items() if fraction > 0.0), key=lambda entry: -entry[0])
+    return ", ".join(f"{percent(fraction)} {name}" for fraction, name in portions[:maximum]).replace(GLUE, " ")

@@ -5,7 +5,7 @@ import numpy as np
 WINDOW = 5.0
 """Autocorrelations are summed up to the first lag beyond WINDOW times the current autocorrelation time."""
 
-LEAST = 8
+MIN_SAMPLES = 8
 """Least number of independent values for which an error is reported: with fewer its estimate is unreliable."""
 
 
@@ -23,22 +23,22 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     if not n:
         return float("nan"), float("nan")
     mean = float(values.mean())
-    rest = values - mean
-    variance = float(rest @ rest) / n
-    if n < LEAST:
+    deviations = values - mean
+    variance = float(deviations @ deviations) / n
+    if n < MIN_SAMPLES:
         return mean, float("nan")
     if variance <= (1e-13 * abs(mean)) ** 2:  # constant but for rounding
         return mean, 0.0
-    tau, window = _autocorrelation_time(rest, variance)
+    tau, window = _autocorrelation_time(deviations, variance)
     tau *= 1.0 + (2.0 * window + 1.0) / n
-    return mean, float(np.sqrt(2.0 * tau * variance / n)) if n >= 2.0 * tau * LEAST else float("nan")
+    return mean, float(np.sqrt(2.0 * tau * variance / n)) if n >= 2.0 * tau * MIN_SAMPLES else float("nan")
 
 
-def _autocorrelation_time(rest: np.ndarray, variance: float) -> tuple[float, int]:
+def _autocorrelation_time(deviations: np.ndarray, variance: float) -> tuple[float, int]:
     """Return the integrated autocorrelation time of deviations from their mean, at least 1/2, and its window [samples]."""
-    n = len(rest)
+    n = len(deviations)
     size = 1 << (2 * n - 1).bit_length()  # zero padding against circular correlation
-    spectrum = np.abs(np.fft.rfft(rest, size)) ** 2
+    spectrum = np.abs(np.fft.rfft(deviations, size)) ** 2
     covariance = np.fft.irfft(spectrum, size)[:n] / np.arange(n, 0, -1)
     times = np.cumsum(covariance / variance) - 0.5
     beyond = np.flatnonzero(np.arange(n) >= WINDOW * times)
@@ -56,11 +56,11 @@ def change_and_error(values: np.ndarray) -> tuple[float, float]:
     n = len(values)
     x = np.linspace(-0.5, 0.5, n)
     slope = float(x @ values) / float(x @ x)
-    rest = values - values.mean() - slope * x
-    squares = float(rest @ rest)
+    deviations = values - values.mean() - slope * x
+    squares = float(deviations @ deviations)
     if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # a straight line but for rounding
         return slope, 0.0
-    tau, window = _autocorrelation_time(rest, squares / n)
+    tau, window = _autocorrelation_time(deviations, squares / n)
     tau *= 1.0 + (2.0 * window + 1.0) / n
     freedom = max(n / (2.0 * tau) - 2.0, 1.0)
     error = float(np.sqrt(2.0 * tau * squares / ((n - 2) * float(x @ x))))
@@ -72,7 +72,7 @@ def running_mean(values: np.ndarray, width: int) -> np.ndarray:
     known = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
     counts = np.concatenate([[0], np.cumsum(known)])
-    place = np.arange(len(values))
-    low, high = np.maximum(place - (width - 1) // 2, 0), np.minimum(place + width // 2 + 1, len(values))
+    index = np.arange(len(values))
+    low, high = np.maximum(index - (width - 1) // 2, 0), np.minimum(index + width // 2 + 1, len(values))
     number = counts[high] - counts[low]
     return np.divide(sums[high] - sums[low], number, out=np.full(len(values), np.nan), where=number > 0)

@@ -5,10 +5,10 @@ from typing import Any
 
 import h5py
 
-MOST_TEXT = 1 << 28
+MAX_TEXT = 1 << 28
 """Limit of all texts of a run together [bytes]: the resolved scene of a million positions has some 60 MB."""
 
-MOST_JSON = 1 << 24
+MAX_JSON = 1 << 24
 """Limit of JSON texts (names, units, the summary) [bytes]; parsed they occupy up to 30 times as much."""
 
 
@@ -16,7 +16,7 @@ def refuse_large_texts(group: h5py.Group) -> None:
     """Raise ValueError or TypeError for texts that are too large together, larger than their file, or not texts."""
     sizes = {name: _size(group[name]) for name in group}
     json_size = sum(size for name, size in sizes.items() if group[name].attrs["json"])
-    for what, size, maximum in (("texts", sum(sizes.values()), MOST_TEXT), ("JSON texts", json_size, MOST_JSON)):
+    for what, size, maximum in (("texts", sum(sizes.values()), MAX_TEXT), ("JSON texts", json_size, MAX_JSON)):
         if size > maximum:
             raise ValueError(f"its {what} claim {size:.3g} bytes, at most {maximum:.3g} are read")
 

@@ -65,7 +65,7 @@ class TrajectoryWriter:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
         self._named, self._before = copy_of or (self.path, 0)
-        with self._told():
+        with self._write_errors():
             rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
             self._open("w", rows)
             root = self._file["VTKHDF"]
@@ -75,7 +75,7 @@ class TrajectoryWriter:
             for name in BLOCKS:
                 assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
             for name, arrays in static.items():
-                self._blocks[name].keep(arrays)
+                self._blocks[name].write_static(arrays)
             for name, value in header.items():
                 _write_text(self._scene, name, value)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
@@ -97,7 +97,7 @@ class TrajectoryWriter:
         from thirdbody.trajectory.reader import open_run
 
         path = Path(path)
-        fresh = path.with_name(path.name + ".part")
+        copy = path.with_name(path.name + ".part")
         writer = cls.__new__(cls)
         writer.path = writer._named = path
         writer._before = frames
@@ -105,18 +105,18 @@ class TrajectoryWriter:
             with open_run(path) as old:
                 if frames > old.frames:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-                with cls(fresh, header or old.header, old.static_arrays(), (path, old.frames)) as new:
+                with cls(copy, header or old.header, old.static_arrays(), (path, old.frames)) as new:
                     for number in range(frames):
                         between()
                         new.append(old.stored_frame(number))
                     new.sync()  # the checkpoint on the disk refers to these frames
-            with writer._told():
-                os.replace(fresh, path)
+            with writer._write_errors():
+                os.replace(copy, path)
         except BaseException:
             with suppress(OSError):  # a read-only folder refuses that too
-                fresh.unlink(missing_ok=True)
+                copy.unlink(missing_ok=True)
             raise
-        with writer._told():
+        with writer._write_errors():
             writer._open("r+", {})
             static = json.loads(writer._scene[STATIC_TEXT][()])
             for name, block in writer._blocks.items():
@@ -159,7 +159,7 @@ class TrajectoryWriter:
             raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
         nbytes = sum(array.nbytes for block in arrays.values() for array in block.values())
         self._require_space(nbytes)
-        with self._told():
+        with self._write_errors():
             # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
             self._sink.reserve(8 * nbytes + HOLE_BYTES)
             self._sink.check()
@@ -201,33 +201,33 @@ class TrajectoryWriter:
         free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
         if free < nbytes + nbytes // 2 + SPARE_BYTES:
             self.close()
-            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._kept()}")
+            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._saved_frames()}")
 
-    def _kept(self) -> str:
+    def _saved_frames(self) -> str:
         frames = max(self._before, getattr(self, "frames", 0))
         if not frames:
             return "no frame was written"
         return f"the {frames} frames written before are kept" if frames > 1 else "the frame written before is kept"
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _write_errors(self) -> Iterator[None]:
         """Turn what HDF5 raises (OSError, RuntimeError) into one message, and close the file."""
         try:
             yield
         except (OSError, RuntimeError) as error:
             self.close()
             reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-            raise OutputError(f"{self._named}: cannot be written ({reason}); {self._kept()}") from error
+            raise OutputError(f"{self._named}: cannot be written ({reason}); {self._saved_frames()}") from error
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Store the summary of a finished run. Raises OutputError."""
-        with self._told():
+        with self._write_errors():
             _write_text(self._scene, SUMMARY_TEXT, summary)
             self._flush()
 
     def sync(self) -> None:
         """Flush all written data to the disk: a checkpoint must not be ahead of its frames. Raises OutputError."""
-        with self._told():
+        with self._write_errors():
             os.fsync(self._sink.fileno())
 
     def close(self) -> None:

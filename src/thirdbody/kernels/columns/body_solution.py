@@ -4,11 +4,11 @@ from thirdbody.kernels.columns.table import Table
 
 table = Table("diagnostics", "a body")
 
-FOUND = table.scalar("found", "", "1: its balance was found")
+SOLVED = table.scalar("solved", "", "1: its equilibrium was found")
 PUSH = table.scalar("push", "N", "force on the plate, upwards")
-SLOPE = table.scalar("slope", "N/m", "change of that force with the rise of the plate, the body following")
+SLOPE = table.scalar("slope", "N/m", "change of that force with the displacement of the plate, the body following")
 ERROR = table.scalar("error", "", "error of the step over what is allowed")
-TURN = table.scalar("turn", "rad", "rotation in the step")
+ROTATION = table.scalar("rotation", "rad", "rotation in the step")
 ITERATIONS = table.scalar("iterations", "", "iterations of Newton's method")
 CROWDED = table.scalar("crowded", "", "1: it has more contacts than a tile holds")
 LANDS = table.scalar("lands", "", "1: one of its contacts closed in the step")

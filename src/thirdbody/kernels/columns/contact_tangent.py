@@ -12,5 +12,5 @@ YY = table.scalar("yy", "N/m", "of y with slip y")
 XD = table.scalar("xd", "N/m", "of x with the overlap")
 YD = table.scalar("yd", "N/m", "of y with the overlap")
 WIDTH = table.width
-ROLLING, ROLLING6 = table.vector("rolling", 6, "N m/rad, N", "the same six of the moment: xx, xy, yx, yy with turns, xd, yd")
+ROLLING, ROLLING6 = table.vector("rolling", 6, "N m/rad, N", "the same six of the moment: xx, xy, yx, yy with rotations, xd, yd")
 ROLLING_WIDTH = table.width

@@ -5,7 +5,7 @@ from thirdbody.kernels.columns.table import Table
 table = Table("F", "a contact between two groups of bodies")
 
 FORCE, FORCE3 = table.vector("force", 3, "N", "force on the partner's body")
-FRICTION_WORK = table.scalar("friction_work", "J", "the partner's share of the friction work")
+FRICTION_WORK = table.scalar("friction_work", "J", "the partner's part of the friction work")
 TORQUE, TORQUE3 = table.vector("torque", 3, "N m", "torque on the partner's body")
-SLIP = table.scalar("slip", "m", "the partner's share of the slip")
+SLIP = table.scalar("slip", "m", "the partner's part of the slip")
 WIDTH = table.width

@@ -4,8 +4,8 @@ from thirdbody.kernels.columns.table import Table
 
 table = Table("I, behind the history", "a tile of contacts")
 
-TURN_X = table.scalar("turn_x", "rad", "relative rotation of the step about the first axis of the frame")
-TURN_Y = table.scalar("turn_y", "rad", "about the second one")
+ROTATION_X = table.scalar("rotation_x", "rad", "relative rotation of the step about the first axis of the frame")
+ROTATION_Y = table.scalar("rotation_y", "rad", "about the second one")
 RATE_X = table.scalar("rate_x", "rad/s", "relative angular velocity at the end of the step, about the first axis")
 RATE_Y = table.scalar("rate_y", "rad/s", "about the second one")
 TRAVEL_X = table.scalar("travel_x", "m", "travel of the contact area over the surfaces in the step, along the first axis")

@@ -24,5 +24,5 @@ PATH = table.scalar("path", "m", "longest path that a point of the body can have
 STIFFNESS = table.scalar("stiffness", "N/m", "stiffness of the body")
 LIMIT = table.scalar("limit", "", "what limits the length of the next step (`limits`)")
 LIMITED, LIMITED8 = table.vector("limited", 8, "", "how many steps each cause has limited")
-MAX_ENERGY = table.scalar("max_energy", "J", "most that its contacts could hold so far (`friction_work`)")
+MAX_ENERGY = table.scalar("max_energy", "J", "largest energy that its contacts could store so far (`friction_work`)")
 WIDTH = table.width

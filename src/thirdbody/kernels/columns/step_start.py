@@ -15,9 +15,9 @@ ARM = table.scalar("arm", "m", "distance of the farthest point from the centre o
 PLATE_HEIGHT = table.scalar("plate_height", "m", "height of the plate at the end of the step")
 NOW = table.scalar("now", "", "rate of change = (NOW change - BEFORE last change)/dt")
 BEFORE = table.scalar("before", "", "see NOW")
-PLATE_RISE = table.scalar("plate_rise", "m", "rise of the plate that a patch is sprung to")
-PULL = table.scalar("pull", "N/m", "what holds a body without inertia back")
-MASS_SHARE = table.scalar("mass_share", "", "share of its mass that a body without inertia keeps")
+PLATE_DISPLACEMENT = table.scalar("plate_displacement", "m", "displacement of the plate that a patch is sprung to")
+TETHER_STIFFNESS = table.scalar("tether_stiffness", "N/m", "stiffness of the spring to the start position, without inertia")
+MASS_FRACTION = table.scalar("mass_fraction", "", "fraction of its mass that a body without inertia keeps")
 PATCH_DISPLACEMENT, PATCH_DISPLACEMENT2 = table.vector("patch_displacement", 2, "m", "displacement of the patch along x and y")
 PATCH_LOAD = table.scalar("patch_load", "N", "load of the patch")
 OLD_WEIGHT = table.scalar(

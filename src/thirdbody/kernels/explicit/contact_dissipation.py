@@ -45,13 +45,13 @@ def book(n, context, tile):
     old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):
         work = work_of_mean(q, old, new, np.int64(law_input.SLIP_X), tile)
-        taken = get(I, q + (law_input.HISTORY + context.stored) * TILE) - work
+        dissipated = get(I, q + (law_input.HISTORY + context.stored) * TILE) - work
         if moment >= 0:
-            turn = law_input.HISTORY + context.n_history + rolling_input.TURN_X
-            taken = taken - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, turn, tile)
-        taken = clamp_below(taken - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
+            rotation = law_input.HISTORY + context.n_history + rolling_input.ROTATION_X
+            dissipated = dissipated - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, rotation, tile)
+        dissipated = clamp_below(dissipated - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
         before = get(O, q + law_output.DISSIPATED * TILE)
-        put(O, q + law_output.DISSIPATED * TILE, before + (taken - get(O, q + law_output.FRICTION_LOSS * TILE)))
+        put(O, q + law_output.DISSIPATED * TILE, before + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
 
 
 @njit(**BARE)
@@ -71,15 +71,15 @@ def book_opened(n, context, tile):
 @njit(**BARE_CHUNK)
 def load_dashpot_forces(n, context, I):  # noqa: E741
     """Load the last forces and moments, if any, of the dashpots of n contacts over their velocities."""
-    place, n_history = context.dashpots, context.n_history
-    old = I[(law_input.HISTORY + place) * TILE :]
+    column, n_history = context.dashpots, context.n_history
+    old = I[(law_input.HISTORY + column) * TILE :]
     for q in range(n):
         p = np.uint64(q)
         I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
             unpack_triple(old[p])
         )
     if has_dashpot_moments(context):
-        old, to = I[(law_input.HISTORY + place + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
+        old, to = I[(law_input.HISTORY + column + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
         for q in range(n):
             p = np.uint64(q)
             to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], _ = unpack_triple(old[p])
@@ -136,7 +136,7 @@ def book_dashpots(n, dt, context, tile):
         work = half * force * separation_rate(q, tile.geometry) + across
         if has_dashpot_moments(context):
             rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X
-            work = work + work_of_mean(q, rate, moment, rotation + rolling_input.TURN_X, tile)
+            work = work + work_of_mean(q, rate, moment, rotation + rolling_input.ROTATION_X, tile)
         put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
     store_dashpot_forces(n, context, O)
 

@@ -43,7 +43,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, force_and_torques
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
-from thirdbody.kernels.explicit.contact_tiles import SHARE, end_contacts, gather_tile, store_remote_force
+from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.predicates import is_lower, is_sphere
@@ -135,7 +135,7 @@ def scatter_pair_tile(n, slots, context, tile):
     """Apply the contacts between spheres slots[:n] to their bodies."""
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
-        work, slip = broadcast(SHARE) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
+        work, slip = broadcast(BODY_FRACTION) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
         f = four_rows(q + geometry.FORCE * TILE, G, work)
         t, w = four_rows(q + geometry.TORQUE * TILE, G, slip), four_rows(q + geometry.PARTNER_TORQUE * TILE, G, slip)
         scatter_pair_force(np.uint64(slots[q]), context, f[0], t[0], w[0])
@@ -169,21 +169,21 @@ def reduce_tile(m, slots, tile, sums_of_tile):
     candidate; the last candidate whose force is not finite (+ 1; 0: none).
     """
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
-    work, damped, deepest, slot, bad = sums_of_tile
+    work, damped, max_overlap, slot, bad = sums_of_tile
     zero_padding(m, tile)
     for q in range(0, m, LANES):
         work, damped = work + get(O, q + law_output.DISSIPATED * TILE), damped + get(O, q + law_output.DASHPOT_POWER * TILE)
         r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
         if (
-            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
+            less_mask(broadcast(max_overlap) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
-            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, tile, deepest, slot)
+            max_overlap, slot = larger_overlap(q, min(q + LANES, m), slots, tile, max_overlap, slot)
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_nonfinite(q, min(q + LANES, m), slots, G, bad)
-    return work, damped, deepest, slot, bad
+    return work, damped, max_overlap, slot, bad
 
 
 @njit(**BARE)
@@ -196,13 +196,13 @@ def zero_padding(m, tile):
 
 
 @njit(**BARE_CHUNK)
-def larger_overlap(q, end, slots, tile, deepest, slot):
-    """Return the larger of `deepest` and the overlaps over radius of elements q to `end`, with its candidate."""
+def larger_overlap(q, end, slots, tile, max_overlap, slot):
+    """Return the larger of `max_overlap` and the overlaps over radius of elements q to `end`, with its candidate."""
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for e in range(q, end):
         ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
-        deepest, slot = (ratio, np.int64(slots[e])) if ratio > deepest else (deepest, slot)
-    return deepest, slot
+        max_overlap, slot = (ratio, np.int64(slots[e])) if ratio > max_overlap else (max_overlap, slot)
+    return max_overlap, slot
 
 
 @njit(**BARE_CHUNK)
@@ -223,9 +223,9 @@ def sum_of_lanes(v):
 @njit(**BARE)
 def store_sums(c, lost, damped, sums_of_tile, sums):
     """Write the reductions of a group into row c. `lost`, `damped`: losses of contacts that opened [J]."""
-    work, taken, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
+    work, dissipated, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
     sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
-    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(taken)
+    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(dissipated)
 
 
 @njit(**BARE_CHUNK)
@@ -293,12 +293,12 @@ def write_record(q, k, context, motion, tile):
 
 
 @njit(**BARE)
-def split_scratch(room, n_history):
-    """Return a tile for laws with so many numbers of history, and what is left of the scratch `room`, for overlaps."""
+def split_scratch(scratch, n_history):
+    """Return a tile for laws with so many numbers of history, and what is left of the scratch `scratch`, for overlaps."""
     begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
     end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
     gaps = end + geometry.WIDTH * TILE
-    return Tile(room[:begin], room[begin:end], room[:0], room[end:gaps]), room[gaps:]
+    return Tile(scratch[:begin], scratch[begin:end], scratch[:0], scratch[end:gaps]), scratch[gaps:]
 
 
 @njit(**BARE)

@@ -18,7 +18,7 @@ from thirdbody.kernels.contact_history import reset_history
 from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.rolling_kinematics import gather_rolling
 
-SHARE = 0.5
+BODY_FRACTION = 0.5
 """Fraction of the friction work between two bodies that each of them gets."""
 
 
@@ -65,7 +65,7 @@ def end_contacts(n, opened, context, tile):
         saved = reset_history(k, context)
         lost = tile.outputs[e + law_output.DISSIPATED * TILE] if context.force >= 0 else saved
         total += lost
-        fraction = lost if is_plate(partner[k]) else SHARE * lost
+        fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
         B[body_of[context.own[k]], body.FRICTION_WORK] += fraction
         if outer[k] >= 0:
             store_remote_force(outer[k], set4(0.0, 0.0, 0.0, fraction), broadcast(0.0), context.F)

@@ -87,7 +87,7 @@ class Scratch(NamedTuple):
     """`contact_stiffness`"""
     near: Array
     """List of candidates."""
-    place: Array
+    row_of: Array
     """Row of each candidate in `rows`, or -1."""
     minimum: Array
     """Lower bounds of the steps of each body."""
@@ -129,11 +129,11 @@ def approach(i, j, normal, context, time):
 @njit(**BARE)
 def store_stiffness(m, first, P, scratch, patches):
     """Write the stiffness of a tile of m contacts into rows from `first` on; add it to that of the patches."""
-    answer, rows = scratch.outputs, scratch.rows
+    outputs, rows = scratch.outputs, scratch.rows
     for t in range(m):
         r = first + t
-        k_n, k_t, k_r = answer[t], answer[t + TILE], answer[t + 2 * TILE]
-        c_n, c_t, c_r = answer[t + 3 * TILE], answer[t + 4 * TILE], answer[t + 5 * TILE]
+        k_n, k_t, k_r = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE]
+        c_n, c_t, c_r = outputs[t + 3 * TILE], outputs[t + 4 * TILE], outputs[t + 5 * TILE]
         twice, p = rows[r, contact_stiffness.TWICE], np.int64(rows[r, contact_stiffness.PATCH])
         if p >= 0:
             patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
@@ -144,18 +144,18 @@ def store_stiffness(m, first, P, scratch, patches):
 
 @njit(**BARE_CHUNK)
 def active_candidates(context, scratch):
-    """List the candidates with plates and those between spheres within reach; return their number. Sets `place` to -1."""
-    own, partner, S, near, place = context.own, context.partner, context.S, scratch.near, scratch.place
+    """List the candidates with plates and those between spheres within reach; return their number. Sets `row_of` to -1."""
+    own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, scratch.row_of
     m, box = np.int64(context.n_plates), box_of(context.D)
     for k in range(context.n_plates):
-        near[k], place[k] = k, -1
+        near[k], row_of[k] = k, -1
     for p in range(own.shape[0] - context.n_plates):
         k = p + context.n_plates
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
         reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
-        near[m], place[k] = k, -1
+        near[m], row_of[k] = k, -1
         m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < reach * reach)
     return m
 
@@ -163,7 +163,7 @@ def active_candidates(context, scratch):
 @njit(**BARE)
 def find_contacts(n, context, horizon, stiffness, patches, scratch):
     """Fill rows of those of the first n candidates in `scratch.near` that are within reach or will be within the horizon."""
-    S, P, told, rows, box = context.S, context.P, scratch.inputs, scratch.rows, box_of(context.D)
+    S, P, inputs, rows, box = context.S, context.P, scratch.inputs, scratch.rows, box_of(context.D)
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = scratch.near[e]
@@ -183,12 +183,12 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
                 radius = first_body.effective_radius(radius, first_body.curvature(j, first_body.centre(i, S), P))
                 if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
                     twice, pressed = 2.0, float(patch_of_partner(j))
-            told[m + law_input.OVERLAP * TILE] = overlap
-            told[m + law_input.RADIUS * TILE] = radius
-            told[m + law_input.MASS * TILE] = mass
-            told[m + law_input.PAIR_TYPE * TILE], told[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
+            inputs[m + law_input.OVERLAP * TILE] = overlap
+            inputs[m + law_input.RADIUS * TILE] = radius
+            inputs[m + law_input.MASS * TILE] = mass
+            inputs[m + law_input.PAIR_TYPE * TILE], inputs[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
             r = first + m
-            scratch.place[k] = r
+            scratch.row_of[k] = r
             rows[r, contact_stiffness.NORMAL] = n_x
             rows[r, contact_stiffness.NORMAL + 1] = n_y
             rows[r, contact_stiffness.NORMAL + 2] = n_z
@@ -196,7 +196,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
             rows[r, contact_stiffness.TWICE], rows[r, contact_stiffness.PATCH] = twice, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
-            stiffness(told, scratch.outputs, m, context.pairs)
+            stiffness(inputs, scratch.outputs, m, context.pairs)
             store_stiffness(m, first, P, scratch, patches)
             first += m
             m = np.int64(0)
@@ -206,15 +206,15 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
 def assemble(b, context, scratch):
     """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
-    place, near, rows = scratch.place, scratch.near, scratch.rows
+    row_of, near, rows = scratch.row_of, scratch.near, scratch.rows
     z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
-        m += place[incidence[e] >> 1] >= 0
+        m += row_of[incidence[e] >> 1] >= 0
     K, C = (z, z, z, z, z, z, z), (z, z, z, z, z, z, z)
     for e in range(m):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
-        i, r = np.uint64(partner[k] if back else own[k]), np.uint64(place[k])
+        i, r = np.uint64(partner[k] if back else own[k]), np.uint64(row_of[k])
         g = contact_jacobian(
             load(rows, r, np.int64(contact_stiffness.NORMAL)), arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0)
         )

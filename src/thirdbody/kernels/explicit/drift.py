@@ -16,8 +16,8 @@ from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_scra
 from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
 from thirdbody.kernels.rigid_body import (
     BODIES,
-    RESTING_MOMENTUM,
-    RESTING_SPEED,
+    NEGLIGIBLE_MOMENTUM,
+    NEGLIGIBLE_SPEED,
     BodyMotion,
     check_position,
     columns,
@@ -70,12 +70,12 @@ def drift_tile(n, dt, left, Z):
         kick = half / Z[p + body.MASS * BODIES]
         f_x, f_y, f_z = three(Z, p + body.FORCE * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = half_kick(three(Z, p + body.VELOCITY * BODIES), left, change, RESTING_SPEED)
+        v_x, v_y, v_z = half_kick(three(Z, p + body.VELOCITY * BODIES), left, change, NEGLIGIBLE_SPEED)
         x, y, z = three(Z, p + body.POSITION * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(Z, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, RESTING_MOMENTUM)
+        momentum = half_kick(three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
         inertia = three(Z, p + drift_scratch.INERTIA * BODIES)
         at = p + body.QUATERNION * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
@@ -101,16 +101,16 @@ def drift_tile(n, dt, left, Z):
 
 
 @njit(**BARE)
-def check_limits(b, distance, share, x, limits, seen):
-    """Update the extrema `seen` of a chunk with body b.
+def check_limits(b, distance, relative_distance, x, limits, extrema):
+    """Update the extrema `extrema` of a chunk with body b.
 
     These are the longest path; the largest path over the radius, with its body; the last body that is not finite, and the last
     that left the domain (+ 1; 0: none).
     """
-    longest, step, body, bad, out = seen
-    body = b if share > step else body
-    bad, out = check_position(b, x, share, limits, bad, out)
-    return max(longest, distance), max(step, share), body, bad, out
+    longest, step, body, bad, out = extrema
+    body = b if relative_distance > step else body
+    bad, out = check_position(b, x, relative_distance, limits, bad, out)
+    return max(longest, distance), max(step, relative_distance), body, bad, out
 
 
 @njit(**BARE)
@@ -131,9 +131,9 @@ def gather_columns(at, k, b, B, Z):
 
 
 @njit(**BARE)
-def gather_bodies(p, staged, B, E, Z):
+def gather_bodies(p, listed, B, E, Z):
     """Copy the four bodies staged[p:p + 4], none of a single sphere, into the elements from p on."""
-    b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
+    b = np.uint64(listed[p]), np.uint64(listed[p + 1]), np.uint64(listed[p + 2]), np.uint64(listed[p + 3])
     for k in range(body.POSITION, body.SPIN, 4):
         gather_columns(p + k * BODIES, k, b, B, Z)
     for k in range(body.FORCE, body.WIDTH, 4):
@@ -191,34 +191,34 @@ def prefetch_body(b, start, S, B):
 
 
 @njit(**BARE_CHUNK)
-def drift_bodies(c, context, step, Z, staged):
+def drift_bodies(c, context, step, Z, listed):
     """Drift the bodies of chunk c and place their spheres (`place_spheres`). Z, staged: scratch."""
     start, S, B, E, D, moves = context.start, context.S, context.B, context.E, context.D, context.moves
-    seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
+    extrema = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     balls, limits, n = empty_extrema(), limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, body.SPHERE_INERTIA] != 0.0:
             balls = drift_ball(b, start[b], S, B, step.dt, step.pending, balls)
         else:
-            staged[n] = b
+            listed[n] = b
             n += 1
     for p in range(n, n + -n % 4):
-        staged[p] = staged[n - 1]  # up to a multiple of four
+        listed[p] = listed[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
-        gather_bodies(np.int64(p), staged, B, E, Z)
+        gather_bodies(np.int64(p), listed, B, E, Z)
     drift_tile(n, step.dt, step.pending, Z)
     for p in range(n):
-        i = np.int64(staged[p])
+        i = np.int64(listed[p])
         scatter_body(p, i, Z, B, E)
         distance = Z[p + drift_scratch.PATH * BODIES]
-        seen = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, seen)
+        extrema = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, extrema)
         place_spheres(p, i, context, step, Z)
-    longest, share, body_number, bad, out = seen
+    longest, relative_distance, body_number, bad, out = extrema
     distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
     moves[c, chunk_motion.MAX_PATH] = max(distance, longest)
     moves[c, chunk_motion.BAD_BODY] = max(bad, bad_ball)
     moves[c, chunk_motion.LEFT_BODY] = max(out, out_ball)
     moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (
-        (fraction, ball) if fraction > share else (share, body_number)
+        (fraction, ball) if fraction > relative_distance else (relative_distance, body_number)
     )

@@ -20,15 +20,23 @@ from thirdbody.jit.simd import (
     with_last,
 )
 from thirdbody.kernels.columns import body, domain, sphere
-from thirdbody.kernels.rigid_body import BODIES, FAR, RESTING_SPEED, RESTING_SPIN, check_position, is_aliased, store_three
+from thirdbody.kernels.rigid_body import (
+    BODIES,
+    MAX_DISTANCE,
+    NEGLIGIBLE_SPEED,
+    NEGLIGIBLE_SPIN,
+    check_position,
+    is_aliased,
+    store_three,
+)
 from thirdbody.kernels.rotation import rotate_small
 
 
 @njit(**BARE)
-def drift_ball(b, s, S, B, dt, left, seen):
-    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema `seen`.
+def drift_ball(b, s, S, B, dt, left, extrema):
+    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema `extrema`.
 
-    `seen`: see `empty_extrema`. The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that
+    `extrema`: see `empty_extrema`. The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that
     follows each vector is preserved. A single-sphere body has no arm.
     """
     x = load(B, b, body.POSITION)
@@ -41,7 +49,10 @@ def drift_ball(b, s, S, B, dt, left, seen):
         extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0
     )  # dt/2 over mass, inertia and radius in one division
     change, rotation = broadcast_lane(fraction, 0) * with_last(force, none), broadcast_lane(fraction, 1) * with_last(torque, none)
-    v, w = flush_below(v + again * change, RESTING_SPEED) + change, flush_below(w + again * rotation, RESTING_SPIN) + rotation
+    v, w = (
+        flush_below(v + again * change, NEGLIGIBLE_SPEED) + change,
+        flush_below(w + again * rotation, NEGLIGIBLE_SPIN) + rotation,
+    )
     x = with_last(x + broadcast(dt) * v, x)
     store(B, b, body.POSITION, x)
     store(B, b, body.VELOCITY, v)
@@ -55,7 +66,7 @@ def drift_ball(b, s, S, B, dt, left, seen):
         store(S, s, sphere.MID_SPIN, w)
     store_three(S, s, np.int64(sphere.END_VELOCITY), v + change)
     store(S, s, sphere.END_SPIN, w + rotation)
-    square, (fastest, farthest, strange, low, high) = norm_squared(v), seen
+    square, (fastest, farthest, strange, low, high) = norm_squared(v), extrema
     return (
         max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,
         select_greater(low, x, x, low), select_greater(x, high, x, high),
@@ -73,12 +84,13 @@ def empty_extrema():
 
 
 @njit(**BARE)
-def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
-    """Reduce the extrema `seen` of chunk c's single spheres as `check_limits` does. Bodies are searched only if a guard trips."""
-    fastest, farthest, strange, low, high = seen
+def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
+    """Reduce the extrema `extrema` of chunk c's single spheres as `check_limits` does. Bodies are searched only if a guard
+    trips."""
+    fastest, farthest, strange, low, high = extrema
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)
-    there = all_below(high, FAR) & all_below(broadcast(0.0) - low, FAR) & all_below(strange, 1.0)
+    there = all_below(high, MAX_DISTANCE) & all_below(broadcast(0.0) - low, MAX_DISTANCE) & all_below(strange, 1.0)
     if (outside == 0) & there & (step <= D[domain.TRAVEL_GUARD]):
         return distance, step, np.int64(0), np.int64(0), np.int64(0)
     body, bad, out = find_offender(c, start, S, B, dt, limits)

@@ -7,25 +7,25 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, broadcast, broadcast_lane, extract, flush_below, load, prefetch, set4, store, with_last
 from thirdbody.kernels.columns import body, body_extra, chunk_motion, remote_force
 from thirdbody.kernels.explicit.contact_forces import add_force
-from thirdbody.kernels.rigid_body import BODIES, GUESTS, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
+from thirdbody.kernels.rigid_body import BODIES, NEGLIGIBLE_MOMENTUM, NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, REMOTE, spin_body
 
 
 @njit(**BARE)
 def kick_body(b, B, E, force, torque, dt):
     """Apply a half kick by a force and a torque to body b: vectors of four whose last element is ignored."""
     v, w, half, none = load(B, b, body.VELOCITY), load(B, b, body.SPIN), 0.5 * dt, broadcast(0.0)
-    turning = extract(w, 3)  # moment of inertia of a single-sphere body, else 0
-    fraction = broadcast(half) / set4(extract(v, 3), turning, 1.0, 1.0)
+    inertia = extract(w, 3)  # moment of inertia of a single-sphere body, else 0
+    fraction = broadcast(half) / set4(extract(v, 3), inertia, 1.0, 1.0)
     push, rotation = with_last(force, none), with_last(torque, none)
-    store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, RESTING_SPEED))
-    if turning != 0.0:
-        store(B, b, body.SPIN, flush_below(w + broadcast_lane(fraction, 1) * rotation, RESTING_SPIN))
+    store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, NEGLIGIBLE_SPEED))
+    if inertia != 0.0:
+        store(B, b, body.SPIN, flush_below(w + broadcast_lane(fraction, 1) * rotation, NEGLIGIBLE_SPIN))
     else:
         store(
             E,
             b,
             body_extra.ANGULAR_MOMENTUM,
-            flush_below(load(E, b, body_extra.ANGULAR_MOMENTUM) + broadcast(half) * rotation, RESTING_MOMENTUM),
+            flush_below(load(E, b, body_extra.ANGULAR_MOMENTUM) + broadcast(half) * rotation, NEGLIGIBLE_MOMENTUM),
         )
 
 
@@ -47,11 +47,11 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 
 @njit(**BARE)
-def add_remote_forces(first, last, guests, F, B):
+def add_remote_forces(first, last, remote_body, F, B):
     """Add the remote forces, rows first to last of F, to their partners, in that order."""
     for f in range(first, last):
-        prefetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
-        add_force(np.uint64(guests[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
+        prefetch(B, np.uint64(remote_body[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
+        add_force(np.uint64(remote_body[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
 
 
 @njit(**BARE_CHUNK)
@@ -63,7 +63,7 @@ def gather_forces(c, context, step, effects):
     """
     B, E, cuts, has_effects = context.B, context.E, context.cuts, context.has_effects != 0
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], context.guests, context.F, B)
+    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context.remote_body, context.F, B)
     context.moves[c, chunk_motion.EFFECT_POWER] = 0.0
     if has_effects or step.record:
         closing_kick(first, last, B, E, step.dt)

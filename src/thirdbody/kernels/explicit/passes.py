@@ -13,7 +13,7 @@ from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
 from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
-from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, context_of
+from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
 
 law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
 
@@ -64,5 +64,5 @@ def work(task, part, begin, end, step, packed):
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(group * GROUP, end_of(group, context)):
                 gather_forces(c, context, step, effects)
-        if task == LOOK:
+        if task == OBSERVATION:
             observe_group(group, part, context, observe)

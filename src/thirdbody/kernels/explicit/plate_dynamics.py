@@ -35,7 +35,7 @@ def drift_patches(P, dt, v_x, v_y):
 
     Returns the largest change of a height since the last search, one step ahead [m].
     """
-    far = 0.0
+    path = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] != 0.0:
             force = P[p, patch.FORCE] - P[p, patch.LOAD] - P[p, patch.DAMPING] * P[p, patch.VELOCITY]
@@ -43,8 +43,8 @@ def drift_patches(P, dt, v_x, v_y):
         P[p, patch.HEIGHT] += dt * P[p, patch.VELOCITY]
         P[p, patch.DISPLACEMENT] += dt * v_x
         P[p, patch.DISPLACEMENT + 1] += dt * v_y
-        far = max(far, abs(P[p, patch.HEIGHT] - P[p, patch.SEARCH_HEIGHT]) + dt * abs(P[p, patch.VELOCITY]))
-    return far
+        path = max(path, abs(P[p, patch.HEIGHT] - P[p, patch.SEARCH_HEIGHT]) + dt * abs(P[p, patch.VELOCITY]))
+    return path
 
 
 @njit(**BARE)

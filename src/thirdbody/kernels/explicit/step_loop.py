@@ -18,7 +18,7 @@ from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from thirdbody.kernels.rigid_body import largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
-from thirdbody.kernels.signatures import EARLY, LATE, LOOK, WORK, context_of
+from thirdbody.kernels.signatures import EARLY, LATE, OBSERVATION, WORK, context_of
 
 
 class Stop(IntEnum):
@@ -47,7 +47,7 @@ class Stop(IntEnum):
 NEARLY = 1.000001
 """A target that is missed only by rounding counts as reached, so that the run does not add a step for it."""
 
-SHARES = 2
+PARTS_PER_THREAD = 2
 """Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
 
 FEW = 2
@@ -116,21 +116,21 @@ def guard(D, sums, moves):
 
 
 @njit(**BARE)
-def skin_exhausted(far, distance, far_patch, skin):
+def skin_exhausted(path, distance, patch_path, skin):
     """Return whether two objects could cover the skin between them by the end of the next step. 10 % allow for acceleration."""
-    return 1.1 * (far + distance + max(far + distance, far_patch)) > 0.9 * skin
+    return 1.1 * (path + distance + max(path + distance, patch_path)) > 0.9 * skin
 
 
 @njit(**BARE)
-def rebuild_needed(context, far_patch):
+def rebuild_needed(context, patch_path):
     """Return whether a search must precede the next step. Displacements are measured only if the paths could exhaust the skin."""
     A, moves, skin, distance = context.A, context.moves, context.D[domain.SKIN], 0.0
     for c in range(moves.shape[0]):
         distance = max(distance, moves[c, chunk_motion.MAX_PATH])
     A[run_totals.MAX_DISPLACEMENT] += distance
-    if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin):
+    if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin):
         A[run_totals.MAX_DISPLACEMENT] = largest_displacement(context.X0, context.B, context.E)
-        return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin)
+        return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
     return False
 
 
@@ -163,8 +163,8 @@ def run(budget, until, distance, dt, threads, packed):
     P, D, A, schedule, first = context.P, context.D, context.A, context.schedule, context.first
     work = work_at(context.work)
     groups = context.lowest.shape[0]
-    parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
-    whole = parts == 1 or context.guests.shape[0] == 0
+    parts = min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
+    whole = parts == 1 or context.remote_body.shape[0] == 0
     context.moved[:] = 0
     pending = 0.0
     for n in range(budget):
@@ -177,13 +177,13 @@ def run(budget, until, distance, dt, threads, packed):
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending)
         drive_patches(P, schedule, first, A[run_totals.TIME], dt)
-        far_patch = drift_patches(P, dt, v_x, v_y)
-        for task in range(EARLY, LOOK + 1):
-            if task == LOOK:
+        patch_path = drift_patches(P, dt, v_x, v_y)
+        for task in range(EARLY, OBSERVATION + 1):
+            if task == OBSERVATION:
                 load_patches(P, schedule, first, step.time)
                 lifted, damping = kick_patches(P, context.E, context.patch, patch_forces(context.sums), dt)
                 update_ledger(context, step, lifted + patch_power(P), damping)
-            if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
+            if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             if parts == 1:
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
@@ -195,7 +195,7 @@ def run(budget, until, distance, dt, threads, packed):
         code, who = guard(D, context.sums, context.moves)
         if code != Stop.DONE:
             return code, who, pending
-        due = rebuild_needed(context, far_patch)
+        due = rebuild_needed(context, patch_path)
         if last:
             return Stop.DONE, np.int64(due), pending
         if due:

@@ -65,8 +65,8 @@ def recoil(context, b, m, dt, space):
             if not staged:
                 total += R[k, record.STORED_NORMAL]
             elif O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
-                taken = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, space.before[e - first], I) * dt
-                total += R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - taken
+                work_done = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, space.before[e - first], I) * dt
+                total += R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - work_done
         if staged:
             q += 1
     return total
@@ -144,7 +144,7 @@ def body_works(context, active, y, dt):
     inertial, arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
     mass, now, last = B[b, body.MASS], Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
-    share, pull = Z[step_start.MASS_SHARE], Z[step_start.PULL]
+    fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     for k in range(3):
         theta, w = y[3 + k] * arm, B[b, body.SPIN + k]
         force, torque = (
@@ -154,9 +154,9 @@ def body_works(context, active, y, dt):
         effects += force * y[k] + torque * theta
         v_0, l_0 = Z[step_start.VELOCITY + k], Z[step_start.ANGULAR_MOMENTUM + k]
         v_1, l_1 = B[b, body.VELOCITY + k], E[b, body_extra.ANGULAR_MOMENTUM + k]
-        pushed += share * mass * (now * (v_1 - inertial * v_0) - last * T[step_memory.LAST_DV + k]) * y[k]
-        pushed += share * (now * (l_1 - inertial * l_0) - last * T[step_memory.LAST_DL + k]) * theta
-        pushed += pull * (y[k] * y[k] + y[3 + k] * y[3 + k])
+        pushed += fraction * mass * (now * (v_1 - inertial * v_0) - last * T[step_memory.LAST_DV + k]) * y[k]
+        pushed += fraction * (now * (l_1 - inertial * l_0) - last * T[step_memory.LAST_DL + k]) * theta
+        pushed += tether * (y[k] * y[k] + y[3 + k] * y[3 + k])
         before += 0.5 * (mass * v_0 * v_0 + l_0 * Z[step_start.SPIN + k])
         after += 0.5 * (mass * v_1 * v_1 + l_1 * w)
     return contacts, effects, pushed, before, after
@@ -175,32 +175,34 @@ def update_ledger(context, active, motion, gained, common, space):
     p, Z, T, W, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
     sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
-    share, pull = Z[step_start.MASS_SHARE], Z[step_start.PULL]
+    fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     contacts, effects, pushed, before, after = body_works(context, active, y, dt)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (W[run_totals.UPPER_FORCE] * motion.v_x + W[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
-    lift, rise = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
+    lift, displacement = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = space.diagnostics[step_contacts.DASHPOT_POWER] * dt, plate - drag
     if P[p, patch.FREE] != 0.0:
         spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
-        stretched = y[6] - Z[step_start.PLATE_RISE]
+        stretched = y[6] - Z[step_start.PLATE_DISPLACEMENT]
         carried = (1.0 - old) * P[p, patch.LOAD] + old * Z[step_start.PATCH_LOAD]
-        plate -= carried * y[6] + (0.0 if common else spring * Z[step_start.PLATE_RISE])
+        plate -= carried * y[6] + (0.0 if common else spring * Z[step_start.PLATE_DISPLACEMENT])
         lost -= (carried - P[p, patch.LOAD]) * y[6]
-        felt = P[p, patch.DAMPING] * rise * y[6]
-        damped, lost = damped + max(felt, 0.0), lost + min(felt, 0.0)
+        dashpot_work = P[p, patch.DAMPING] * displacement * y[6]
+        damped, lost = damped + max(dashpot_work, 0.0), lost + min(dashpot_work, 0.0)
         force = (
-            share * P[p, patch.MASS] * (now * (rise - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
+            fraction
+            * P[p, patch.MASS]
+            * (now * (displacement - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
         )
-        pushed += (force + pull * y[6]) * y[6]
+        pushed += (force + tether * y[6]) * y[6]
         before += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
-        after += 0.5 * P[p, patch.MASS] * rise * rise
+        after += 0.5 * P[p, patch.MASS] * displacement * displacement
         lost += 0.5 * P[p, patch.SPRING] * stretched * stretched
     elif not common:
-        held = (1.0 - old) * lift - old * W[run_totals.UPPER_FORCE + 2] * y[6]
-        plate += held
-        lost += held - lift
+        stored = (1.0 - old) * lift - old * W[run_totals.UPPER_FORCE + 2] * y[6]
+        plate += stored
+        lost += stored - lift
     friction = sums[0, contact_sums.FRICTION_WORK]
     laws = drag + lift - contacts - gained - friction - space.diagnostics[step_contacts.DASHPOT_POWER] * dt
     W[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost

@@ -15,9 +15,9 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
-from thirdbody.kernels.implicit.friction_work import LEAST, work_error
-from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton
-from thirdbody.kernels.implicit.residual import TURN, save_start
+from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
+from thirdbody.kernels.implicit.newton import CROWDED, SOLVED, newton
+from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
     GOING,
@@ -51,7 +51,7 @@ BODIES = 8
 
 
 @njit(**BARE)
-def prescribed_rise(context, active, dt):
+def prescribed_displacement(context, active, dt):
     """Return the prescribed rise [m] of the body's patch, 0 if it is free; store the plate's height."""
     p, Z, P, t, schedule, first = (
         active.patch,
@@ -62,11 +62,11 @@ def prescribed_rise(context, active, dt):
         context.first,
     )
     driven = first[GAP + 1] > first[GAP]
-    rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
+    displacement = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
     if P[p, patch.SPRING] != 0.0:
         Z[step_start.PLATE_HEIGHT] = value(schedule, first, np.int64(GAP), t + dt) if driven else P[P.shape[0] - 1, patch.HEIGHT]
-        Z[step_start.PLATE_RISE] = rise
-    return 0.0 if P[p, patch.FREE] != 0.0 else rise
+        Z[step_start.PLATE_DISPLACEMENT] = displacement
+    return 0.0 if P[p, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
@@ -85,10 +85,10 @@ def update_labeller(b, context, W, space):
 
 
 @njit(**BARE)
-def error_of(context, active, m, found, motion, space):
+def error_of(context, active, m, converged, motion, space):
     """Return the error of the step over the tolerance: of the motion and, with inertia, of the friction work."""
     error, V = local_error(context, active, motion.dt, space.diagnostics), context.settings
-    if found and V[step_settings.INERTIAL] != 0.0 and motion.dt > LEAST * V[step_settings.SHORTEST]:
+    if converged and V[step_settings.INERTIAL] != 0.0 and motion.dt > MIN_CUT * V[step_settings.SHORTEST]:
         error = max(error, work_error(context, active, m, motion, space))
     return error
 
@@ -113,17 +113,17 @@ def step(context, active, until, space):
         motion = Motion(dt, v_x, v_y)
         begin_step(context, active, motion)
         set_load(context, active, dt)
-        predict(context, active, dt, prescribed_rise(context, active, dt), space.y)
+        predict(context, active, dt, prescribed_displacement(context, active, dt), space.y)
         outcome, m, iterations = newton(context, active, motion, space)
         T[step_memory.TRIES] += 1.0
         T[step_memory.ITERATIONS] += iterations
-        found = outcome == FOUND
-        error, rotation = error_of(context, active, m, found, motion, space), rotation_of(space.y, active.start)
-        if found and error <= 1.0 and rotation <= TURN:
+        converged = outcome == SOLVED
+        error, rotation = error_of(context, active, m, converged, motion, space), rotation_of(space.y, active.start)
+        if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
-        limit = why_cut(lands(context, b, m, space), found, error, rotation)
-        dt *= reduction_factor(found, error, rotation)
+        limit = why_cut(lands(context, b, m, space), converged, error, rotation)
+        dt *= reduction_factor(converged, error, rotation)
         if outcome == CROWDED or dt < V[step_settings.SHORTEST]:
             T[step_memory.CODE] = TOO_MANY if outcome == CROWDED else UNSOLVED
             reject_step(context, active, space.y)

@@ -48,7 +48,7 @@ KINDS: Kinds = {
     # of bodies under a common plate (`common_plate`), else empty
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE, "initial_overlaps": _ROW,
     # largest number of candidates of a body; address of the laws' tangents
-    "most": types.int64, "tangents": types.int64,
+    "max_per_body": types.int64, "tangents": types.int64,
 }  # fmt: skip
 """Types of all arguments of an implicit step, by name."""
 
@@ -112,7 +112,8 @@ def make_workspace(context):
         np.empty(geometry.WIDTH * TILE),
     )
     return Workspace(
-        tile, np.zeros(TILE, np.int64), np.zeros(context.most), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
+        tile, np.zeros(TILE, np.int64), np.zeros(context.max_per_body), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
+        np.zeros(FREEDOMS),
         np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)), np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)),
-        np.zeros(observed_body.WIDTH), np.empty((context.most, context.width)),
+        np.zeros(observed_body.WIDTH), np.empty((context.max_per_body, context.width)),
     )  # fmt: skip

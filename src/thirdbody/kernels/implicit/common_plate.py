@@ -14,7 +14,7 @@ from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solve_linear
+from thirdbody.kernels.implicit.newton import CROWDED, SOLVED, newton, solve_linear
 from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
 from thirdbody.kernels.implicit.step_control import (
     advance_clock,
@@ -94,7 +94,7 @@ def copy_start(context, b, first_iteration, space):
 
 
 @njit(**BARE_CHUNK)
-def solve_body(context, b, first_iteration, rise, motion, space):
+def solve_body(context, b, first_iteration, displacement, motion, space):
     """Solve the step of body b for a given rise of the plate."""
     active, y, P = active_body(b, context), space.y, context.P
     Z, T, dt = active.start, active.memory, motion.dt
@@ -103,33 +103,33 @@ def solve_body(context, b, first_iteration, rise, motion, space):
     copy_start(context, b, first_iteration, space)
     if first_iteration:
         begin_step(context, active, motion)
-        predict(context, active, dt, rise, y)
+        predict(context, active, dt, displacement, y)
     if P[active.patch, patch.SPRING] == 0.0:
-        y[6] = rise
-    Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_RISE] = P[P.shape[0] - 1, patch.HEIGHT] + rise, rise
+        y[6] = displacement
+    Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = P[P.shape[0] - 1, patch.HEIGHT] + displacement, displacement
     outcome, m, iterations = newton(context, active, motion, space)
     T[step_memory.TRIES] += 1.0
     T[step_memory.ITERATIONS] += iterations
     solution = context.solutions[b]
-    solution[body_solution.FOUND] = 1.0 if outcome == FOUND else 0.0
+    solution[body_solution.SOLVED] = 1.0 if outcome == SOLVED else 0.0
     solution[body_solution.CROWDED] = 1.0 if outcome == CROWDED else 0.0
     solution[body_solution.LANDS] = 1.0 if lands(context, b, m, space) else 0.0
     for k in range(FREEDOMS):
         context.ends[b, k] = y[k]
-    if outcome == FOUND:
+    if outcome == SOLVED:
         solution[body_solution.PUSH] = plate_reaction(context, active, m, space)
         solution[body_solution.SLOPE] = plate_stiffness(context, active, m, dt, space)
         solution[body_solution.ERROR] = local_error(context, active, dt, space.diagnostics)
-        solution[body_solution.TURN], solution[body_solution.ITERATIONS] = rotation_of(y, Z), iterations
+        solution[body_solution.ROTATION], solution[body_solution.ITERATIONS] = rotation_of(y, Z), iterations
 
 
 @njit(**CHUNK)
-def solve_chunk(chunk, first_iteration, rise, motion, packed):
+def solve_chunk(chunk, first_iteration, displacement, motion, packed):
     """Solve the bodies of a chunk; see `solve_bodies`."""
     context = context_of(packed)
     space = make_workspace(context)
     for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
-        solve_body(context, b, first_iteration, rise, motion, space)
+        solve_body(context, b, first_iteration, displacement, motion, space)
 
 
 @njit(**BARE_CHUNK)
@@ -164,14 +164,14 @@ _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.
 
 
 @njit(types.void(_I, _B, _D, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
-def solve_bodies(bodies, first_iteration, rise, dt, v_x, v_y, packed):
+def solve_bodies(bodies, first_iteration, displacement, dt, v_x, v_y, packed):
     """Solve the step of all bodies for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions` (n, body_solution.WIDTH). `packed`: a packed `ImplicitContext`.
     """
     for c in prange((bodies + BODIES - 1) // BODIES):
-        solve_chunk(c, first_iteration, rise, Motion(dt, v_x, v_y), packed)
+        solve_chunk(c, first_iteration, displacement, Motion(dt, v_x, v_y), packed)
 
 
 @njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
@@ -200,14 +200,14 @@ def common_step_length(T, t, packed, end):
 
 
 @njit(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
-def plate_motion(T, V, rise, velocity, dt):
+def plate_motion(T, V, displacement, velocity, dt):
     """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
     its change beyond that of the last step, scaled [m/s].
 
     `velocity`: before the step; V: settings.
     """
     now, before = bdf2_weights(T, V, dt)
-    after = (now * rise - before * T[step_memory.LAST_COORDINATES + 6]) / dt
+    after = (now * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
     change = now * (after - velocity) - before * T[step_memory.LAST_DRISE]
     return after, change / dt, now / dt, after - velocity - step_ratio(T, V, dt) * T[step_memory.LAST_DRISE]
 
@@ -219,9 +219,9 @@ def plate_error(change, radius, T, V, dt):
 
 
 @njit(_D(_B, _D, _D), **OPTIONS)
-def reduction(found, error, turn):
+def reduction(converged, error, rotation):
     """Return the factor that shortens a rejected step."""
-    return reduction_factor(found, error, turn)
+    return reduction_factor(converged, error, rotation)
 
 
 @njit(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)

@@ -31,7 +31,7 @@ FLOOR = 0.02
 """Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a
 tenth of what is dissipated when the set of loaded contacts changes once."""
 
-LEAST = 1e5
+MIN_CUT = 1e5
 """Shortest step cut for this error, in units of the shortest step tried."""
 
 GROWN = 0.75
@@ -50,13 +50,13 @@ def weight_of_old(m, dt, active, space):
     The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion if the dashpots of
     the m contacts dissipate more than CALM of the work of the tangential forces.
     """
-    I, O, taken = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
+    I, O, work_done = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
     for q in range(m):
-        taken += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
+        work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
     power = space.diagnostics[step_contacts.DASHPOT_POWER]
-    return 0.5 if active.memory[step_memory.LAST_DT] > 0.0 or power * dt <= CALM * taken else 0.0
+    return 0.5 if active.memory[step_memory.LAST_DT] > 0.0 or power * dt <= CALM * work_done else 0.0
 
 
 @njit(**BARE)
@@ -100,8 +100,8 @@ def work_difference(m, context, first, space):
     for q in range(m):
         old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
         s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
-        taken = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
-        lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * taken - O[q + law_output.STORED_TANGENTIAL * TILE]
+        work_done = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
+        lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * work_done - O[q + law_output.STORED_TANGENTIAL * TILE]
         slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
         fraction = math.sqrt(max(space.before[space.slots[q] - first], 0.0) / I[q + law_input.OVERLAP * TILE])
         total += (
@@ -137,6 +137,6 @@ def work_error(context, active, m, motion, space):
             q += 1
         elif is_closed(k, context.H):
             error += abs(opening_work(k, space.before[e - first], context, motion))
-    held = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
-    scale = B[b, body.FRICTION_WORK] + FLOOR * (held + kinetic_energy(b, B, active.start[step_start.ARM]))
+    stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    scale = B[b, body.FRICTION_WORK] + FLOOR * (stored + kinetic_energy(b, B, active.start[step_start.ARM]))
     return error / max(context.settings[step_settings.WORK] * scale, 1e-300)

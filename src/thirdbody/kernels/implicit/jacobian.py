@@ -120,8 +120,8 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
         J[6, 6] = -1.0
     elif P[p, patch.FREE] != 0.0:
         rate = Z[step_start.NOW] / dt
-        square = Z[step_start.MASS_SHARE] * rate * rate
-        J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.PULL]
+        square = Z[step_start.MASS_FRACTION] * rate * rate
+        J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.TETHER_STIFFNESS]
 
 
 @njit(**BARE)
@@ -131,7 +131,7 @@ def subtract_inertia(context, active, dt, J):
     arm = 1.0 / Z[step_start.ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, B, context.E)
     rate = Z[step_start.NOW] / dt
-    square = Z[step_start.MASS_SHARE] * rate * rate
+    square = Z[step_start.MASS_FRACTION] * rate * rate
     for k in range(3):
         J[k, k] -= B[b, body.MASS] * square
     J[3, 3] -= xx * square
@@ -150,7 +150,7 @@ def subtract_inertia(context, active, dt, J):
         for j in range(FREEDOMS):
             J[k, j] *= arm
     for k in range(6):
-        J[k, k] -= Z[step_start.PULL]
+        J[k, k] -= Z[step_start.TETHER_STIFFNESS]
 
 
 @njit(**BARE)
@@ -239,8 +239,8 @@ def add_column(column, contact, J):
     swing = column.swing
     dr = swing[0] + 0.5 * n[0] * d, swing[1] + 0.5 * n[1] * d, swing[2] + 0.5 * n[2] * d
     if not first_body.FLAT:
-        turned, arm = cross(w, contact.force), contact.arm
-        df = df[0] + turned[0], df[1] + turned[1], df[2] + turned[2]
+        rotated, arm = cross(w, contact.force), contact.arm
+        df = df[0] + rotated[0], df[1] + rotated[1], df[2] + rotated[2]
         dr = dr[0] - arm * dn[0], dr[1] - arm * dn[1], dr[2] - arm * dn[2]
     (x, y, z), f, c = contact.point, contact.force, column.coordinate
     J[0, c] += df[0]
@@ -271,14 +271,14 @@ def frame_change(column, contact):
 @njit(**BARE)
 def add_moment(column, w, contact, J):
     """Add the change of the rolling moment with one coordinate to J; `w`: rotation of the frame."""
-    (_, e, g), c, d, (_, turn_1, turn_2) = contact.frame, column.coordinate, column.strain[0], column.spin
+    (_, e, g), c, d, (_, rotation_1, rotation_2) = contact.frame, column.coordinate, column.strain[0], column.spin
     xx, xy, yx, yy, xd, yd = contact.rolling_tangent
-    m_1 = xx * turn_1 + xy * turn_2 + xd * d
-    m_2 = yx * turn_1 + yy * turn_2 + yd * d
+    m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
+    m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
     dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
     if not first_body.FLAT:
-        turned = cross(w, contact.moment)
-        dm = dm[0] + turned[0], dm[1] + turned[1], dm[2] + turned[2]
+        rotated = cross(w, contact.moment)
+        dm = dm[0] + rotated[0], dm[1] + rotated[1], dm[2] + rotated[2]
     J[3, c] += dm[0]
     J[4, c] += dm[1]
     J[5, c] += dm[2]

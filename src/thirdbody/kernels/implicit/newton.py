@@ -22,7 +22,14 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian, dot
-from thirdbody.kernels.implicit.residual import TURN, active_contacts, contact_point, frame_of, residual, set_configuration
+from thirdbody.kernels.implicit.residual import (
+    MAX_ROTATION,
+    active_contacts,
+    contact_point,
+    frame_of,
+    residual,
+    set_configuration,
+)
 from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
@@ -45,7 +52,7 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 """A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
 which a correction may reverse it."""
 
-FOUND, LOST, CROWDED = range(3)
+SOLVED, UNSOLVED, CROWDED = range(3)
 """Outcomes of `newton`: converged, not converged, more contacts than a tile holds."""
 
 
@@ -123,31 +130,31 @@ def rounding_force(context, active, diagnostics):
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
     b, B = active.number, context.B
-    far = abs(B[b, body.POSITION + 2])
+    radius = abs(B[b, body.POSITION + 2])
     if not first_body.FLAT:
-        far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
-    far = max(far + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
+        radius = max(radius, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
+    radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     return (
-        ROUNDING * far * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+        ROUNDING * radius * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
     )  # Hertz: dN/dd = 1.5 N/d
 
 
 @njit(**BARE)
-def is_balanced(context, active, dt, share, minimum, space):
-    """Return whether the residual on a body without inertia is at most `share` of its own forces; True with inertia.
+def is_balanced(context, active, dt, fraction, minimum, space):
+    """Return whether the residual on a body without inertia is at most `fraction` of its own forces; True with inertia.
 
     Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
-    remaining residual moves the body by `share` of a contact radius at most. `minimum`: rounding error [N].
+    remaining residual moves the body by `fraction` of a contact radius at most. `minimum`: rounding error [N].
     """
     if context.settings[step_settings.INERTIAL] != 0.0:
         return True
     b, Z, square = active.number, active.start, 0.0
     for k in range(6):
         square += space.residual[k] * space.residual[k]
-    resistance = Z[step_start.PULL] + Z[step_start.MASS_SHARE] * context.B[b, body.MASS] / (dt * dt)
-    held = resistance * active.memory[step_memory.CONTACT_RADIUS]
-    forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E) + held
-    return math.sqrt(square) <= max(share * forces, minimum)
+    resistance = Z[step_start.TETHER_STIFFNESS] + Z[step_start.MASS_FRACTION] * context.B[b, body.MASS] / (dt * dt)
+    stored = resistance * active.memory[step_memory.CONTACT_RADIUS]
+    forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E) + stored
+    return math.sqrt(square) <= max(fraction * forces, minimum)
 
 
 @njit(**BARE)
@@ -164,38 +171,38 @@ def displacement(x, arm, r, upper):
 
 
 @njit(**BARE)
-def limit_overlap_change(context, active, deep, space):
-    """Return the fraction of the correction for which overlaps change by at most REACH `deep` [m].
+def limit_overlap_change(context, active, expected_overlap, space):
+    """Return the fraction of the correction for which overlaps change by at most REACH `expected_overlap` [m].
 
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
     b, x, S, arm = active.number, space.correction, context.S, 1.0 / active.start[step_start.ARM]
     rotation = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
-    fraction = min(1.0, TURN / rotation) if rotation > 0.0 else 1.0
-    most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
+    fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
+    max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
         up, overlap, n = is_upper(j), plate_overlap(k, context), first_body.normal(j, first_body.centre(i, S), context.P)
         change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
-            margin = REACH * deep + max(-overlap, 0.0)
+            margin = REACH * expected_overlap + max(-overlap, 0.0)
             if change * fraction > margin:
                 fraction = margin / change
-        if up and overlap > most_up:
-            most_up, change_up = overlap, change
-        if not up and overlap > most_low:
-            most_low, change_low = overlap, change
+        if up and overlap > max_upper:
+            max_upper, change_up = overlap, change
+        if not up and overlap > max_lower:
+            max_lower, change_low = overlap, change
     # the deepest contact of each plate stays closed, or the plate would drop out of the next iteration
-    for maximum, change in ((most_up, change_up), (most_low, change_low)):
-        if -change * fraction > REACH * max(maximum, deep):
-            fraction = REACH * max(maximum, deep) / -change
+    for maximum, change in ((max_upper, change_up), (max_lower, change_low)):
+        if -change * fraction > REACH * max(maximum, expected_overlap):
+            fraction = REACH * max(maximum, expected_overlap) / -change
     return fraction
 
 
 @njit(**BARE)
-def limit_slip_reversal(context, active, m, share, space):
-    """Return the fraction, at most `share`, of the correction that reverses no slip.
+def limit_slip_reversal(context, active, m, fraction, space):
+    """Return the fraction, at most `fraction`, of the correction that reverses no slip.
 
     Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
     jumps over it.
@@ -216,9 +223,9 @@ def limit_slip_reversal(context, active, m, share, space):
         back = -(dot(moved, e) * s_x + dot(moved, g) * s_y)
         # ends just inside the friction limit
         margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
-        if back * share > margin > 0.0:
-            share = margin / back
-    return share
+        if back * fraction > margin > 0.0:
+            fraction = margin / back
+    return fraction
 
 
 @njit(**BARE)
@@ -240,7 +247,7 @@ def newton(context, active, motion, space):
         minimum = rounding_force(context, active, space.diagnostics)
         enough = max(CONVERGED * scale, minimum)
         if not now < 1e300:
-            return LOST, m, iterations
+            return UNSOLVED, m, iterations
         better = now < (1.0 - 1e-4 * part) * size
         if not better and halvings < HALVINGS:
             halvings, part = halvings + 1, 0.5 * part
@@ -253,17 +260,17 @@ def newton(context, active, motion, space):
         for k in range(FREEDOMS):
             y[k] = space.trial[k]
         if now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space):
-            return FOUND, m, iterations
+            return SOLVED, m, iterations
         if not better or iterations == ITERATIONS:
             # laws with corners do not converge to the last digits
-            found = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
-            return (FOUND if found else LOST), m, iterations
+            converged = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
+            return (SOLVED if converged else UNSOLVED), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
         assemble_jacobian(context, active, m, dt, False, space)
         for k in range(FREEDOMS):
             x[k] = r[k]
         if not solve_linear(space.jacobian, x, FREEDOMS):
-            return LOST, m, iterations
-        deep = max(context.settings[step_settings.DEEP], space.diagnostics[step_contacts.MAX_OVERLAP])
-        part = limit_overlap_change(context, active, deep, space)
+            return UNSOLVED, m, iterations
+        expected_overlap = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
+        part = limit_overlap_change(context, active, expected_overlap, space)
         part = whole = limit_slip_reversal(context, active, m, part, space)

@@ -42,7 +42,7 @@ from thirdbody.kernels.signatures import EFFECTS, LAW
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
 
-TURN = 0.05
+MAX_ROTATION = 0.05
 """Largest rotation in a step [rad]: slip is computed for rotation about one fixed axis."""
 
 
@@ -61,11 +61,11 @@ def save_start(context, active):
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
     for k in range(2):
         Z[step_start.PATCH_DISPLACEMENT + k] = P[p, patch.DISPLACEMENT + k]
-    far, offsets = 0.0, context.offsets
+    radius, offsets = 0.0, context.offsets
     for s in range(context.start[b], context.start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
-        far = max(far, math.sqrt(square) + context.S[s, sphere.RADIUS])
-    Z[step_start.ARM] = far
+        radius = max(radius, math.sqrt(square) + context.S[s, sphere.RADIUS])
+    Z[step_start.ARM] = radius
 
 
 @njit(**BARE)
@@ -132,7 +132,7 @@ def active_contacts(context, active, y, motion, space):
     """Gather the contacts of the body at the coordinates y into the tile; return their number, or -1 if they do not fit."""
     b, tile, slots = active.number, space.tile, space.slots
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
-    rise = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
+    patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
     m = np.int64(0)
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
@@ -142,7 +142,7 @@ def active_contacts(context, active, y, motion, space):
             return np.int64(-1)
         gather_plate_contact(m, k, context, motion, tile)
         if is_upper(context.partner[k]):
-            tile.geometry[m + (geometry.MID_VELOCITY + 2) * TILE] += rise
+            tile.geometry[m + (geometry.MID_VELOCITY + 2) * TILE] += patch_velocity
         slots[m] = k
         m += 1
     transport_frames(m, motion.dt, tile)
@@ -171,8 +171,8 @@ def scale_slip(q, before, context, I):  # noqa: E741
         I[law_input.SLIP_X * TILE + q] *= fraction
         I[law_input.SLIP_Y * TILE + q] *= fraction
         if context.rolling > 0:
-            I[at + rolling_input.TURN_X * TILE] *= fraction
-            I[at + rolling_input.TURN_Y * TILE] *= fraction
+            I[at + rolling_input.ROTATION_X * TILE] *= fraction
+            I[at + rolling_input.ROTATION_Y * TILE] *= fraction
             I[at + rolling_input.TRAVEL_X * TILE] *= fraction
             I[at + rolling_input.TRAVEL_Y * TILE] *= fraction
 
@@ -311,27 +311,29 @@ def add_inertial_forces(context, active, y, dt, r):
     inertial = context.settings[step_settings.INERTIAL]
     now = Z[step_start.NOW] / dt
     last = inertial * Z[step_start.BEFORE] / dt
-    pull = Z[step_start.PULL]
-    fraction = Z[step_start.MASS_SHARE]
+    tether = Z[step_start.TETHER_STIFFNESS]
+    fraction = Z[step_start.MASS_FRACTION]
     l_1 = momentum_of(b, B, context.E)
     for k in range(3):
         r[k] -= (
             fraction
             * B[b, body.MASS]
             * (now * (B[b, body.VELOCITY + k] - inertial * Z[step_start.VELOCITY + k]) - last * T[step_memory.LAST_DV + k])
-            + pull * y[k]
+            + tether * y[k]
         )
         r[3 + k] -= (
             fraction * (now * (l_1[k] - inertial * Z[step_start.ANGULAR_MOMENTUM + k]) - last * T[step_memory.LAST_DL + k])
-            + pull * y[3 + k] * Z[step_start.ARM]
+            + tether * y[3 + k] * Z[step_start.ARM]
         )
     if P[p, patch.FREE] == 0.0:
         r[6] = 0.0
         return
-    rise = P[p, patch.VELOCITY]
-    r[6] -= P[p, patch.LOAD] + P[p, patch.DAMPING] * rise
+    patch_velocity = P[p, patch.VELOCITY]
+    r[6] -= P[p, patch.LOAD] + P[p, patch.DAMPING] * patch_velocity
     r[6] -= (
-        fraction * P[p, patch.MASS] * (now * (rise - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
-        + pull * y[6]
+        fraction
+        * P[p, patch.MASS]
+        * (now * (patch_velocity - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
+        + tether * y[6]
     )
     r[6] -= P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])

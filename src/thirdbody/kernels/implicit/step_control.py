@@ -9,16 +9,16 @@ from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import load
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import body, domain, patch, run_totals, step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.residual import TURN
+from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
 from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
-GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
+GOING, UNSOLVED, OVERLAP_EXCEEDED, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
 """Codes of a body: running, or the reason why it stopped."""
 
-PULL, LOOSER = 1e-8, 100.0
+TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
 """Without inertia: stiffness of the spring to the start position over that of the body, and factor of the tolerance, which may be
 looser because no velocity is carried over."""
 
@@ -105,14 +105,16 @@ def begin_step(context, active, motion):
     p, Z, T, V, P, dt = active.patch, active.start, active.memory, context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
-    Z[step_start.PULL], Z[step_start.MASS_SHARE] = 0.0, 1.0
+    Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION] = 0.0, 1.0
     if V[step_settings.INERTIAL] == 0.0:
-        Z[step_start.PULL] = PULL * T[step_memory.STIFFNESS]
+        Z[step_start.TETHER_STIFFNESS] = TETHER * T[step_memory.STIFFNESS]
         distance = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt
         # at any speed of drag inertia resists no more than the spring (PULL) in the longest step, and more in shorter ones
         if distance > 0.0:
             mass = context.B[active.number, body.MASS]
-            Z[step_start.MASS_SHARE] = min(1.0, Z[step_start.PULL] * (longest_drag(context, T) * dt / distance) ** 2 / mass)
+            Z[step_start.MASS_FRACTION] = min(
+                1.0, Z[step_start.TETHER_STIFFNESS] * (longest_drag(context, T) * dt / distance) ** 2 / mass
+            )
     Z[step_start.NOW], Z[step_start.BEFORE] = bdf2_weights(T, V, dt)
 
 
@@ -125,7 +127,11 @@ def error_of_change(change, radius, T, V, dt):
     (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
     """
     fraction = 0.5 if starts_anew(T, V) else 2.0 / 9.0
-    allowed = V[step_settings.TOLERANCE] if V[step_settings.INERTIAL] != 0.0 else min(1.0, LOOSER * V[step_settings.TOLERANCE])
+    allowed = (
+        V[step_settings.TOLERANCE]
+        if V[step_settings.INERTIAL] != 0.0
+        else min(1.0, TOLERANCE_FACTOR * V[step_settings.TOLERANCE])
+    )
     return fraction * dt * change / (allowed * radius)
 
 
@@ -144,8 +150,8 @@ def local_error(context, active, dt, diagnostics):
     for k in range(3):
         move += (B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k] - ratio * T[step_memory.LAST_DV + k]) ** 2
         rotation += (B[b, body.SPIN + k] - Z[step_start.SPIN + k] - ratio * T[step_memory.LAST_DW + k]) ** 2
-    rise = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
-    change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(rise))
+    displacement = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
+    change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(displacement))
     radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     return error_of_change(change, radius, T, V, dt)
 
@@ -164,12 +170,12 @@ def initial_overlaps(b, context, before):
 
 
 @njit(**BARE)
-def predict(context, active, dt, rise, y):
-    """Predict the coordinates y at constant velocity, and a prescribed patch by `rise` [m]."""
+def predict(context, active, dt, displacement, y):
+    """Predict the coordinates y at constant velocity, and a prescribed patch by `displacement` [m]."""
     Z = active.start
     for k in range(3):
         y[k], y[3 + k] = Z[step_start.VELOCITY + k] * dt, Z[step_start.SPIN + k] * Z[step_start.ARM] * dt
-    y[6] = Z[step_start.PATCH_VELOCITY] * dt if context.P[active.patch, patch.FREE] != 0.0 else rise
+    y[6] = Z[step_start.PATCH_VELOCITY] * dt if context.P[active.patch, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
@@ -181,12 +187,12 @@ def advance_clock(W, motion, end, whole):
 
 
 @njit(**BARE)
-def reduction_factor(found, error, turn):
-    """Return the factor that shortens a rejected step; `found`: Newton's method converged."""
-    if not found:
+def reduction_factor(converged, error, rotation):
+    """Return the factor that shortens a rejected step; `converged`: Newton's method converged."""
+    if not converged:
         return 0.5
-    from_turn = 0.9 * TURN / max(turn, 1e-30)
-    return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_turn))
+    from_rotation = 0.9 * MAX_ROTATION / max(rotation, 1e-30)
+    return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_rotation))
 
 
 @njit(**BARE)
@@ -225,7 +231,7 @@ def guard_code(b, context, diagnostics):
     if bad > 0:
         return NOT_A_NUMBER, -1.0
     if diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        return TOO_DEEP, diagnostics[step_contacts.SLOT]
+        return OVERLAP_EXCEEDED, diagnostics[step_contacts.SLOT]
     if out > 0:
         return LEFT, -1.0
     return GOING, -1.0

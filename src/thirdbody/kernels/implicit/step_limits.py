@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.implicit.residual import TURN
+from thirdbody.kernels.implicit.residual import MAX_ROTATION
 
-(ERROR, LANDING, NEWTON, TURNING, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
+(ERROR, LANDING, NEWTON, ROTATION, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
 """Codes of the causes, in the order of their counters (`step_memory.LIMITED`):
 
 | code | what limits the step |
@@ -49,10 +49,10 @@ def lands(context, b, m, space):
 
 
 @njit(**BARE_CHUNK)
-def why_cut(landing, found, error, turn):
+def why_cut(landing, converged, error, rotation):
     """Return the code of the cause of a rejected step."""
     if landing:
         return np.int64(LANDING)
-    if not found:
+    if not converged:
         return np.int64(NEWTON)
-    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)
+    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30) else ROTATION)

@@ -19,11 +19,11 @@ def compile_error(problem: Exception) -> str | None:
         return None
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
     lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
-    telling = [line for line in lines if "Error" in line or "Unknown" in line or "Invalid" in line]
-    reason = telling[-1] if telling else lines[0]
+    informative = [line for line in lines if "Error" in line or "Unknown" in line or "Invalid" in line]
+    reason = informative[-1] if informative else lines[0]
     if "Error" not in reason and not type(problem).__module__.startswith("numba."):
         reason = f"{type(problem).__name__}: {reason}"
-    return f"cannot be compiled: {reason} {_place(lines)}".rstrip()
+    return f"cannot be compiled: {reason} {_source_location(lines)}".rstrip()
 
 
 def _raised_by_numba(problem: Exception) -> bool:
@@ -38,7 +38,7 @@ def _raised_by_numba(problem: Exception) -> bool:
     return False
 
 
-def _place(lines: list[str]) -> str:
+def _source_location(lines: list[str]) -> str:
     """Return file and line of the kernel; generated code, into which kernels are inlined, is not informative."""
     result = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
     return result.rstrip(":").replace("File ", "in file ", 1)

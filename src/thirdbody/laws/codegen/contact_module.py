@@ -20,7 +20,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
     stages: dict[str, Any] = dict.fromkeys(STAGES) | {law.stage: k for k, law in enumerate(chain)}
     columns = {"law_input": law_input, "law_output": law_output, "rolling_input": rolling_input}
     columns |= {"rolling_output": rolling_output, "contact_tangent": contact_tangent}
-    rotation = (rolling_input.TURN_X, rolling_input.TURN_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
+    rotation = (rolling_input.ROTATION_X, rolling_input.ROTATION_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
     text = _Text(chain, law_input.HISTORY + len(names), law_output.HISTORY + len(names))
     space = {name: getattr(text, name) for name in dir(text) if not name.startswith("_")}
     space |= columns | stages | {"tangents": tangents, "laws": chain, "TILE": TILE, "STILL": STILL, "at": _at}
@@ -55,7 +55,7 @@ class _Text:
         """Index of an output after the history."""
         return _at(self._after + column)
 
-    def seen(self, k: int) -> str:
+    def contact_for(self, k: int) -> str:
         """Contact that law k sees."""
         return "far" if self._chain[k].reach else "c"
 

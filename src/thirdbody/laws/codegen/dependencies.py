@@ -49,18 +49,18 @@ def source_files(functions: Iterable[Callable], reached: Reached | None = None) 
     files = (reached or Reached(functions)).files()
     waiting = [sys.modules[plain(function).__module__] for function in functions]
     own = {module.__name__.partition(".")[0] for module in waiting}
-    seen: set[str] = set()
+    visited: set[str] = set()
     while waiting:
         module = waiting.pop()
         file = getattr(module, "__file__", None)
-        if module.__name__ in seen or file is None or not file.endswith(".py"):
+        if module.__name__ in visited or file is None or not file.endswith(".py"):
             continue
-        seen.add(module.__name__)
+        visited.add(module.__name__)
         files.add(Path(file))
         top = sys.modules.get(module.__name__.partition(".")[0])
         if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
             files.update(Path(top.__file__).parent.rglob("*.py"))
-        waiting += [found for found in _named_in(module) if not _installed(found, own)]
+        waiting += [name for name in _named_in(module) if not _installed(name, own)]
     return sorted(files)
 
 
@@ -87,7 +87,7 @@ class Reached:
 
     def __init__(self, functions: Iterable[Callable]) -> None:
         self._hash = hashlib.sha256()
-        self._met: dict[tuple[int, frozenset[str]], tuple[int, Any]] = {}
+        self._visited: dict[tuple[int, frozenset[str]], tuple[int, Any]] = {}
         self._modules: set[str] = set()
         for function in functions:
             self._value(function, frozenset())
@@ -115,10 +115,10 @@ class Reached:
             self._add(type(value).__name__, *sorted(map(repr, value)))
         else:
             key = id(value), names if isinstance(value, ModuleType | type) else frozenset()
-            if key in self._met:
-                self._add("met", self._met[key][0])
+            if key in self._visited:
+                self._add("visited", self._visited[key][0])
             else:
-                self._met[key] = len(self._met), value  # reference held, or another object could get its id
+                self._visited[key] = len(self._visited), value  # reference held, or another object could get its id
                 self._compound(value, names)
 
     def _array(self, array: np.ndarray) -> None:

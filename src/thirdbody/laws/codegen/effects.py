@@ -21,8 +21,8 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     for k, effect in sorted(enumerate(effects), key=lambda entry: entry[1].sees_forces):
         imports += imports_of(k, effect.kernel, effect.parameters)
         values = ", ".join(f"P[{sum(counts[:k]) + i}]" for i in range(counts[k]))
-        seen = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
-        call = f"kernel_{k}({seen}, parameters_{k}({values}))"
+        arguments = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
+        call = f"kernel_{k}({arguments}, parameters_{k}({values}))"
         until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
@@ -62,8 +62,8 @@ def _late(effects: Sequence[int]) -> str:
     Without it the sign of the velocity has a bias of g dt/2, and a force opposing the motion would make a body tremble instead of
     bringing it to rest.
     """
-    kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
-    return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
+    half_kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
+    return f"Body(b.mass, b.x, b.y, b.z, {', '.join(half_kicks)}, mean, time)"
 
 
 OWN = """

@@ -53,24 +53,24 @@ class Chain:
         return tuple(law.name for law in self.laws if law.reach)
 
     @property
-    def remembered_forces(self) -> tuple[int, int]:
+    def force_columns(self) -> tuple[int, int]:
         """Columns of the tangential force and of the rolling moment in the history.
 
         Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y` (moment
         `moment_x, moment_y`).
         """
         stages = {law.stage: k for k, law in enumerate(self.laws)}
-        places = []
+        columns = []
         for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
             if stage not in stages:
-                places.append(-1)
+                columns.append(-1)
                 continue
             law = self.laws[stages[stage]]
             result = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
             if not result:
                 return -1, -1
-            places.append(history_of(self.laws, stages[stage])[0] + result[0])
-        return places[0], places[1]
+            columns.append(history_of(self.laws, stages[stage])[0] + result[0])
+        return columns[0], columns[1]
 
     @property
     def stored(self) -> int:

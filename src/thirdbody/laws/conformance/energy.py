@@ -40,7 +40,7 @@ FASTER = 2.0
 class Account(NamedTuple):
     """Energies of each path over all the work done on it, maximum over time."""
 
-    made: Array  # largest excess of the stored energy over the work so far
+    created: Array  # largest excess of the stored energy over the work so far
     mismatch: Array  # |work - stored - dissipated| at the end
     negative: Array  # most negative dissipation of a step
 
@@ -54,7 +54,7 @@ def account(bench: Bench, path: Path, m: int) -> Account:
     outermost = bench.outermost(len(path.overlap[0]))
     depth, force = zero + outermost, zero
     for moment in follow_path(bench, path, m):
-        answer, requested = moment.answer, moment.asked
+        answer, requested = moment.answer, moment.requested
         new_depth = np.maximum(requested.overlap, outermost)
         if tangential:
             done = -np.sum(answer[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] * requested.slip, 1)
@@ -93,9 +93,9 @@ def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
     """Yield the created energy with small and large steps; by the trapezoid, only the part that does not fall with the step."""
     if bench.sheared:
         for m in (1, 3, 16):
-            yield m, account(bench, path, m).made
+            yield m, account(bench, path, m).created
         return
-    coarse, fine = (account(bench, touching(bench, path), m).made for m in (8, 32))
+    coarse, fine = (account(bench, touching(bench, path), m).created for m in (8, 32))
     yield 32, np.where(_lasting(coarse, fine)[:, None], fine, 0.0)
 
 
@@ -141,12 +141,12 @@ def samples(bench: Bench) -> list[Sample]:
     """Return touching contacts with their history, from random paths; typical options, friction neither zero nor huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    first = law_input.HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
+    first = law_input.HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.index])
     outermost = bench.outermost(len(bench.settings))
     own = slice(first, first + len(bench.law.memory()))
     result: list[Sample] = []
     for moment in follow_path(bench, random_paths(bench, 3), 4):
-        I = bench.inputs(moment.asked, moment.before)  # noqa: E741
+        I = bench.inputs(moment.requested, moment.before)  # noqa: E741
         for k in usual:
             for lane in rng.integers(TILE, size=3):
                 numbers = I[k, :, lane].tolist()

@@ -119,7 +119,7 @@ class Bench:
         below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
         self.law = law = law.sized(option_sets(law)[0][1])
         self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
-        self.place = self.chain.laws.index(law)
+        self.index = self.chain.laws.index(law)
         self.settings = settings_of(law)
         self.rows = [tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws) for s in self.settings]
         self.table = np.zeros((len(self.rows), self.chain.width))
@@ -132,7 +132,7 @@ class Bench:
 
     def parameters(self, setting: int) -> Any:
         """Return the law's parameters in a setting."""
-        return self.rows[setting][self.place]
+        return self.rows[setting][self.index]
 
     def setting_of(self, tiles: int) -> NDArray[np.int64]:
         """Setting of each of so many tiles."""
@@ -240,7 +240,7 @@ class Path(NamedTuple):
 class Moment(NamedTuple):
     """One step of a path: input, history before it, result. Open contacts have the result zero."""
 
-    asked: Contacts
+    requested: Contacts
     before: Array
     answer: Array
     after: Array
@@ -305,8 +305,8 @@ def closed_cycles(bench: Bench) -> Path:
     rng = np.random.default_rng(SEED + 1)
     high = bench.radius(tiles) * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
     low = 0.4 * high
-    deep, shallow = (low, low, high, high, low), (high, high, low, low, high)
-    overlap = np.where(np.arange(TILE) % 2 == 0, np.array(deep), np.array(shallow))
+    overlaps, shallow = (low, low, high, high, low), (high, high, low, low, high)
+    overlap = np.where(np.arange(TILE) % 2 == 0, np.array(overlaps), np.array(shallow))
     shear = np.minimum(bench.friction(tiles), 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
     slip = np.zeros((5, tiles, 2, TILE))
     slip[1:3, :, 0] = shear
@@ -319,8 +319,8 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     tiles = len(bench.settings)
     lanes = (tiles, TILE)
     radius = bench.radius(tiles)
-    deep = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
-    far = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
+    overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
+    slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
     fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
 
     def drawn(values: Array, shape: tuple[int, ...]) -> Array:
@@ -328,6 +328,8 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
 
     wide = (tiles, 2, TILE)
     return [
-        Contacts(radius * rng.choice(deep, lanes), radius[:, None] * drawn(far, wide), drawn(fast, lanes), drawn(fast, wide))
+        Contacts(
+            radius * rng.choice(overlaps, lanes), radius[:, None] * drawn(slips, wide), drawn(fast, lanes), drawn(fast, wide)
+        )
         for _ in range(count)
     ]

@@ -63,7 +63,7 @@ def _measured(law: Law) -> list[Finding]:
         bench = Bench(law)
         faults = parameter_faults(bench)
     except Exception as problem:  # third-party code: any exception is a finding
-        faults = [_told(problem)]
+        faults = [_problem_text(problem)]
     result = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
     if not faults:
         result += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
@@ -98,7 +98,7 @@ def declaration_faults(law: Law) -> list[str]:
     if law.reach and law.stage not in ("normal", "adhesion"):
         faults.append(f"the {law.stage} stage acts in contact only: no reach")
     if len(set(law.history)) < len(law.history):
-        faults.append("a history name stands twice")
+        faults.append("a history name occurs twice")
     for option in law.options:
         values = option.default if isinstance(option.default, Sequence) else [option.default]
         if option.words:
@@ -131,11 +131,11 @@ def _tested(name: str, test: Callable[[Bench], tuple[bool, str]], bench: Bench) 
     try:
         passed, detail = test(bench)
     except Exception as problem:  # as above
-        passed, detail = False, _told(problem)
+        passed, detail = False, _problem_text(problem)
     return Finding(bench.law.name, name, passed, detail)
 
 
-def _told(problem: Exception) -> str:
+def _problem_text(problem: Exception) -> str:
     reason = compile_error(problem)
     if reason is not None:
         return reason

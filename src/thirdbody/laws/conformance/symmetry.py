@@ -52,7 +52,7 @@ def finite(bench: Bench) -> Result:
             if len(bad):
                 tile, column, lane = bad[0]
                 name = NAMES[column] if what == "answer" else bench.chain.history[column]
-                return False, f"{name} is {values[tile, column, lane]}, {_place(bench, requested, tile, lane)}"
+                return False, f"{name} is {values[tile, column, lane]}, {_describe(bench, requested, tile, lane)}"
             memory = np.where(np.isfinite(memory), memory, 0.0)
     return True, ""
 
@@ -121,7 +121,7 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
         # the dashpot force within the friction limit may be the round-off of a difference: so the scale is
         # force by speed
-        speed = np.hypot(*np.moveaxis(one.asked.v, 1, 0)) + np.abs(one.asked.v_n)
+        speed = np.hypot(*np.moveaxis(one.requested.v, 1, 0)) + np.abs(one.requested.v_n)
         size[:, law_output.DASHPOT_POWER] = np.maximum(
             size[:, law_output.DASHPOT_POWER], np.abs(size[:, law_output.TANGENTIAL_X] + size[:, law_output.NORMAL_FORCE]) * speed
         )
@@ -153,12 +153,12 @@ def friction_limit(bench: Bench) -> Result:
             if len(over):
                 tile, lane = over[0]
                 ratio = size[tile, lane] / max(limit[tile, lane], 1e-300)
-                return False, f"force is {ratio:.6g} of the limit, {_place(bench, moment.asked, tile, lane)}"
+                return False, f"force is {ratio:.6g} of the limit, {_describe(bench, moment.requested, tile, lane)}"
             allowed = mu * answer[:, law_output.LOAD]
             if has_mu and not np.allclose(limit, allowed, rtol=ROUND_OFF, atol=0.0):
                 tile, lane = np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0))[0]
                 ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
-                return False, f"limit is {ratio:.6g} mu N, {_place(bench, moment.asked, tile, lane)}"
+                return False, f"limit is {ratio:.6g} mu N, {_describe(bench, moment.requested, tile, lane)}"
     return True, "" if has_mu or not bench.sheared else "no parameter mu: only |T| <= limit"
 
 
@@ -167,19 +167,19 @@ def passive(bench: Bench) -> Result:
     path = random_paths(bench, 5)
     rng = np.random.default_rng(11)
     for moment in follow_path(bench, path, 2):
-        requested, rest = moment.asked, np.zeros_like(moment.asked.v_n)
+        requested, zero = moment.requested, np.zeros_like(moment.requested.v_n)
         open_at = np.maximum(requested.overlap, 0.0)
-        speed = np.sqrt(9.81 * bench.radius(len(rest))) * 10.0 ** rng.uniform(-3.0, 2.0, rest.shape)
+        speed = np.sqrt(9.81 * bench.radius(len(zero))) * 10.0 ** rng.uniform(-3.0, 2.0, zero.shape)
         v = speed[:, None] * rng.uniform(-1.0, 1.0, requested.v.shape)
-        v_n = speed * rng.uniform(-1.0, 1.0, rest.shape)
+        v_n = speed * rng.uniform(-1.0, 1.0, zero.shape)
         moving, _ = bench.call(Contacts(open_at, requested.slip, v_n, v), moment.before)
-        still, _ = bench.call(Contacts(open_at, requested.slip, rest, np.zeros_like(v)), moment.before)
+        still, _ = bench.call(Contacts(open_at, requested.slip, zero, np.zeros_like(v)), moment.before)
         power = moving[:, law_output.DASHPOT_POWER]
         scale = np.abs(still[:, law_output.NORMAL_FORCE]) * speed
         bad = np.argwhere(~(power >= -ROUND_OFF * scale))
         if len(bad):
             tile, lane = bad[0]
-            return False, f"power is {power[tile, lane]:.3g} W, {_place(bench, requested, tile, lane)}"
+            return False, f"power is {power[tile, lane]:.3g} W, {_describe(bench, requested, tile, lane)}"
         if np.any(still[:, law_output.DASHPOT_POWER] != 0.0):
             return False, "power without velocity"
     return True, ""
@@ -191,7 +191,10 @@ def compiled(bench: Bench) -> Result:
         return True, "the compiler is off"
     law = bench.interpreted()
     cases: list[tuple[Contacts, Array]] = [
-        (moment.asked._replace(overlap=np.maximum(moment.asked.overlap, bench.outermost(len(bench.settings)))), moment.before)
+        (
+            moment.requested._replace(overlap=np.maximum(moment.requested.overlap, bench.outermost(len(bench.settings)))),
+            moment.before,
+        )
         for moment in follow_path(bench, random_paths(bench, 2), 1)
     ]
     memory = bench.virgin(len(bench.settings))
@@ -219,8 +222,8 @@ def history(bench: Bench) -> Result:
     memory = moments[5].after.copy()
     for moment in moments[6:]:
         outermost = bench.outermost(len(bench.settings))
-        touches = (moment.asked.overlap > outermost)[:, None]
-        touched = moment.asked._replace(overlap=np.maximum(moment.asked.overlap, outermost))
+        touches = (moment.requested.overlap > outermost)[:, None]
+        touched = moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost))
         shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
         answer, after = bench.call(shuffled, np.ascontiguousarray(memory[..., order]))
         back = np.argsort(order)
@@ -239,7 +242,7 @@ def _energy(bench: Bench, moment: Moment) -> Array:
     return moment.after[:, bench.chain.stored] if own else moment.answer[:, law_output.STORED_TANGENTIAL]
 
 
-def _place(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:
+def _describe(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:
     """Describe a contact in words."""
     setting = bench.settings[tile % len(bench.settings)]
     depth = requested.overlap[tile, lane] / setting.radius

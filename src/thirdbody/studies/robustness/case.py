@@ -58,7 +58,7 @@ class Finding:
     limit: float
 
     @property
-    def holds(self) -> bool:
+    def passed(self) -> bool:
         """Whether it holds; NaN does not."""
         return self.value <= self.limit
 
@@ -92,20 +92,20 @@ class Trial:
         self.built += 1
         return CaseRun(self, simulation)
 
-    def hold(self, name: str, value: float, limit: float, stable: float | None = None) -> None:
+    def check(self, name: str, value: float, limit: float, stable: float | None = None) -> None:
         """Record an invariant.
 
         `stable`: its limit in a sweep of the time step, by default the same, infinite for truncation alone.
         """
         self.findings.append(Finding(name, float(value), limit if stable is None or not self.sweeping else stable))
 
-    def hold_true(self, name: str, sound: bool) -> None:
+    def check_true(self, name: str, sound: bool) -> None:
         """Record an invariant that is not a number: a label, a reason, a message."""
         self.findings.append(Finding(name, 0.0 if sound else 1.0, 0.0))
 
     def broken(self) -> list[Finding]:
         """Return the invariants that do not hold."""
-        return [finding for finding in self.findings if not finding.holds]
+        return [finding for finding in self.findings if not finding.passed]
 
 
 @dataclass
@@ -135,25 +135,25 @@ class CaseRun:
         kind = trial.setting.integrator
         residual = self.ledger.relative_residual(state, self.ledger.lines(state)["residual"])
         trial.residual = residual if math.isnan(trial.residual) else max(trial.residual, residual)
-        trial.hold("energy residual", residual, RESIDUAL[kind], RESIDUAL_GUARD)
+        trial.check("energy residual", residual, RESIDUAL[kind], RESIDUAL_GUARD)
         finite = all(bool(np.all(np.isfinite(table))) for table in (state.S, state.B, state.E, state.P, state.A, state.slots.H))
-        trial.hold_true("finite numbers", finite)
+        trial.check_true("finite numbers", finite)
         norms = np.linalg.norm(state.bodies.quaternion, axis=1)
-        trial.hold("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
+        trial.check("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
         if kind == "implicit":
             built = -state.A[run_totals.NUMERICAL_LOSS] / max(state.A[run_totals.PLATE_WORK_SIZE], self.ledger.peak, 1e-300)
-            trial.hold("energy made by the integrator", built, GAINED)
-            trial.hold_true("every step solved", not self.integrator.summary()["unsolved"])
+            trial.check("energy created by the integrator", built, GAINED)
+            trial.check_true("every step solved", not self.integrator.summary()["unsolved"])
 
-    def follow(self, stops: Sequence[float], kind: str = "distance", see: Callable[[], None] = lambda: None) -> None:
-        """Settle, then advance from stop to stop ([m] of drag, or [s] after settling), calling `see` at each."""
+    def follow(self, stops: Sequence[float], kind: str = "distance", at_stop: Callable[[], None] = lambda: None) -> None:
+        """Settle, then advance from stop to stop ([m] of drag, or [s] after settling), calling `at_stop` at each."""
         self.to(time=self.simulation.settle)
         for stop in stops:
             if kind == "distance":
                 self.to(distance=stop)
             else:
                 self.to(time=self.simulation.settle + stop)
-            see()
+            at_stop()
         self.end()
 
     def end(self) -> None:
@@ -184,7 +184,7 @@ class CaseRun:
         """Return which candidates are closed (n,), bool."""
         return self.state.slots.histories.slip > 0.0
 
-    def remembered(self) -> float:
+    def largest_history(self) -> float:
         """Return the largest entry of the history of open contacts, which must be zero."""
         return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
 
@@ -215,10 +215,10 @@ class CaseRun:
             if touched and not self.loaded().any():
                 break
         else:
-            self.trial.hold_true("the bodies part", False)
+            self.trial.check_true("the bodies part", False)
         self.end()
 
 
-def turn_of(course: CaseRun, number: int = 0) -> np.ndarray:
+def rotation_of(run: CaseRun, number: int = 0) -> np.ndarray:
     """Return the rotation matrix of a body (3, 3), body to world."""
-    return rotation_matrices(course.state.bodies.quaternion[number : number + 1])[0]
+    return rotation_matrices(run.state.bodies.quaternion[number : number + 1])[0]

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from thirdbody.studies.robustness import between_plates as held
+from thirdbody.studies.robustness import between_plates as plates
 from thirdbody.studies.robustness import free_bodies as free
 from thirdbody.studies.robustness.case import Trial
 
@@ -19,21 +19,21 @@ class Case:
 
     name: str
     what: str
-    course: Callable[[Trial], None]
+    action: Callable[[Trial], None]
     integrators: tuple[str, ...] = BOTH
     levels: tuple[str, ...] = LEVELS
     swept: bool = True
 
 
 CASES = (
-    Case("lost_contact", "d -> 0, spots open under load lost and touch again", held.lost_contact),
-    Case("touch_and_go", "spots leave and touch inside a step", held.touch_and_go),
-    Case("no_friction", "mu = 0: division by kappa", held.no_friction),
-    Case("endless_friction", "mu = 1e9: lost digits", held.endless_friction),
-    Case("symmetric_spots", "x_1 = 0: 0/0", held.symmetric_spots),
-    Case("degenerate_spots", "two, coincident, collinear spots: singular", held.degenerate_spots),
-    Case("at_the_limit", "mu exactly at t_max: neutral equilibrium", held.at_the_limit),
-    Case("both_sides", "both sides slide with equal mu: neutral", held.both_sides),
+    Case("lost_contact", "d -> 0, spots open under load lost and touch again", plates.lost_contact),
+    Case("touch_and_go", "spots leave and touch inside a step", plates.touch_and_go),
+    Case("no_friction", "mu = 0: division by kappa", plates.no_friction),
+    Case("endless_friction", "mu = 1e9: lost digits", plates.endless_friction),
+    Case("symmetric_spots", "x_1 = 0: 0/0", plates.symmetric_spots),
+    Case("degenerate_spots", "two, coincident, collinear spots: singular", plates.degenerate_spots),
+    Case("at_the_limit", "mu exactly at t_max: neutral equilibrium", plates.at_the_limit),
+    Case("both_sides", "both sides slide with equal mu: neutral", plates.both_sides),
     Case("oblique_impact", "undamped impact: energy gain of the law", free.oblique_impact, EXPLICIT),
     Case("mass_ratio", "size ratio 10, mass ratio 1e6", free.mass_ratio, EXPLICIT),
     Case("rigid_plane", "rigid plane: stiffness ratio 1e6", free.rigid_plane, EXPLICIT),
@@ -41,12 +41,12 @@ CASES = (
     Case("many_steps", "1e6 steps: quaternion drift", free.many_steps, BOTH, ("coulomb",), False),
     Case("overlapping_start", "stored Hertz energy explodes", free.overlapping_start, BOTH, ("coulomb",), False),
     Case("incompressible", "nu -> .5: limit of the moduli", free.incompressible, EXPLICIT),
-    Case("stiff_ratio", "soft on stiff, 1e3, nu = .5", held.stiff_ratio),
+    Case("stiff_ratio", "soft on stiff, 1e3, nu = .5", plates.stiff_ratio),
     Case("periodic_face", "pair across a periodic face: lost image", free.periodic_face, EXPLICIT),
-    Case("across_a_face", "dragged across a periodic face", held.across_a_face),
+    Case("across_a_face", "dragged across a periodic face", plates.across_a_face),
     Case("hundredfold_step", "time step 100 times too long: blow-up", free.hundredfold_step, EXPLICIT, ("mindlin",), False),
-    Case("constant_gap", "constant gap, mu > t_max: N unbounded", held.constant_gap),
-    Case("many_dashpots", "dashpots of many spots add up: blow-up", held.many_dashpots),
-    Case("turning_pair", "rigid rotation: history must turn along", free.turning_pair, EXPLICIT, LEVELS, False),
+    Case("constant_gap", "constant gap, mu > t_max: N unbounded", plates.constant_gap),
+    Case("many_dashpots", "dashpots of many spots add up: blow-up", plates.many_dashpots),
+    Case("turning_pair", "rigid rotation: history must turn along", free.rotating_pair, EXPLICIT, LEVELS, False),
 )
 """In the order of `thirdbody hard`."""

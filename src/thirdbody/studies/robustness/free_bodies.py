@@ -11,7 +11,7 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
 from thirdbody.scene.model import Domain
 from thirdbody.studies.robustness.between_plates import plain_slide
-from thirdbody.studies.robustness.case import CaseRun, Trial, turn_of
+from thirdbody.studies.robustness.case import CaseRun, Trial, rotation_of
 from thirdbody.studies.robustness.scenes import LONG, STEEL, TRIPOD, ball, clump, on_plane, particle, pressed, scene, solid
 
 RADIUS = 1e-3
@@ -32,11 +32,11 @@ def oblique_impact(trial: Trial) -> None:
     material = solid(210e9, 0.1, 7850.0)
     for mu, degrees in ((1.0, 36.0), (1e3, 76.0)):
         angle = math.radians(degrees)
-        course = trial.start(on_plane(trial, material, RADIUS, (math.sin(angle), 0.0, -math.cos(angle)), mu))
-        before = course.kinetic()
-        course.leave(1e-6)
-        trial.hold(f"E'/E - 1 (mu {mu:g})", course.kinetic() / before - 1.0, ENERGY, math.inf)
-        trial.hold("memory of open spots", course.remembered(), 0.0)
+        run = trial.start(on_plane(trial, material, RADIUS, (math.sin(angle), 0.0, -math.cos(angle)), mu))
+        before = run.kinetic()
+        run.leave(1e-6)
+        trial.check(f"E'/E - 1 (mu {mu:g})", run.kinetic() / before - 1.0, ENERGY, math.inf)
+        trial.check("memory of open spots", run.largest_history(), 0.0)
 
 
 def mass_ratio(trial: Trial) -> None:
@@ -51,23 +51,23 @@ def mass_ratio(trial: Trial) -> None:
         ball(10.0 * RADIUS, (-10.0 * RADIUS - gap, 0.0, 0.0), material="heavy"),
         ball(RADIUS, (RADIUS + gap, 0.0, 0.0), (-1.0, 0.0, 0.0), material="light"),
     ]
-    course = trial.start(scene(trial, bodies, materials, 0.3))
-    mass, before = course.state.bodies.mass, course.momentum()
-    course.leave(1e-6)
+    run = trial.start(scene(trial, bodies, materials, 0.3))
+    mass, before = run.state.bodies.mass, run.momentum()
+    run.leave(1e-6)
     expected = np.array([-2.0 * mass[1], mass[0] - mass[1]]) / mass.sum()
     # half a unit in the last place of the momenta, which are 1 and 2, per step
-    trial.hold("momentum", np.abs(course.momentum() - before).max() / abs(before[0]), 1e-13)
-    speeds = np.array([course.velocity(number)[0] for number in (0, 1)])
-    trial.hold("speeds after the impact", np.abs(speeds - expected).max(), ENERGY, math.inf)
-    trial.hold("spin", np.abs(course.state.bodies.spin).max(), 0.0)
+    trial.check("momentum", np.abs(run.momentum() - before).max() / abs(before[0]), 1e-13)
+    speeds = np.array([run.velocity(number)[0] for number in (0, 1)])
+    trial.check("speeds after the impact", np.abs(speeds - expected).max(), ENERGY, math.inf)
+    trial.check("spin", np.abs(run.state.bodies.spin).max(), 0.0)
 
 
 def rigid_plane(trial: Trial) -> None:
     """A rigid plane as a stiffness ratio of 1e6, sphere of 0.2 m at 0.2 m/s: no energy gain, restitution 1."""
-    course = trial.start(on_plane(trial, solid(70e9, 0.3, 2699.0), 0.1, (0.0, 0.0, -0.2), 0.3))
-    course.leave(5e-5)
-    trial.hold("speed of the rebound - 1", abs(course.velocity()[2] / 0.2 - 1.0), ENERGY, math.inf)
-    trial.hold("sideways", np.abs(course.velocity()[:2]).max(), 0.0)
+    run = trial.start(on_plane(trial, solid(70e9, 0.3, 2699.0), 0.1, (0.0, 0.0, -0.2), 0.3))
+    run.leave(5e-5)
+    trial.check("speed of the rebound - 1", abs(run.velocity()[2] / 0.2 - 1.0), ENERGY, math.inf)
+    trial.check("sideways", np.abs(run.velocity()[:2]).max(), 0.0)
 
 
 def incompressible(trial: Trial) -> None:
@@ -75,13 +75,13 @@ def incompressible(trial: Trial) -> None:
     result = []
     nus = (0.49, 0.4999, 0.5)
     for nu in nus:
-        course = trial.start(on_plane(trial, solid(1e9, nu, 1000.0), RADIUS, (0.8, 0.0, -1.0), 0.5))
-        course.leave(5e-6)
-        result.append([*course.velocity(), RADIUS * course.state.bodies.spin[0, 1]])
+        run = trial.start(on_plane(trial, solid(1e9, nu, 1000.0), RADIUS, (0.8, 0.0, -1.0), 0.5))
+        run.leave(5e-6)
+        result.append([*run.velocity(), RADIUS * run.state.bodies.spin[0, 1]])
     change = np.abs(np.array(result) - result[-1]).max(axis=1)
     # proportional to 0.5 - nu, with a factor of order one; steps of a twentieth of the contact time leave 2e-3
     allowed = 3.0 * (0.5 - np.array(nus)) + ENERGY
-    trial.hold("change towards nu = .5 over what is smooth", float((change / allowed).max()), 1.0, math.inf)
+    trial.check("change towards nu = .5 over what is smooth", float((change / allowed).max()), 1.0, math.inf)
 
 
 FLAKE, WOBBLE = (1.0, 1.1, 2.09), (4e4, -2e4, 2e5)
@@ -94,14 +94,14 @@ def _flake(trial: Trial) -> CaseRun:
     It is a sphere with its centre at rest: a sheet of spheres would need a search in every step.
     """
     alone = ball(RADIUS, (0.0, 0.0, 0.0))
-    course = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
-    B, E = course.state.B, course.state.E
+    run = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
+    B, E = run.state.B, run.state.E
     E[:, body_extra.INERTIA3] *= FLAKE
     B[:, body.SPHERE_INERTIA] = 0.0
     B[:, body.SPIN3] = WOBBLE
     E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
-    course.ledger.start = course.ledger.peak = course.kinetic()
-    return course
+    run.ledger.start = run.ledger.peak = run.kinetic()
+    return run
 
 
 def spinning_flake(trial: Trial) -> None:
@@ -109,25 +109,25 @@ def spinning_flake(trial: Trial) -> None:
 
     Mutation: with one rotation by the present spin instead of the symmetric splitting -> the energy guard stops it.
     """
-    course = _flake(trial)
-    B, E = course.state.B, course.state.E
-    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), course.kinetic()
+    run = _flake(trial)
+    B, E = run.state.B, run.state.E
+    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), run.kinetic()
     moments = E[0, body_extra.INERTIA3].copy()
-    period = _period(moments, turn_of(course).T @ B[0, body.SPIN3])
+    period = _period(moments, rotation_of(run).T @ B[0, body.SPIN3])
     rows = []
     axis = int(np.argmin(moments))
-    while course.state.time < 4.6 * period:
-        course.steps()
-        rows.append((course.state.time, (turn_of(course).T @ B[0, body.SPIN3])[axis]))
-    course.to(time=4.7 * period)
+    while run.state.time < 4.6 * period:
+        run.steps()
+        rows.append((run.state.time, (rotation_of(run).T @ B[0, body.SPIN3])[axis]))
+    run.to(time=4.7 * period)
     time, first = np.array(rows).T
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])
-    trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
+    trial.check("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
     # second order: the square of the rotation in a step, 0.05 radians, times a factor of order one
-    trial.hold("period over that of Euler's top - 1", np.abs(np.diff(zeros) / period - 1.0).max(), 1e-3)
-    trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 1e-3)
-    course.end()
+    trial.check("period over that of Euler's top - 1", np.abs(np.diff(zeros) / period - 1.0).max(), 1e-3)
+    trial.check("kinetic energy", abs(run.kinetic() / energy - 1.0), 1e-3)
+    run.end()
 
 
 def _period(moments: np.ndarray, spin: np.ndarray) -> float:
@@ -149,15 +149,15 @@ def many_steps(trial: Trial) -> None:
         _rolling_on(trial)
         return
     count = 1_000_000 if trial.setting.full else 100_000
-    course = _flake(trial)
-    E = course.state.E
-    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), course.kinetic()
-    course.to(time=(count - 0.5) * course.state.dt)
-    trial.hold_true("so many steps", int(course.state.A[run_totals.STEPS]) == count)
-    trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
+    run = _flake(trial)
+    E = run.state.E
+    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), run.kinetic()
+    run.to(time=(count - 0.5) * run.state.dt)
+    trial.check_true("so many steps", int(run.state.A[run_totals.STEPS]) == count)
+    trial.check("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
     # no drift: the energy error of the splitting stays (omega dt)^2/12 at any time
-    trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 3e-4)
-    course.end()
+    trial.check("kinetic energy", abs(run.kinetic() / energy - 1.0), 3e-4)
+    run.end()
 
 
 def _rolling_on(trial: Trial) -> None:
@@ -167,13 +167,13 @@ def _rolling_on(trial: Trial) -> None:
     steps = 10_000 if trial.setting.full else 2_000
     particle = clump([(0.0, 0.0, 0.0, 2.0)], x=1e-6)
     solver = Solver(duration=LONG, largest_step=1e-8, **trial.solver())
-    course = trial.start(pressed(trial, particle, 0.3, solver=solver))
-    course.follow([1e-8 * steps])
-    trial.hold_true("so many steps", course.integrator.summary()["steps"] >= steps)
-    trial.hold_true("labelled rolling", course.label()[0] == "rolling")
+    run = trial.start(pressed(trial, particle, 0.3, solver=solver))
+    run.follow([1e-8 * steps])
+    trial.check_true("so many steps", run.integrator.summary()["steps"] >= steps)
+    trial.check_true("labelled rolling", run.label()[0] == "rolling")
     # rolling without slip between parallel plates: half the distance of the plate
-    moved = float(course.state.bodies.position[0, 0]) - 1e-6
-    trial.hold("way over half of the plate's - 1", abs(moved / (0.5e-8 * steps) - 1.0), 2e-2)
+    moved = float(run.state.bodies.position[0, 0]) - 1e-6
+    trial.check("path over half of the plate's - 1", abs(moved / (0.5e-8 * steps) - 1.0), 2e-2)
 
 
 def overlapping_start(trial: Trial) -> None:
@@ -191,7 +191,7 @@ def overlapping_start(trial: Trial) -> None:
             message = "accepted"
         except InputError as error:
             message = str(error)
-        trial.hold_true(f"{what}: refused for its overlap ({message})", "overlap" in message)
+        trial.check_true(f"{what}: refused for its overlap ({message})", "overlap" in message)
 
 
 PERIOD = 0.1
@@ -204,12 +204,12 @@ def periodic_face(trial: Trial) -> None:
     """
     inside = _crossing(trial, (0.05, 0.05))
     scale = np.abs(inside).max(axis=0)
-    trial.hold_true("they touch and part", bool(inside[:, 0].max() > 0.0 and inside[-1, 0] == 0.0))
+    trial.check_true("they touch and part", bool(inside[:, 0].max() > 0.0 and inside[-1, 0] == 0.0))
     # the contact crosses a face, then two at once; the centre of a sphere crosses one
     for corner in ((-1e-6, 0.05), (-1e-6, -1e-6), (0.8 * RADIUS - 1e-6, 0.05)):
         # rounding of the coordinates, 1e-17 m, against overlaps of some 5 um: 1e-11 of the largest force
         difference = np.abs(_crossing(trial, corner) - inside).max(axis=0) / scale
-        trial.hold(f"difference of the forces across {corner}", float(difference.max()), 1e-9)
+        trial.check(f"difference of the forces across {corner}", float(difference.max()), 1e-9)
 
 
 def _crossing(trial: Trial, corner: tuple[float, float]) -> np.ndarray:
@@ -222,15 +222,15 @@ def _crossing(trial: Trial, corner: tuple[float, float]) -> np.ndarray:
         push = drift - sign * 0.5 * normal + sign * np.array([0.0, 0.0, 0.4])
         bodies.append(ball(RADIUS, tuple(where), tuple(push), (100.0, 200.0, -50.0)))
     domain = Domain(size=(PERIOD, PERIOD), periodic=True)
-    course = trial.start(scene(trial, bodies, {"ball": STEEL}, 0.3, 0.8, domain=domain))
+    run = trial.start(scene(trial, bodies, {"ball": STEEL}, 0.3, 0.8, domain=domain))
     rows = []
-    while course.state.time < 2e-5:
-        course.steps()
-        R = course.state.slots.R[course.loaded()]
+    while run.state.time < 2e-5:
+        run.steps()
+        R = run.state.slots.R[run.loaded()]
         row = R[0] if len(R) else np.zeros(record.WIDTH)
-        rows.append([row[record.NORMAL_FORCE], *row[record.TANGENTIAL_FORCE3], *course.state.bodies.torque[0]])
-    course.to(time=2.05e-5)
-    course.end()
+        rows.append([row[record.NORMAL_FORCE], *row[record.TANGENTIAL_FORCE3], *run.state.bodies.torque[0]])
+    run.to(time=2.05e-5)
+    run.end()
     return np.array(rows)
 
 
@@ -249,18 +249,18 @@ def hundredfold_step(trial: Trial) -> None:
         message = "accepted"
     except InputError as error:
         message = str(error)
-    trial.hold_true(f"refused ({message})", "is above the bound" in message)
+    trial.check_true(f"refused ({message})", "is above the bound" in message)
     forced = build(pressed(trial, clump(TRIPOD), 0.3, solver=solver), force=True)
-    course = CaseRun(Trial(trial.setting), forced)
+    run = CaseRun(Trial(trial.setting), forced)
     try:
-        course.to(time=2000.0 * step)
+        run.to(time=2000.0 * step)
         message = "ran on"
     except GuardStop as stop:
         message = str(stop)
-    trial.hold_true(f"stopped with time, step and reason ({message})", "stopped at t = " in message and "time step" in message)
+    trial.check_true(f"stopped with time, step and reason ({message})", "stopped at t = " in message and "time step" in message)
 
 
-def turning_pair(trial: Trial) -> None:
+def rotating_pair(trial: Trial) -> None:
     """A loaded, sheared pair rotated rigidly by two radians, including twist about the normal: T rotates with it, no work.
 
     The spheres are so heavy that forces cannot move them: their motion is prescribed, chord by chord.
@@ -269,14 +269,14 @@ def turning_pair(trial: Trial) -> None:
     frame with the normal -> the same. Without slip at mid-step -> 0.001 to 1, and spurious work.
     """
     for axis in ((1.0, 0.0, 0.0), (1.0, 2.0, -2.0)):
-        before, after, rotation, built = _turned(trial, np.array(axis) / np.linalg.norm(axis), 2000)
+        before, after, rotation, built = _rotated_contact(trial, np.array(axis) / np.linalg.norm(axis), 2000)
         # chords for arcs: second order in the rotation of a step, 1e-3 radians
         missed = float(np.linalg.norm(after - rotation @ before) / np.linalg.norm(before))
-        trial.hold(f"T that did not turn, axis {axis}", missed, 4e-4)
-        trial.hold(f"work of the turn over stored energy, axis {axis}", built, 8e-4)
+        trial.check(f"T that did not turn, axis {axis}", missed, 4e-4)
+        trial.check(f"work of the turn over stored energy, axis {axis}", built, 8e-4)
 
 
-def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _rotated_contact(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return the tangential force before and after (3,) [N], the rotation (3, 3), and the relative energy error.
 
     The error is |work| + |change of stored energy| over the stored energy.

@@ -22,11 +22,11 @@ LEVELS = {  # colour and marker, distinguishable without colours too
     "exact": (LINE_COLORS["purple"], "D"),
 }
 INK, SOFT = "#222222", "#5A626C"
-WIDTH, ROW, ROOM = 7.2, 0.25, 1.45
+WIDTH, ROW, MARGIN_HEIGHT = 7.2, 0.25, 1.45
 """Of the figure [inch]: width of a page's text, height of a row, height of everything except the rows."""
 NOTHING = 1e-16
 """Smaller residuals are drawn at this value: free rotation has none."""
-SPREAD = 0.17
+LEVEL_DISTANCE = 0.17
 """Distance of the levels of one row, whose height is 1."""
 TICKS = (1, 1.5, 2, 3, 5, 7, 10, 15)
 BROKEN = LINE_COLORS["vermilion"]
@@ -57,7 +57,7 @@ def picture(rows: Sequence[dict[str, Any]], range_: tuple[float, float]) -> Figu
     if not rows:
         raise InputError("nothing to draw: no case was run")
     cases = list(dict.fromkeys(row["case"] for row in rows))
-    figure = Figure(figsize=(WIDTH, ROOM + ROW * max(len(cases), 3)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, MARGIN_HEIGHT + ROW * max(len(cases), 3)), layout="constrained")
     energy, step = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (1.15, 1.0)})
     _frame(energy, step, cases)
     _energies(energy, rows, cases)
@@ -82,10 +82,10 @@ def _frame(energy: Axes, step: Axes, cases: list[str]) -> None:
     step.set_xlabel("largest stable step over the automatic one", fontsize=8.5)
 
 
-def _place(row: dict[str, Any], cases: list[str]) -> float:
+def _height_of(row: dict[str, Any], cases: list[str]) -> float:
     levels = list(LEVELS)
     level = levels.index(row["level"]) if row["level"] in levels else 0
-    return cases.index(row["case"]) + SPREAD * (level - 1.5)
+    return cases.index(row["case"]) + LEVEL_DISTANCE * (level - 1.5)
 
 
 def _energies(axes: Axes, rows: Sequence[dict[str, Any]], cases: list[str]) -> None:
@@ -93,11 +93,11 @@ def _energies(axes: Axes, rows: Sequence[dict[str, Any]], cases: list[str]) -> N
         color, marker = LEVELS.get(row["level"], (INK, "o"))
         filled = color if row["integrator"] == "explicit" else "white"
         known = math.isfinite(row["residual"])  # cases that are only refused, or with prescribed motion, have none
-        place = max(row["residual"], NOTHING) if known else NOTHING
-        axes.plot(place, _place(row, cases), marker if known else "", color=color, markerfacecolor=filled, markersize=4.5,
+        residual = max(row["residual"], NOTHING) if known else NOTHING
+        axes.plot(residual, _height_of(row, cases), marker if known else "", color=color, markerfacecolor=filled, markersize=4.5,
                   markeredgewidth=1.0, clip_on=False, zorder=3)  # fmt: skip
         if not row["holds"]:
-            axes.plot(place, _place(row, cases), "x", color=BROKEN, markersize=9, markeredgewidth=1.6,
+            axes.plot(residual, _height_of(row, cases), "x", color=BROKEN, markersize=9, markeredgewidth=1.6,
                       zorder=4)  # fmt: skip
     axes.set_xlim(0.5 * NOTHING, 1.0)
     axes.axvline(0.1, color=INK, linewidth=1.0, linestyle="--")
@@ -110,7 +110,7 @@ def _steps(axes: Axes, rows: Sequence[dict[str, Any]], cases: list[str], range_:
         if row["factor"] is None:
             continue
         color, marker = LEVELS.get(row["level"], (INK, "o"))
-        y = _place(row, cases)
+        y = _height_of(row, cases)
         if row["factor"] > 1.0:
             axes.plot([1.0, row["factor"]], [y, y], color=color, linewidth=1.0, zorder=2)
         axes.plot(max(row["factor"], 1.0), y, marker, color=color, markersize=4.5, zorder=3)

@@ -7,11 +7,11 @@ from typing import Any
 
 from thirdbody.errors import GuardStop
 from thirdbody.report.tables import print_json, table
-from thirdbody.studies.robustness.time_steps import LEAST, MOST, Row, chosen, rows
-from thirdbody.system.terminal import say
+from thirdbody.studies.robustness.time_steps import MAX_FACTOR, MIN_FACTOR, Row, chosen, rows
+from thirdbody.system.terminal import print_line
 
 
-def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool, tell: Any) -> None:
+def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool, log: Any) -> None:
     """Run `thirdbody hard`. Raises UsageError for an unknown name or picture format, GuardStop if a case fails, OutputError."""
     cases = chosen(names)
     if out is not None:
@@ -21,7 +21,7 @@ def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool
     from thirdbody.engine.precompile import warm_up
 
     warm_up()
-    result = list(rows(cases, quick, sweep=not quick, tell=tell))
+    result = list(rows(cases, quick, sweep=not quick, log=log))
     if json:
         print_json([as_json(row) for row in result])
     else:
@@ -29,12 +29,12 @@ def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool
     if out is not None:
         from thirdbody.studies.robustness.plot import draw_stability
 
-        draw_stability([as_json(row) for row in result], out, (LEAST, MOST))
-        tell(f"{out}")
-    failed = [row for row in result if not row.holds]
+        draw_stability([as_json(row) for row in result], out, (MIN_FACTOR, MAX_FACTOR))
+        log(f"{out}")
+    failed = [row for row in result if not row.passed]
     if failed:
         for row in failed:
-            say(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}", err=True)
+            print_line(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}", err=True)
         raise GuardStop(f"{len(failed)} of {len(result)} hard cases fail")
 
 
@@ -45,13 +45,13 @@ def print_rows(result: Sequence[Row]) -> None:
         for row in result
     ]
     table("", ("case", "integrator", "level", "largest step", "residual", "time", "verdict"), cells)
-    held = sum(row.holds for row in result)
-    print(f"{held} of {len(result)} hold; largest step: over the automatic one, up to which every invariant holds")
+    plate_table = sum(row.passed for row in result)
+    print(f"{plate_table} of {len(result)} hold; largest step: over the automatic one, up to which every invariant holds")
 
 
 def as_json(row: Row) -> dict[str, Any]:
     """Return a row for `--json` and the picture."""
-    return vars(row) | {"holds": row.holds}
+    return vars(row) | {"holds": row.passed}
 
 
 def _factor(row: Row) -> str:
@@ -63,10 +63,12 @@ def _residual(row: Row) -> str:
 
 
 def _verdict(row: Row) -> str:
-    return "holds" if row.holds else f"FAILS: {_why(row)[0]}"
+    return "holds" if row.passed else f"FAILS: {_why(row)[0]}"
 
 
 def _why(row: Row) -> list[str]:
     if row.broken or row.factor is None:
         return list(row.broken)
-    return [f"the largest stable step is {row.factor:g} times the automatic one, not {LEAST:g} to {MOST:g}; {row.beyond}"]
+    return [
+        f"the largest stable step is {row.factor:g} times the automatic one, not {MIN_FACTOR:g} to {MAX_FACTOR:g}; {row.beyond}"
+    ]

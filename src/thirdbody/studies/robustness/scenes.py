@@ -56,9 +56,9 @@ def stiffened(material: Material) -> Material:
 
 def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), material="ball") -> Spheres:
     """Return one sphere at `where` [m] with a velocity [m/s] and a spin [rad/s]."""
-    places = (_three(where),)
+    centres = (_three(where),)
     return Spheres(
-        material=material, count=1, radius=radius, positions=places, velocity=_three(velocity), angular_velocity=_three(spin)
+        material=material, count=1, radius=radius, positions=centres, velocity=_three(velocity), angular_velocity=_three(spin)
     )
 
 
@@ -77,8 +77,8 @@ def particle(upper: Sequence[float], lower: Sequence[float], radius: float = 1.5
     """Return a planar particle with spots of one radius at these x [m], above and below."""
     spots = [Spot(side="upper", x=x, z=0.5 * HEIGHT, radius=radius) for x in upper]
     spots += [Spot(side="lower", x=x, z=-0.5 * HEIGHT, radius=radius) for x in lower]
-    place = (0.5 * BOX, 0.5 * BOX)
-    return Spots(material="ball", planar=True, mass=1e-13, inertia=(2e-25,) * 3, spots=tuple(spots), positions=(place,))
+    centre = (0.5 * BOX, 0.5 * BOX)
+    return Spots(material="ball", planar=True, mass=1e-13, inertia=(2e-25,) * 3, spots=tuple(spots), positions=(centre,))
 
 
 def scene(
@@ -122,6 +122,6 @@ def pressed(
     """Return a body under a separate, loaded patch, dragged; `plate` are further keys of the upper plate."""
     known = materials or {"ball": STEEL}
     last = list(known)[-1]
-    held: dict[str, Any] = {"support": "load_per_particle", "load": LOAD, "motion": motion or drag()} | (plate or {})
-    upper = UpperPlate(material=last, **{key: value for key, value in held.items() if value is not None})
+    plate_table: dict[str, Any] = {"support": "load_per_particle", "load": LOAD, "motion": motion or drag()} | (plate or {})
+    upper = UpperPlate(material=last, **{key: value for key, value in plate_table.items() if value is not None})
     return scene(trial, [debris], known, friction, restitution, BOX, last, upper, **tables)

@@ -11,7 +11,7 @@ from thirdbody.studies.robustness.cases import CASES, Case
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)
 """Trial time steps, over the smallest automatic one of the run."""
 
-LEAST, MOST = 1.2, 10.0
+MIN_FACTOR, MAX_FACTOR = 1.2, 10.0
 """Required range of the largest stable factor: the automatic step has a margin, but not more than that."""
 
 QUICK = "mindlin"
@@ -37,9 +37,9 @@ class Row:
     beyond: str = ""
 
     @property
-    def holds(self) -> bool:
+    def passed(self) -> bool:
         """Whether every invariant held, and the largest stable step, if sought, lies in the required range."""
-        return not self.broken and (self.factor is None or LEAST <= self.factor <= MOST)
+        return not self.broken and (self.factor is None or MIN_FACTOR <= self.factor <= MAX_FACTOR)
 
 
 def chosen(names: Sequence[str]) -> tuple[Case, ...]:
@@ -58,12 +58,12 @@ def settings_of(case: Case, quick: bool = False) -> list[Setting]:
 
 
 def rows(
-    cases: Sequence[Case], quick: bool = False, sweep: bool = True, tell: Callable[[str], None] = lambda _: None
+    cases: Sequence[Case], quick: bool = False, sweep: bool = True, log: Callable[[str], None] = lambda _: None
 ) -> Iterator[Row]:
-    """Run cases in sequence; `tell` is called with a line before each."""
+    """Run cases in sequence; `log` is called with a line before each."""
     for case in cases:
         for setting in settings_of(case, quick):
-            tell(f"{case.name}, {setting.integrator}, {setting.level}")
+            log(f"{case.name}, {setting.integrator}, {setting.level}")
             yield run_case(case, setting, sweep)
 
 
@@ -83,7 +83,7 @@ def attempt(case: Case, setting: Setting) -> tuple[Trial, tuple[str, ...]]:
     trial = Trial(setting)
     stop: tuple[str, ...] = ()
     try:
-        case.course(trial)
+        case.action(trial)
     except ThirdbodyError as error:
         stop = (str(error),)
     worst = {finding.name: finding for finding in sorted(trial.broken(), key=lambda finding: finding.value)}

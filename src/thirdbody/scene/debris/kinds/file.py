@@ -116,7 +116,7 @@ class File(VolumeKeys):
 
 
 def _poses_and_motion(table: Bodies) -> list[str]:
-    given = {"quaternions": table.turned, "velocities": table.velocity is not None}
+    given = {"quaternions": table.has_orientations, "velocities": table.velocity is not None}
     given["angular velocities"] = table.angular_velocity is not None
     return [name for name, there in given.items() if there]
 

@@ -104,7 +104,7 @@ class Irregular(VolumeKeys):
     """
     spheres: Annotated[
         tuple[SpheresPerBody, SpheresPerBody],
-        listing("[least, most] or one whole number", 2),
+        listing("[min, max] or one whole number", 2),
         BeforeValidator(_sphere_range),
         ShortForm({"type": "integer"} | _WHOLE.limits()),
     ]
