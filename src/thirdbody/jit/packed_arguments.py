@@ -57,6 +57,10 @@ class Packer:
         self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of a copy: it packs its own tables, since the addresses here are those of the original."""
+        return {"_specs": self._specs, "given": None, "_packed": np.zeros(0, np.int64)}
+
     def __call__(self, given: NamedTuple) -> np.ndarray:
         """Return the packed arguments (`pack`)."""
         if self.given is None or any(map(operator.is_not, given, self.given)):
