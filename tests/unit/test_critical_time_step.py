@@ -14,7 +14,7 @@ from thirdbody.engine.state import rotation_matrices
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
-from thirdbody.kernels.columns import body, body_extra, law_input, patch, sphere
+from thirdbody.kernels.columns import body, body_extra, domain, law_input, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.stiffness_matrix import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
@@ -72,7 +72,7 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     P[:, patch.HEIGHT], P[:, patch.MASS], P[:, patch.FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
     P[:-1, patch.SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
     state = SimpleNamespace(
-        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch_of, dt=0.0,
+        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size] + [0.0] * (domain.WIDTH - 2)), patch=patch_of, dt=0.0,
         time=0.0, order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
         world=SimpleNamespace(upper=None),
