@@ -71,8 +71,10 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     P = np.zeros((bodies + 1 if foundation else 1, patch.WIDTH))
     P[:, patch.HEIGHT], P[:, patch.MASS], P[:, patch.FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
     P[:-1, patch.SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
+    D = np.zeros(domain.WIDTH)
+    D[domain.LENGTH_X] = D[domain.LENGTH_Y] = size
     state = SimpleNamespace(
-        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size] + [0.0] * (domain.WIDTH - 2)), patch=patch_of, dt=0.0,
+        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=D, patch=patch_of, dt=0.0,
         time=0.0, order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
         world=SimpleNamespace(upper=None),
