@@ -38,9 +38,9 @@ def curvature(partner, x, P):
 @njit(**BARE)
 def velocity(partner, P, motion):
     """Return the velocity of the surface of a first body [m/s]."""
-    displacement = P[patch_of_partner(partner), patch.VELOCITY]
+    v_z = P[patch_of_partner(partner), patch.VELOCITY]
     if is_upper(partner):
-        return motion.v_x, motion.v_y, displacement
+        return motion.v_x, motion.v_y, v_z
     return 0.0, 0.0, 0.0
 
 

@@ -180,7 +180,7 @@ def update_ledger(context, active, motion, gained, common, space):
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (W[run_totals.UPPER_FORCE] * motion.v_x + W[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
-    lift, displacement = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
+    lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = space.diagnostics[step_contacts.DASHPOT_POWER] * dt, plate - drag
     if P[p, patch.FREE] != 0.0:
         spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
@@ -188,16 +188,16 @@ def update_ledger(context, active, motion, gained, common, space):
         carried = (1.0 - old) * P[p, patch.LOAD] + old * Z[step_start.PATCH_LOAD]
         plate -= carried * y[6] + (0.0 if common else spring * Z[step_start.PLATE_DISPLACEMENT])
         lost -= (carried - P[p, patch.LOAD]) * y[6]
-        dashpot_work = P[p, patch.DAMPING] * displacement * y[6]
+        dashpot_work = P[p, patch.DAMPING] * patch_velocity * y[6]
         damped, lost = damped + max(dashpot_work, 0.0), lost + min(dashpot_work, 0.0)
         force = (
             fraction
             * P[p, patch.MASS]
-            * (now * (displacement - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
+            * (now * (patch_velocity - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
         )
         pushed += (force + tether * y[6]) * y[6]
         before += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
-        after += 0.5 * P[p, patch.MASS] * displacement * displacement
+        after += 0.5 * P[p, patch.MASS] * patch_velocity * patch_velocity
         lost += 0.5 * P[p, patch.SPRING] * stretched * stretched
     elif not common:
         stored = (1.0 - old) * lift - old * W[run_totals.UPPER_FORCE + 2] * y[6]

@@ -150,8 +150,8 @@ def local_error(context, active, dt, diagnostics):
     for k in range(3):
         move += (B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k] - ratio * T[step_memory.LAST_DV + k]) ** 2
         rotation += (B[b, body.SPIN + k] - Z[step_start.SPIN + k] - ratio * T[step_memory.LAST_DW + k]) ** 2
-    displacement = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
-    change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(displacement))
+    velocity_change = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
+    change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     return error_of_change(change, radius, T, V, dt)
 
