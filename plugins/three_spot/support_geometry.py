@@ -140,5 +140,5 @@ def patch_travel(C: Array, n: int, rotation: Triple) -> float:
         x, y, z = C[i, loaded_contact.POINT] - cx, C[i, loaded_contact.POINT + 1] - cy, C[i, loaded_contact.POINT + 2] - cz
         height = x * nx + y * ny + z * nz
         arm = length(x - height * nx, y - height * ny, z - height * nz)
-        p = max(p, C[i, loaded_contact.CURVATURE] * tilt, arm * twist)
+        p = max(p, C[i, loaded_contact.SPHERE_RADIUS] * tilt, arm * twist)
     return p

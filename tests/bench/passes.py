@@ -28,7 +28,7 @@ from thirdbody.kernels.explicit import contact_dissipation, contact_forces, cont
 from thirdbody.kernels.explicit import drift as motion
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import effects_at, law_at
-from thirdbody.kernels.rigid_body import BODIES, FLAT, PAIRED
+from thirdbody.kernels.rigid_body import BODIES, WITH_PLATE, WITH_SPHERE
 from thirdbody.kernels.signatures import KINDS, context_of
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
@@ -66,7 +66,7 @@ def drift(c, packed, step, Z, staged):
     """The bodies of a chunk."""
     k = context_of(packed)
     motion.drift_bodies(c, k, step, Z, staged)
-    rigid_body.reset_plate_forces(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
+    rigid_body.reset_plate_forces(k.cuts[WITH_PLATE, c], k.cuts[WITH_PLATE, c + 1], k.own, k.body, k.E)
 
 
 @kernel
@@ -85,16 +85,16 @@ def ends(g, cuts, side):
 @kernel
 def measure(g, context, box, found):
     """The gaps of a group."""
-    first, last = ends(g, context.cuts, FLAT)
+    first, last = ends(g, context.cuts, WITH_PLATE)
     narrow_phase.plate_overlaps(first, last, context, box, found)
-    first, last = ends(g, context.cuts, PAIRED)
+    first, last = ends(g, context.cuts, WITH_SPHERE)
     narrow_phase.pair_overlaps(first, last, context, box, found)
 
 
 @kernel
 def sort(g, cuts, found, closed, touching, opened):
     """Who touches in a group, by the gaps of another: the work does not depend on them."""
-    for side in range(FLAT, PAIRED + 1):
+    for side in range(WITH_PLATE, WITH_SPHERE + 1):
         first, last = ends(g, cuts, side)
         narrow_phase.compact_active(first, last, found, closed, touching, opened)
 
@@ -142,7 +142,7 @@ class Tables:
         self.S = self.B if s.S is s.B else s.S.copy()
         self.rows = self.B.nbytes + (0 if s.S is s.B else self.S.nbytes)
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
-        self.room = table(*integrator.room.shape)
+        self.room = table(*integrator.scratch.shape)
         self.marks = np.empty((2, max(s.slots.count + contact_geometry.SPARE, BODIES)), np.int32)
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
         fields = (
@@ -158,7 +158,7 @@ class Tables:
         )
         behind = [max(s.slots.count - 1, 0)] * contact_geometry.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
-        self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
+        self.flat, self.paired = self._tiles(WITH_PLATE), self._tiles(WITH_SPHERE)
         self.tiles = np.concatenate((self.flat, self.paired))
         own = {"S": self.S, "B": self.B, "E": self.E, "H": self.H, "F": self.F, "sums": self.sums, "moves": self.moves}
         self.context = integrator.packer.given._replace(**own)

@@ -247,9 +247,13 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
 
 TYPOS = {
     "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line {line}']),
-    "a name that is not there": ("Adhesion(-pull,", "Adhesion(-pul,", ["NameError", "'pul'"]),
+    "a name that is not there": ("Adhesion(-pull_off,", "Adhesion(-pull_of,", ["NameError", "'pull_of'"]),
     "a function that is not there": ("math.pi *", "math.pie *", ["'math'", "'pie'"]),
-    "an answer that lacks a part": ("Adhesion(-pull, -pull * c.overlap)", "Adhesion(-pull)", ["Adhesion", "'stored'"]),
+    "an answer that lacks a part": (
+        "Adhesion(-pull_off, -pull_off * c.overlap)",
+        "Adhesion(-pull_off)",
+        ["Adhesion", "'stored'"],
+    ),
 }
 
 

@@ -127,7 +127,7 @@ def refuse_planted(temporary: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     environment = os.environ | {"HOME": str(tmp_path / "file"), "TMPDIR": str(temporary), "THIRDBODY_CACHE": "",
                                 "XDG_CACHE_HOME": ""}  # fmt: skip
-    place = "from thirdbody.jit import cache_dir as cache; print(cache.place())"
+    place = "from thirdbody.jit import cache_dir as cache; print(cache.cache_folder())"
     done = subprocess.run([sys.executable, "-c", place], env=environment, capture_output=True, text=True, check=True)
     used = Path(done.stdout.strip())
     assert used.parent != planted and used.parent.parent == temporary

@@ -267,7 +267,7 @@ def write_record(S: list[list[float]], i: int, j: int, done: Done, world: Surrou
     R[record.PARTNER_POINT3] = added(arm_of(S[j]), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
     R[record.NORMAL3] = n
     R[record.TANGENTIAL_FORCE3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
-    R[record.CURVATURE], R[record.PARTNER_CURVATURE] = S[i][sphere.RADIUS], S[j][sphere.RADIUS] if j >= 0 else 0.0
+    R[record.SPHERE_RADIUS], R[record.PARTNER_RADIUS] = S[i][sphere.RADIUS], S[j][sphere.RADIUS] if j >= 0 else 0.0
     R[record.CONTACT_RADIUS], R[record.PEAK_PRESSURE] = answer.radius, answer.pressure
     R[record.OVERLAP] = frame.overlap
     R[record.NORMAL_FORCE] = answer.normal

@@ -39,14 +39,14 @@ def contact_row(pair: tuple[int, int], sign: float, H: list[float], R: list[floa
     C = [0.0] * loaded_contact.MEMORY
     owner, (i, j) = sign > 0.0, pair
     C[loaded_contact.PARTNER] = DEBRIS if j >= 0 else (LOWER if j == -1 else UPPER)
-    of_owner = (record.POINT, record.PARTNER_VELOCITY, record.CURVATURE)
-    of_partner = (record.PARTNER_POINT, record.SURFACE_VELOCITY, record.PARTNER_CURVATURE)
+    of_owner = (record.POINT, record.PARTNER_VELOCITY, record.SPHERE_RADIUS)
+    of_partner = (record.PARTNER_POINT, record.SURFACE_VELOCITY, record.PARTNER_RADIUS)
     point, velocity, curvature = of_owner if owner else of_partner
     C[loaded_contact.POINT3] = R[point : point + 3]
     C[loaded_contact.PARTNER_VELOCITY3] = R[velocity : velocity + 3]
     C[loaded_contact.NORMAL3] = [sign * n for n in R[record.NORMAL3]]
     C[loaded_contact.TANGENTIAL_FORCE3] = [sign * t for t in R[record.TANGENTIAL_FORCE3]]
-    C[loaded_contact.CURVATURE], C[loaded_contact.SLIP] = R[curvature], H[contact_state.SLIP] - contact_state.CLOSED
+    C[loaded_contact.SPHERE_RADIUS], C[loaded_contact.SLIP] = R[curvature], H[contact_state.SLIP] - contact_state.CLOSED
     for to, column in (
         (loaded_contact.CONTACT_RADIUS, record.CONTACT_RADIUS),
         (loaded_contact.OVERLAP, record.OVERLAP),

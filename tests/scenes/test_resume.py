@@ -94,7 +94,7 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
 def assert_plate_followed_schedule(state):
     """The displacement of every patch is the integral of the plate's velocity."""
     schedule = state.world.upper.schedule
-    moved = np.subtract(schedule.place(state.time), schedule.place(0.0))
+    moved = np.subtract(schedule.displacement_at(state.time), schedule.displacement_at(0.0))
     assert state.distance > 0.0
     # a sum over steps: rounding errors of up to 1e5 of them
     assert state.patches.displacement == pytest.approx(np.tile(moved, (len(state.P), 1)), rel=1e-9, abs=1e-9 * state.distance)

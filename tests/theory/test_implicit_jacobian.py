@@ -210,7 +210,8 @@ def tables(lower: np.ndarray, upper: np.ndarray, bend: float, force: float, clos
         "edges": np.array([0, 2 * n], np.int32), "incidence": 2 * np.arange(2 * n, dtype=np.int32),
         "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B, "E": E, "P": P, "H": H, "starts": Z,
         "memory": np.zeros((1, step_memory.WIDTH)), "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": before,
-        "settings": settings, "most": 2 * n, "n_history": HISTORY, "rolling": MOMENTS, "force": 0, "moment": 2, "stored": -1,
+        "settings": settings, "max_per_body": 2 * n, "n_history": HISTORY, "rolling": MOMENTS, "force": 0, "moment": 2,
+        "stored": -1,
         "law": address(law, LAW), "tangents": address(tangents, LAW),
     }  # fmt: skip
 

@@ -92,10 +92,10 @@ def test_tangents_are_derivatives_of_the_step(plugin, level):
     contacts = Contacts(family.levels[level], [PAIR], np.zeros(3, np.int64), np.full(3, 5e-6))
     deep = np.array([10e-9, 8e-9, 12e-9])
     slip = np.array([[0.3e-9, 0.1e-9], [2e-9, -1e-9], [-9e-9, 7e-9]])  # the last one slides: kappa d is some 5 nm
-    pressed = contacts.request(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
+    pressed = contacts.evaluate(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
 
     def forces(overlap, path):
-        answer = contacts.request(overlap, path, pressed)
+        answer = contacts.evaluate(overlap, path, pressed)
         return np.stack([answer.normal, *answer.tangential.T])
 
     given = contacts.stiffness(deep, slip, pressed)

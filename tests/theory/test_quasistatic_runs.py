@@ -60,7 +60,7 @@ def test_a_tipping_body_stays_between_the_plates():
     simulation = ensemble(40, 1.0)
     integrator, state = simulation.integrator, simulation.state
     for time in np.linspace(20e-6, 23.22e-6, 200):
-        integrator.march(30, 31, float(time))
+        integrator.advance_bodies(30, 31, float(time))
         # the patch comes down at most at load over dashpot, 1.4 m/s, and the drag goes at 1 m/s
         assert np.linalg.norm(state.bodies.velocity[30]) < 3.0
 

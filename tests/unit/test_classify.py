@@ -89,7 +89,7 @@ class Rig:
             row[k.loaded_contact.PARTNER] = s.partner
             row[k.loaded_contact.POINT3] = unit * v(s.point)
             row[k.loaded_contact.NORMAL3] = v(s.normal)
-            row[k.loaded_contact.CURVATURE] = unit
+            row[k.loaded_contact.SPHERE_RADIUS] = unit
             row[k.loaded_contact.CONTACT_RADIUS] = unit * A
             row[k.loaded_contact.OVERLAP] = unit * A * A
             row[k.loaded_contact.NORMAL_FORCE] = row[k.loaded_contact.LOAD] = s.load

@@ -96,8 +96,8 @@ CHOICES = {
     "one alone": ((ALONE,), "implicit", "meet only the plates"),
     "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
     "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
-    "explicit by name": ((NONE, asks("explicit")), "explicit", "asks for it"),
-    "implicit by name": ((asks("implicit"),), "implicit", "asks for it"),
+    "explicit by name": ((NONE, asks("explicit")), "explicit", "required by the scene"),
+    "implicit by name": ((asks("implicit"),), "implicit", "required by the scene"),
 }
 
 

@@ -39,7 +39,7 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
 
     Parameters
     ----------
-    walk : QuasiStatic
+    solver : QuasiStatic
         The solver.
     plate : sequence of float (3,)
         Closing [m] or load [N], and drag x, y [m].
@@ -65,7 +65,7 @@ def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
 
     Parameters
     ----------
-    walk : QuasiStatic
+    solver : QuasiStatic
         The particle starts from its last equilibrium, or else upright.
     plate : sequence of float (3,)
         Load [N] and drag x, y [m].
@@ -98,7 +98,7 @@ def from_first_touch(seated: QuasiStatic, solver: QuasiStatic) -> QuasiStatic:
     ----------
     seated : QuasiStatic
         Its last equilibrium gives the posture.
-    walk : QuasiStatic
+    solver : QuasiStatic
         Its laws and plates are kept.
 
     Returns
@@ -123,7 +123,7 @@ def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> Quasi
 
     Parameters
     ----------
-    walk : QuasiStatic
+    solver : QuasiStatic
         The solver.
     minimum : float
         Deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is returned.

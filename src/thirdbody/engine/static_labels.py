@@ -47,7 +47,7 @@ class StaticLabels:
         rows[:, loaded_contact.PARTNER] = np.where(up, UPPER, LOWER)
         rows[:, loaded_contact.POINT3] = self.grip.position[loaded]
         rows[:, loaded_contact.NORMAL + 2] = np.where(up, -1.0, 1.0)
-        rows[:, loaded_contact.CURVATURE], rows[:, loaded_contact.OVERLAP] = self.radius[loaded], point.overlap[loaded]
+        rows[:, loaded_contact.SPHERE_RADIUS], rows[:, loaded_contact.OVERLAP] = self.radius[loaded], point.overlap[loaded]
         rows[:, loaded_contact.CONTACT_RADIUS] = answer.contact_radius[loaded]
         rows[:, loaded_contact.NORMAL_FORCE] = rows[:, loaded_contact.LOAD] = answer.normal[loaded]
         rows[:, loaded_contact.TANGENTIAL_FORCE : loaded_contact.TANGENTIAL_FORCE + 2] = answer.tangential[loaded]

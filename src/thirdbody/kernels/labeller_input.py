@@ -49,7 +49,7 @@ def contact_row(C, n, k, second, context):
         C[n, loaded_contact.PARTNER_VELOCITY + d] = (
             R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
         )
-    C[n, loaded_contact.CURVATURE] = R[k, record.PARTNER_CURVATURE] if second else R[k, record.CURVATURE]
+    C[n, loaded_contact.SPHERE_RADIUS] = R[k, record.PARTNER_RADIUS] if second else R[k, record.SPHERE_RADIUS]
     C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
     C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
     C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]

@@ -17,7 +17,7 @@ from thirdbody.kernels.rotation import matrix, spin
 BODIES = 64
 """Bodies per chunk."""
 
-FLAT, PAIRED, REMOTE = range(3)
+WITH_PLATE, WITH_SPHERE, REMOTE = range(3)
 """Rows of `cuts`: where the candidates of a chunk begin, of its spheres with plates, and of its spheres with others that they
 own; then where the remote forces on its bodies begin."""
 

@@ -8,7 +8,7 @@ from thirdbody.kernels.columns.table import Table
 table = Table("H", "a candidate contact")
 
 AXIS, AXIS3 = table.vector("axis", 3, "", "first axis of its frame")
-SLIP = table.scalar("slip", "m", "0 where it is open; else its slip since it closed plus CLOSED")
+SLIP = table.scalar("slip", "m", "slip since it closed plus 1e-300 (CLOSED); 0 where it is open")
 LAW = table.scalar("law", "", "history of the laws, from here on")
 MIN_WIDTH = table.skip(3)
 

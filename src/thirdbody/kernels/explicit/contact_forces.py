@@ -47,7 +47,7 @@ from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts
 from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.predicates import is_lower, is_sphere
-from thirdbody.kernels.rigid_body import FLAT, arm_to_sphere
+from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
@@ -253,7 +253,7 @@ def write_points(q, k, context, motion, G):
         R[k, record.POINT + d] = arm[d] - a_i * n[d]
         R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
         R[k, record.NORMAL + d] = n[d]
-    R[k, record.CURVATURE], R[k, record.PARTNER_CURVATURE] = S[i, sphere.RADIUS], partner_radius(i, j, context)
+    R[k, record.SPHERE_RADIUS], R[k, record.PARTNER_RADIUS] = S[i, sphere.RADIUS], partner_radius(i, j, context)
     columns = np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN)
     a = surface_velocity(i, S, columns, (-a_i * n[0], -a_i * n[1], -a_i * n[2]))
     b = partner_velocity(j, context, columns, (a_j * n[0], a_j * n[1], a_j * n[2]), motion)
@@ -344,11 +344,11 @@ def apply_tile(n, c, slots, flat, context, step, tile):
 
 @njit(**BARE_CHUNK)
 def contact_forces(group, side, part, context, step, law):
-    """Apply the candidates of a group, with plates (`side` FLAT) or between spheres, to their bodies, in tiles.
+    """Apply the candidates of a group, with plates (`side` WITH_PLATE) or between spheres, to their bodies, in tiles.
 
     Sums go to row 2 `group` + `side`. `part`: row of the scratch tables.
     """
-    c, flat, box, cuts = 2 * group + side, side == FLAT, box_of(context.D), context.cuts
+    c, flat, box, cuts = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     (tile, gaps), marks = split_scratch(context.room[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]

@@ -12,7 +12,7 @@ from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
 from thirdbody.kernels.labeller_input import update_memory
-from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
+from thirdbody.kernels.rigid_body import WITH_PLATE, WITH_SPHERE, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
 
 law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
@@ -40,7 +40,7 @@ def drift_groups(task, group, alone, part, context, step):
             for c in range(h * GROUP, end_of(h, context)):
                 drift_bodies(c, context, step, context.room[part], context.marks[part])
                 cuts = context.cuts
-                reset_plate_forces(cuts[FLAT, c], cuts[FLAT, c + 1], context.own, context.body, context.E)
+                reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, context.E)
 
 
 @njit(**BARE)
@@ -59,7 +59,7 @@ def work(task, part, begin, end, step, packed):
         alone = context.lowest[group] >= begin
         drift_groups(task, group, alone, part, context, step)
         if task == SWEEP:
-            for side in range(FLAT, PAIRED + 1):
+            for side in range(WITH_PLATE, WITH_SPHERE + 1):
                 contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(group * GROUP, end_of(group, context)):
