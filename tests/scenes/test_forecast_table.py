@@ -86,7 +86,7 @@ def changes(run: thirdbody.Run, start: int) -> np.ndarray:
 
 @pytest.fixture(scope="module", params=["explicit", "implicit"])
 def table(request, tmp_path_factory):
-    """Rows: friction, bodies that were told about outside the band, those that agree, label changes per body."""
+    """Rows: friction, bodies with a forecast outside the band, those that agree, label changes per body."""
     rows = []
     for friction, run in runs(tmp_path_factory.mktemp("forecast"), request.param):
         found = compare_forecast(run)

@@ -23,8 +23,8 @@ def compare_forecast(run: Run) -> dict[str, Any]:
     """Compare the forecast at the start of the drag (can the body go on without rolling?) with rolling labels within 40 a.
 
     Keys: `frame` of the forecast, `agree`, `forecast` (number of bodies forecast and watched), `unwatched` (bodies without any
-    frame within 40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of
-    `_explanation`. Empty when the run has no forecast or no drag.
+    frame within 40 a), `rolls_as_forecast`, `slides_as_forecast`, `rolls_instead`, `slides_instead` (lists of bodies), and those
+    of `_explanation`. Empty when the run has no forecast or no drag.
     """
     start = start_of_drag(run)
     if start is None:
