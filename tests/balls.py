@@ -31,3 +31,11 @@ settle = "1 us"
 every = "0.05 um"
 """
 )
+
+
+def edited(text: str, *changes: tuple[str, str]) -> str:
+    """Return a text with the first place of each old text replaced by the new one; every old text must be there."""
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text

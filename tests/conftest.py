@@ -1,8 +1,44 @@
-"""For all tests: no deadline of the clock for the examples of hypothesis, since others may use the cores."""
+"""For all tests: the command line called as a user calls it; no deadline of the clock for the examples of hypothesis, since
+others may use the cores."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("any_machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any_machine")
+
+
+class Reported(NamedTuple):
+    """Exit code, standard output and standard error of a command."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Reported]:
+    """`thirdbody ARGUMENTS` in this process, in the test's folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> Reported:
+        from thirdbody.cli.main import main
+
+        monkeypatch.setattr(sys, "argv", ["thirdbody", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        said = capsys.readouterr()
+        return Reported(code, said.out, said.err)
+
+    return call

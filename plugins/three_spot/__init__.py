@@ -6,7 +6,7 @@ nothing of the engine but `thirdbody.plugin`. A level is a preset: one law for e
 | level | tangential law | neglects |
 |---|---|---|
 | coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
-| mindlin | no-slip stiffness, rescaled force form | partial slip |
+| mindlin | no-slip stiffness, with a memory that load cycles do not wear away | partial slip |
 | mdr | a row of `springs` in the contact area, each with its limit | discretisation: the error falls with the springs |
 | exact | the field of such springs in closed form between turning points, on curves 72 of them | nothing on slip along one line |
 """

@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from steel import STEEL
+from balls import BALLS, edited
 
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import contact_state
@@ -28,35 +28,14 @@ from thirdbody.trajectory.reader import FILE_NAME
 
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
 
-SCENE = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 6
-seed = 1
-[domain]
-size = ["60 um", "50 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-damping = "7e-5 kg/s"
-motion = {x = {velocity = "0.5 m/s"}}
-[contact]
-law = "three_spot"
-level = "mindlin"
-[solver]
-integrator = "explicit"
-distance = "40 nm"
-settle = "0.2 us"
-[output]
-every = "20 nm"
-"""
+SCENE = edited(
+    BALLS,
+    ('title = "four balls"\n', ""),
+    ("count = 4", "count = 6"),
+    ('["80 um", "60 um"]', '["60 um", "50 um"]'),
+    ("[solver]", '[contact]\nlaw = "three_spot"\nlevel = "mindlin"\n[solver]\nintegrator = "explicit"'),
+    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "40 nm"\nsettle = "0.2 us"'),
+    ("0.05 um", "20 nm"),
 )
 
 EFFECTS = {

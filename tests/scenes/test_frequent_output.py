@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from steel import STEEL
+from balls import BALLS, edited
 from trajectories import contents
 
 import thirdbody
@@ -18,33 +18,15 @@ from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
-BALLS = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 4
-seed = 1
-[domain]
-size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {x = {velocity = "1 m/s"}}
-[solver]
-distance = "150 nm"
-settle = "0.1 us"
-integrator = "explicit"
-[output]
-every = "150 nm"
-"""
+SCENE = edited(
+    BALLS,
+    ('title = "four balls"\n', ""),
+    ('damping = "7e-5 kg/s"\n', ""),
+    ("0.5 m/s", "1 m/s"),
+    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'),
+    ("0.05 um", "150 nm"),
 )
-"""A step is some .9 nm of sliding."""
+"""A step is some 0.9 nm of sliding."""
 
 TOGETHER = {"plates.upper.support": "rigid", "solver.integrator": "implicit", "contact.debris_contact": "none"}
 """All bodies carry one plate, so that they go step by step together."""
@@ -52,7 +34,7 @@ TOGETHER = {"plates.upper.support": "rigid", "solver.integrator": "implicit", "c
 
 def scene(**settings: str) -> thirdbody.Scene:
     keys = {key.replace("_", ".", 1): value for key, value in settings.items()}
-    return thirdbody.Scene.parse(BALLS, "balls.toml").with_settings(keys)
+    return thirdbody.Scene.parse(SCENE, "balls.toml").with_settings(keys)
 
 
 def differences(one: Path, other: Path) -> list[str]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from steel import STEEL
+from balls import BALLS, edited
 
 import thirdbody
 from thirdbody.engine.static_contacts import Contacts
@@ -41,33 +41,15 @@ PLUGIN = Plugin("cones", families=(LawFamily("cones", {{
     "mindlin": (CONE, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING), "coulomb": (CONE, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
 }}, "mindlin"),))
 '''
-SCENE = (
-    'title = "cones"\n'
-    + STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 3
-seed = 1
-[domain]
-size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {x = {velocity = "10 mm/s"}}
-[contact]
-law = "cones"
-debris_contact = "none"
-[solver]
-distance = "5 nm"
-[output]
-every = "5 nm"
-"""
+SCENE = edited(
+    BALLS,
+    ("four balls", "cones"),
+    ("count = 4", "count = 3"),
+    ('damping = "7e-5 kg/s"\n', ""),
+    ("0.5 m/s", "10 mm/s"),
+    ("[solver]", '[contact]\nlaw = "cones"\ndebris_contact = "none"\n[solver]'),
+    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "5 nm"'),
+    ("0.05 um", "5 nm"),
 )
 PAIR = Pair(Material("steel", 80e9, 0.3, 7850.0), Material("ceramic", 120e9, 0.2, 3900.0), 0.3, 0.6)
 

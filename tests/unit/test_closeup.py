@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from layer import R, hue_share, skip_unless_drawable, write_layer
 
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, rgb
@@ -17,19 +15,9 @@ from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 
 
-def _layer():
-    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-LAYER = _layer()
-
-
 @pytest.fixture(scope="module")
 def layer(tmp_path_factory):
-    return LAYER.write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 60)
+    return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 60)
 
 
 def test_the_spots_of_a_body_and_their_cones(layer):
@@ -41,7 +29,7 @@ def test_the_spots_of_a_body_and_their_cones(layer):
     assert spots.limit == pytest.approx([1e-5, 1e-5], rel=1e-12)
     load = np.einsum("ij,ij->i", spots.force, spots.normal)
     assert load == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
-    assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(LAYER.R, rel=1e-9))  # wrapped like its body
+    assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(R, rel=1e-9))  # wrapped like its body
 
 
 def test_the_other_body_of_a_contact_feels_the_opposite_force():
@@ -78,7 +66,7 @@ def test_contacts_bring_their_own_colours_to_the_tubes(layer):
 
 
 def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_path):
-    LAYER.skip_unless_drawable()
+    skip_unless_drawable()
     image = pytest.importorskip("PIL.Image")
     # Body 30 does not stick: blue are its two spots, their cones and numbers.
     with open_run(layer) as run:
@@ -87,13 +75,13 @@ def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_pat
     assert pixels.shape == (450, 800, 3)
     scene = pixels[60:380, :540]
     # The numbers of two spots alone are 0.15 % of the scene; the light plates are no blue of 25 steps.
-    assert LAYER.hue_share(scene, STATE_COLORS["sticking"]) > 0.004
-    assert LAYER.hue_share(scene, STATE_COLORS["sliding"]) > 0.01
+    assert hue_share(scene, STATE_COLORS["sticking"]) > 0.004
+    assert hue_share(scene, STATE_COLORS["sliding"]) > 0.01
 
 
 def test_numbers_of_spots_stay_on_their_discs_in_small_pictures(layer, tmp_path):
     """Words do not shrink below 11 pixels, their discs did: at 480 x 270 the numbers hid them."""
-    LAYER.skip_unless_drawable()
+    skip_unless_drawable()
     image = pytest.importorskip("PIL.Image")
     with open_run(layer) as run:
         number = int(np.flatnonzero(run.states[0] == 2)[0])

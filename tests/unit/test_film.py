@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from layer import hue_share, skip_unless_drawable, write_layer
 
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
@@ -21,19 +20,9 @@ from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 
 
-def _layer():
-    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-LAYER = _layer()
-
-
 @pytest.fixture(scope="module")
 def layer(tmp_path_factory):
-    return LAYER.write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 60, frames=7)
+    return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 60, frames=7)
 
 
 def flat_pictures(count: int, size: tuple[int, int] = (64, 48)):
@@ -104,7 +93,7 @@ def test_one_plan_holds_what_all_frames_need(layer):
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
-    LAYER.skip_unless_drawable()
+    skip_unless_drawable()
     film = render(layer, tmp_path / f"a{suffix}", size=(480, 270), frames="0:6:2", fps=5)
     if suffix == ".mp4":
         pictures = mp4_pictures(film.read_bytes())
@@ -116,7 +105,7 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
             pictures.append(np.array(image.convert("RGB")))
     assert len(pictures) == 3 and pictures[0].shape == (270, 480, 3)
     for state in ("sticking", "sliding", "rolling"):
-        assert LAYER.hue_share(pictures[2], STATE_COLORS[state]) > 0.005, state
+        assert hue_share(pictures[2], STATE_COLORS[state]) > 0.005, state
     change = np.abs(pictures[2].astype(int) - pictures[0]).max(axis=2)
     middle = change[60:210]
     # Bodies that moved by two radii change a good part of the scene; the legend (its counts stay) changes nowhere by more
@@ -129,7 +118,7 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
 def test_a_film_reports_how_far_it_is(layer, tmp_path):
     """Each picture is told when it is drawn; without a terminal no bar is drawn."""
     report: list[tuple[int, int]] = []
-    LAYER.skip_unless_drawable()
+    skip_unless_drawable()
     render(layer, tmp_path / "a.gif", size=(320, 200), progress=lambda done, total: report.append((done, total)))
     with open_run(layer) as run:
         assert report == [(k + 1, run.frames) for k in range(run.frames)]
@@ -153,7 +142,7 @@ def test_a_bar_is_drawn_at_a_terminal_only(monkeypatch, capsys):
 
 def test_a_body_is_followed_or_passes_by(layer, tmp_path):
     """Followed, the particle stays where it is in the picture; before a fixed camera it goes along."""
-    LAYER.skip_unless_drawable()
+    skip_unless_drawable()
     image = pytest.importorskip("PIL.Image")
     moved = {}
     for camera in ("follow", "fixed"):

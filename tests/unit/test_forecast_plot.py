@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import forecast_plot
@@ -274,21 +273,9 @@ def test_bodies_without_a_frame_in_the_watched_drag_are_not_compared(tmp_path):
 
 
 @pytest.fixture
-def states(monkeypatch, capsys, tmp_path):
+def states(command):
     """`thirdbody states ...` in the test's folder: exit code, out, err."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["thirdbody", "states", *words])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        report = capsys.readouterr()
-        return code, report.out, report.err
-
-    return call
+    return partial(command, "states")
 
 
 def test_the_command_draws_beside_its_tables(states, tmp_path):

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from steel import STEEL
+from balls import BALLS, edited
 
 import thirdbody
 from thirdbody.assembly.simulation import build
@@ -17,33 +17,11 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 
-BALLS = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 2
-seed = 1
-[domain]
-size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-damping = "7e-5 kg/s"
-motion = {x = {velocity = "0.5 m/s"}}
-[contact]
-debris_contact = "auto"
-[solver]
-distance = "0.1 um"
-settle = "1 us"
-[output]
-every = "0.05 um"
-"""
+PAIR = edited(
+    BALLS,
+    ('title = "four balls"\n', ""),
+    ("count = 4", "count = 2"),
+    ("[solver]", '[contact]\ndebris_contact = "auto"\n[solver]'),
 )
 
 NONE = ('debris_contact = "auto"', 'debris_contact = "none"')
@@ -57,11 +35,7 @@ def asks(kind, more=""):
 
 
 def text(*changes):
-    report = BALLS
-    for old, new in changes:
-        assert old in report, old
-        report = report.replace(old, new, 1)
-    return report
+    return edited(PAIR, *changes)
 
 
 def scene(*changes):
@@ -69,23 +43,12 @@ def scene(*changes):
 
 
 @pytest.fixture
-def command(monkeypatch, capsys, tmp_path):
-    """`thirdbody ARGUMENTS` on a scene with changes: (exit code, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
+def command(command, tmp_path):
+    """`thirdbody ARGUMENTS` on a scene with changes."""
 
     def call(changes, *arguments):
-        from thirdbody.cli.main import main
-
         (tmp_path / "scene.toml").write_text(text(*changes), encoding="utf-8")
-        monkeypatch.setattr(sys, "argv", ["thirdbody", arguments[0], "scene.toml", *arguments[1:]])
-        capsys.readouterr()
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else int(end.code is not None)
-        said = capsys.readouterr()
-        return code, said.out, said.err
+        return command(arguments[0], "scene.toml", *arguments[1:])
 
     return call
 
@@ -109,7 +72,7 @@ def test_choice_and_reason(changes, kind, reason):
     assert type(simulation.integrator).__name__.lower() == kind
 
 
-UPPER = BALLS[BALLS.index("[plates.upper]") : BALLS.index("[contact]")]
+UPPER = PAIR[PAIR.index("[plates.upper]") : PAIR.index("[contact]")]
 NO_UPPER = ((UPPER, ""), ('distance = "0.1 um"', 'duration = "1 us"'), ('every = "0.05 um"', 'every = "1 us"'))
 
 REFUSED = {

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.panels_friction import loop_area, stretches
@@ -395,21 +394,9 @@ def test_the_suffix_is_the_format_and_equal_pages_are_equal_files(folder, tmp_pa
 
 
 @pytest.fixture
-def command(monkeypatch, capsys, tmp_path):
+def command(command):
     """`thirdbody plot ...` in the test's folder: exit code, out, err."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["thirdbody", "plot", *words])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
+    return partial(command, "plot")
 
 
 def test_the_command_writes_what_it_names(command, folder, tmp_path):

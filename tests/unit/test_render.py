@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import subprocess
 import sys
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pytest
+from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
@@ -23,17 +22,6 @@ from thirdbody.render.force_tubes import TUBE
 from thirdbody.render.picture_data import close_up_window, read_picture_data
 from thirdbody.render.render import PictureOptions, render
 from thirdbody.trajectory.reader import Run, open_run
-
-
-def _layer():
-    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-LAYER = _layer()
-R, hue_share, skip_unless_drawable, write_layer = LAYER.R, LAYER.hue_share, LAYER.skip_unless_drawable, LAYER.write_layer
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ import trimesh
 from steel import STEEL
 
 from thirdbody.assembly.clumps import shapes_of
-from thirdbody.cli.main import main
 from thirdbody.errors import OutputError
 from thirdbody.scene.model import Scene
 
@@ -60,20 +59,8 @@ def rock(tmp_path):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["thirdbody", "shapes", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return run
+def call(command):
+    return partial(command, "shapes")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import importlib.util
 import json
 import re
 import shutil
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from layer import hue_share, write_layer
 from portable import PATIENCE
 
 from thirdbody.palette import STATE_COLORS
@@ -25,19 +25,9 @@ from thirdbody.trajectory.reader import open_run
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
 
 
-def _layer():
-    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-LAYER = _layer()
-
-
 @pytest.fixture(scope="module")
 def layer(tmp_path_factory):
-    return LAYER.write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
+    return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
 
 
 def data_of(text: str) -> dict:
@@ -89,8 +79,8 @@ def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     pixels = np.array(image.open(picture).convert("RGB"))
     stage, foot = pixels[80:420], pixels[420:]
     for state in ("sticking", "sliding", "rolling"):
-        assert LAYER.hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
-        assert LAYER.hue_share(foot, STATE_COLORS[state]) > 0.001, state  # a disc of 15 pixels is 0.3 % of the foot
+        assert hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
+        assert hue_share(foot, STATE_COLORS[state]) > 0.001, state  # a disc of 15 pixels is 0.3 % of the foot
     white = np.all(pixels > 250, axis=2)
     assert white[80:420, :2].all() and white[80:420, -2:].all()  # the whole fits
     drawn = browse(page, "--dump-dom")

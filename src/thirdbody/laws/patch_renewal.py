@@ -38,8 +38,8 @@ RENEWAL = Option(
     high=100.0,
     words=("kalker",),
     or_number=True,
-    doc="rate at which a rolling patch renews its material, per contact radius travelled; 'kalker': the rate that"
-    " gives Kalker's creep coefficient C11; 0 keeps the history in the patch",
+    doc="rate at which a rolling contact area renews its material, per contact radius of travel over fresh ground; 'kalker': the"
+    " rate that gives Kalker's creep coefficient C11; 0 keeps the history",
 )
 
 RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')

@@ -315,9 +315,9 @@ def book_losses(n, opened, flat, context, step, box, tile):
 
 
 @njit(**BARE)
-def evaluate_laws(n, slots, flat, context, step, law, tile):
+def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
-    gather_tile(n, slots, flat, context, step, box_of(context.D), tile)
+    gather_tile(n, slots, flat, context, step, box, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
     if context.force >= 0:
         book(n, context, tile)
@@ -367,7 +367,7 @@ def contact_forces(group, side, part, context, step, law):
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
         filled = count + (-count % LINE if context.n_history <= LIGHT else 0)  # padded with the last contact
-        evaluate_laws(filled, here, flat, context, step, law, tile)
+        evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)
     store_sums(c, lost, damped, sums_of_tile, context.sums)

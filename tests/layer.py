@@ -23,9 +23,9 @@ def clump_layer(count: int, per_clump: int = 6):
     grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"), -1).reshape(-1, 2)[:count]
     flat = (grid + 0.5) * pitch + rng.normal(0.0, 0.1 * R, (count, 2))
     bodies = np.column_stack([flat, rng.uniform(1.05, 1.3, count) * R])
-    path = rng.normal(size=(count, per_clump, 3))
-    path /= np.linalg.norm(path, axis=2, keepdims=True)
-    offset = path * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
+    direction = rng.normal(size=(count, per_clump, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    offset = direction * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
     radii = R * rng.uniform(0.38, 0.62, (count, per_clump))
     wave = np.sin(flat[:, 0] / 95e-6) + np.cos(flat[:, 1] / 120e-6 + 1.0) + rng.normal(0.0, 0.45, count)
     states = (1 + np.digitize(wave, [-0.6, 0.75])).astype(np.uint8)
