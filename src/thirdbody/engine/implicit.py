@@ -38,8 +38,9 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
-from thirdbody.kernels.implicit import step_control, step_limits
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
+from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.step_limits import StepLimit
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.laws.contract import Material
 
@@ -126,7 +127,7 @@ class Implicit:
             FIRST * self.rayleigh,
             UNLOADED * smallest,
         )
-        self.memory[:, step_memory.LIMIT] = step_limits.GROWTH
+        self.memory[:, step_memory.LIMIT] = StepLimit.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
         self.memory[:, step_memory.MAX_ENERGY] = ENERGY_FRACTION * float(state.patches.load.max()) * overlap
@@ -203,7 +204,7 @@ class Implicit:
 
     def _waiting(self, first: int, last: int, until: float) -> int:
         """Return the number of running bodies that have not reached a time [s] (relevant after resume)."""
-        going = self.memory[first:last, step_memory.CODE] == step_control.GOING
+        going = self.memory[first:last, step_memory.CODE] == Stop.NONE
         return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -285,9 +286,9 @@ class Implicit:
     def _refuse_stopped(self) -> None:
         """Raise GuardStop for the first stopped body; with `skip_unsolved`, bodies without a solution are skipped."""
         codes = self.memory[:, step_memory.CODE]
-        stopped = np.flatnonzero(codes != step_control.GOING)
+        stopped = np.flatnonzero(codes != Stop.NONE)
         if self.accuracy.skip_unsolved:
-            stopped = stopped[codes[stopped] != step_control.UNSOLVED]
+            stopped = stopped[codes[stopped] != Stop.UNSOLVED]
         if len(stopped):
             raise GuardStop(self._explain(int(stopped[0])))
 
@@ -314,7 +315,7 @@ class Implicit:
         """Return the entries of the run summary about the integration; steps are counted per body."""
         steps, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(steps.sum()), 1.0)
-        lost = np.flatnonzero(T[:, step_memory.CODE] == step_control.UNSOLVED)
+        lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)
         return {
             "integrator": "implicit",
             "steps": int(steps.sum()),
@@ -347,18 +348,18 @@ class Implicit:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = self._who(body)
-        if code == step_control.OVERLAP_EXCEEDED:
+        if code == Stop.OVERLAP:
             slot = int(self.memory[body, step_memory.SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
             ratio = s.slots.records.overlap[slot] / s.spheres.radius[s.slots.own[slot]]
             limit = s.D[domain.OVERLAP_GUARD]
             text = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {text}; a lower load is needed"
-        if code == step_control.LEFT:
+        if code == Stop.LEFT:
             return f"{when}: {who} left the domain"
-        if code == step_control.TOO_MANY:
+        if code == Stop.CROWDED:
             return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
-        if code == step_control.NOT_A_NUMBER:
+        if code == Stop.BAD_BODY:
             return f"{when}: the position of body {s.order[body]} is not a number"
         shortest = self.settings[step_settings.SHORTEST]
         return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {self._spots(body)}"

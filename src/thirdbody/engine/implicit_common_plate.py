@@ -27,9 +27,10 @@ from thirdbody.kernels.columns import (
     step_start,
 )
 from thirdbody.kernels.implicit import common_plate as kernel
-from thirdbody.kernels.implicit import step_control, step_limits
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
+from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
+from thirdbody.kernels.implicit.step_limits import StepLimit
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
@@ -103,7 +104,7 @@ class ImplicitCommonPlate(Implicit):
             return
         (dt, cause), cuts, load, body = self._length(time, end), 0, float(self.state.patches.load[-1]), 0
         while True:
-            whole = dt >= step_control.NEARLY * (end - time)
+            whole = dt >= NEARLY * (end - time)
             dt = end - time if whole else dt
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             self._load(time, dt)
@@ -121,7 +122,7 @@ class ImplicitCommonPlate(Implicit):
         self._accept(dt, step, load)
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
-        easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * step_control.EASY
+        easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
         kernel.set_common_length(T, self.accuracy.growth, dt, error, easy, cuts > 0, cause)
         if whole and kernel.is_breakpoint_at(time, context, end):
             self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
@@ -133,8 +134,8 @@ class ImplicitCommonPlate(Implicit):
         worst = self.solutions[:, body_solution.ROTATION if by_rotation else body_solution.ERROR]
         body = int(np.argmax(lost if lost.any() else worst))
         if self.solutions[body, body_solution.LANDS] > 0.0:
-            return body, step_limits.LANDING
-        return body, step_limits.ROTATION if by_rotation else (step_limits.ERROR if converged else step_limits.NEWTON)
+            return body, StepLimit.LANDING
+        return body, StepLimit.ROTATION if by_rotation else (StepLimit.ERROR if converged else StepLimit.NEWTON)
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
@@ -218,7 +219,7 @@ class ImplicitCommonPlate(Implicit):
             when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
         crowded = self.solutions[lost[0], body_solution.CROWDED] > 0.0
-        self.memory[lost[0], step_memory.CODE] = step_control.TOO_MANY if crowded else step_control.UNSOLVED
+        self.memory[lost[0], step_memory.CODE] = Stop.CROWDED if crowded else Stop.UNSOLVED
         raise GuardStop(self._explain(int(lost[0])))
 
     def _summed(self) -> Array:

@@ -16,14 +16,12 @@ from thirdbody.kernels.columns import patch, run_totals, step_memory, step_setti
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
-from thirdbody.kernels.implicit.newton import CROWDED, SOLVED, newton
+from thirdbody.kernels.implicit.newton import Outcome, newton
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
-    GOING,
     NEARLY,
-    TOO_MANY,
-    UNSOLVED,
+    Stop,
     advance_clock,
     begin_step,
     count_step,
@@ -117,15 +115,15 @@ def step(context, active, until, space):
         outcome, m, iterations = newton(context, active, motion, space)
         T[step_memory.TRIES] += 1.0
         T[step_memory.ITERATIONS] += iterations
-        converged = outcome == SOLVED
+        converged = outcome == Outcome.SOLVED
         error, rotation = error_of(context, active, m, converged, motion, space), rotation_of(space.y, active.start)
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
         limit = why_cut(lands(context, b, m, space), converged, error, rotation)
         dt *= reduction_factor(converged, error, rotation)
-        if outcome == CROWDED or dt < V[step_settings.SHORTEST]:
-            T[step_memory.CODE] = TOO_MANY if outcome == CROWDED else UNSOLVED
+        if outcome == Outcome.CROWDED or dt < V[step_settings.SHORTEST]:
+            T[step_memory.CODE] = np.int64(Stop.CROWDED if outcome == Outcome.CROWDED else Stop.UNSOLVED)
             reject_step(context, active, space.y)
             return
     accept_step(context, active, m, motion, False, space)
@@ -149,7 +147,7 @@ def advance_chunk(low, high, until, tries, packed):
         active = ActiveBody(b, context.patch[b], start, context.memory[b], context.totals[b])
         last = active.memory[step_memory.TRIES] + tries
         while (
-            active.memory[step_memory.CODE] == GOING
+            active.memory[step_memory.CODE] == Stop.NONE.value
             and active.totals[run_totals.TIME] < until
             and active.memory[step_memory.TRIES] < last
         ):

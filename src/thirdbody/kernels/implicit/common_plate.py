@@ -14,7 +14,7 @@ from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.newton import CROWDED, SOLVED, newton, solve_linear
+from thirdbody.kernels.implicit.newton import Outcome, newton, solve_linear
 from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
 from thirdbody.kernels.implicit.step_control import (
     advance_clock,
@@ -111,12 +111,12 @@ def solve_body(context, b, first_iteration, displacement, motion, space):
     T[step_memory.TRIES] += 1.0
     T[step_memory.ITERATIONS] += iterations
     solution = context.solutions[b]
-    solution[body_solution.SOLVED] = 1.0 if outcome == SOLVED else 0.0
-    solution[body_solution.CROWDED] = 1.0 if outcome == CROWDED else 0.0
+    solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
+    solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
     solution[body_solution.LANDS] = 1.0 if lands(context, b, m, space) else 0.0
     for k in range(FREEDOMS):
         context.ends[b, k] = y[k]
-    if outcome == SOLVED:
+    if outcome == Outcome.SOLVED:
         solution[body_solution.PUSH] = plate_reaction(context, active, m, space)
         solution[body_solution.SLOPE] = plate_stiffness(context, active, m, dt, space)
         solution[body_solution.ERROR] = local_error(context, active, dt, space.diagnostics)

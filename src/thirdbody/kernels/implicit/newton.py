@@ -1,6 +1,7 @@
 """Damped Newton's method for one step of one body; writes no history."""
 
 import math
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -52,8 +53,14 @@ AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 """A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
 which a correction may reverse it."""
 
-SOLVED, UNSOLVED, CROWDED = range(3)
-"""Outcomes of `newton`: converged, not converged, more contacts than a tile holds."""
+
+class Outcome(IntEnum):
+    """Outcomes of `newton`."""
+
+    SOLVED = 0
+    UNSOLVED = 1
+    CROWDED = 2
+    """The body has more contacts than a tile holds."""
 
 
 @njit(**BARE_CHUNK)
@@ -241,13 +248,13 @@ def newton(context, active, motion, space):
         set_configuration(context, active, space.trial, dt)
         m = active_contacts(context, active, space.trial, motion, space)
         if m < 0:
-            return CROWDED, m, iterations
+            return Outcome.CROWDED, m, iterations
         residual(context, active, m, space.trial, motion, space)
         now, scale = residual_norm(r), force_scale(context, active, space.trial, dt, space.diagnostics)
         minimum = rounding_force(context, active, space.diagnostics)
         enough = max(CONVERGED * scale, minimum)
         if not now < 1e300:
-            return UNSOLVED, m, iterations
+            return Outcome.UNSOLVED, m, iterations
         better = now < (1.0 - 1e-4 * part) * size
         if not better and halvings < HALVINGS:
             halvings, part = halvings + 1, 0.5 * part
@@ -260,17 +267,17 @@ def newton(context, active, motion, space):
         for k in range(FREEDOMS):
             y[k] = space.trial[k]
         if now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space):
-            return SOLVED, m, iterations
+            return Outcome.SOLVED, m, iterations
         if not better or iterations == ITERATIONS:
             # laws with corners do not converge to the last digits
             converged = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
-            return (SOLVED if converged else UNSOLVED), m, iterations
+            return (Outcome.SOLVED if converged else Outcome.UNSOLVED), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
         assemble_jacobian(context, active, m, dt, False, space)
         for k in range(FREEDOMS):
             x[k] = r[k]
         if not solve_linear(space.jacobian, x, FREEDOMS):
-            return UNSOLVED, m, iterations
+            return Outcome.UNSOLVED, m, iterations
         expected_overlap = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
         part = limit_overlap_change(context, active, expected_overlap, space)
         part = whole = limit_slip_reversal(context, active, m, part, space)

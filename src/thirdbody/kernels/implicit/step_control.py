@@ -1,6 +1,7 @@
 """Step control of the implicit integrator: length, BDF2 weights, prediction, error, guards."""
 
 import math
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -10,13 +11,28 @@ from thirdbody.jit.simd import load
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import body, domain, patch, run_totals, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
-from thirdbody.kernels.implicit.step_limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
+from thirdbody.kernels.implicit.step_limits import StepLimit
 from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
-GOING, UNSOLVED, OVERLAP_EXCEEDED, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
-"""Codes of a body: running, or the reason why it stopped."""
+
+class Stop(IntEnum):
+    """Reasons why a body stopped (`step_memory.CODE`)."""
+
+    NONE = 0
+    """It goes on."""
+    UNSOLVED = 1
+    """No step down to the shortest one could be solved."""
+    OVERLAP = 2
+    """Guard: a contact is too deep."""
+    CROWDED = 3
+    """It has more contacts than a tile holds."""
+    LEFT = 4
+    """Guard: it left the domain."""
+    BAD_BODY = 5
+    """Guard: its position is not finite."""
+
 
 TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
 """Without inertia: stiffness of the spring to the start position over that of the body, and factor of the tolerance, which may be
@@ -66,14 +82,14 @@ def next_length(T, t, context, end):
     """Return length [s] and limiting cause (`step_limits`) of the next step from t, at most to `end` [s]."""
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
-    ends = np.int64(REVERSAL if is_breakpoint(t, context, end) else OUTPUT)
+    ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)
     longest = longest_drag(context, T)
     for _ in range(3):
         v_x, v_y = plate_velocity(t, context, dt)
         distance = math.sqrt(v_x * v_x + v_y * v_y) * dt
         if distance > longest:
             dt *= longest / distance
-            limit = np.int64(LARGEST)
+            limit = np.int64(StepLimit.LARGEST_STEP)
     if dt >= NEARLY * left:
         return left, ends
     # two equal steps rather than a tiny last one
@@ -216,22 +232,23 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
     if cut:
         T[step_memory.LIMIT] = limit
     elif grown < 1.0:
-        T[step_memory.LIMIT] = ERROR
+        T[step_memory.LIMIT] = StepLimit.ERROR.value
     elif dt * grown >= requested_dt:
-        T[step_memory.LIMIT] = (GROWTH if grown == growth else ERROR) if easy else NEWTON
+        reason = StepLimit.GROWTH if grown == growth else StepLimit.ERROR
+        T[step_memory.LIMIT] = np.int64(reason if easy else StepLimit.NEWTON)
     # a step shortened only by the end of the interval does not reduce the next one
     T[step_memory.NEXT_DT] = max(dt * grown, requested_dt) if not cut and grown >= 1.0 else dt * grown
 
 
 @njit(**BARE)
 def guard_code(b, context, diagnostics):
-    """Return (code, candidate) of the guard that body b violates after a step; GOING if none."""
+    """Return (code, candidate) of the guard that body b violates after a step."""
     D = context.D
     bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
     if bad > 0:
-        return NOT_A_NUMBER, -1.0
+        return np.int64(Stop.BAD_BODY), -1.0
     if diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        return OVERLAP_EXCEEDED, diagnostics[step_contacts.SLOT]
+        return np.int64(Stop.OVERLAP), diagnostics[step_contacts.SLOT]
     if out > 0:
-        return LEFT, -1.0
-    return GOING, -1.0
+        return np.int64(Stop.LEFT), -1.0
+    return np.int64(Stop.NONE), -1.0

@@ -1,6 +1,7 @@
 """Causes that limit the step length of the implicit integrator, counted per body."""
 
 import math
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -8,27 +9,32 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 
-(ERROR, LANDING, NEWTON, ROTATION, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
-"""Codes of the causes, in the order of their counters (`step_memory.LIMITED`):
 
-| code | what limits the step |
-|---|---|
-| ERROR | a longer step would exceed the error allowed by `solver.tolerance` |
-| LANDING | a longer step failed while a contact closed |
-| NEWTON | Newton's method did not converge for a longer step, or needed many iterations |
-| TURNING | largest rotation of the body in one step |
-| LARGEST | largest drag in one step (`solver.largest_step`) |
-| REVERSAL | the step ends where the prescribed motion or load changes |
-| OUTPUT | the step ends at an output |
-| GROWTH | nothing: the step grows by the largest allowed ratio |
-"""
+class StepLimit(IntEnum):
+    """Causes that limit a step, in the order of their counters (`step_memory.LIMITED`): those due to a body come first."""
+
+    ERROR = 0
+    """A longer step would exceed the error allowed by `solver.tolerance`."""
+    LANDING = 1
+    """A longer step failed while a contact closed."""
+    NEWTON = 2
+    """Newton's method did not converge for a longer step, or needed many iterations."""
+    ROTATION = 3
+    """Largest rotation of the body in one step."""
+    LARGEST_STEP = 4
+    """Largest drag in one step (`solver.largest_step`)."""
+    REVERSAL = 5
+    """The step ends where the prescribed motion or load changes."""
+    OUTPUT = 6
+    """The step ends at an output."""
+    GROWTH = 7
+    """Nothing: the step grows by the largest allowed ratio."""
+
 
 OF_A_BODY = 4
-"""Number of causes due to a body, which come first; the others are due to the scene."""
+"""Number of causes due to a body; the others are due to the scene."""
 
-CAUSES = (
-    "error", "landing", "newton", "rotation", "largest_step", "reversal", "output", "growth",
-)  # fmt: skip
+CAUSES = tuple(limit.name.lower() for limit in StepLimit)
 """Names of the causes by code, as in `summary()`."""
 
 WORDS = (
@@ -52,7 +58,8 @@ def lands(context, b, m, space):
 def why_cut(landing, converged, error, rotation):
     """Return the code of the cause of a rejected step."""
     if landing:
-        return np.int64(LANDING)
+        return np.int64(StepLimit.LANDING)
     if not converged:
-        return np.int64(NEWTON)
-    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30) else ROTATION)
+        return np.int64(StepLimit.NEWTON)
+    by_error = error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30)
+    return np.int64(StepLimit.ERROR if by_error else StepLimit.ROTATION)
