@@ -47,7 +47,7 @@ ROOMS["cli"] = set(ROOMS)
 INNER = {
     "kernels": {"explicit": {""}, "implicit": {"explicit", ""}, "": set()},
     "laws": {"codegen": {""}, "conformance": {"codegen", ""}, "": {"codegen"}},
-    "studies": {"robustness": {""}, "": set()},
+    "studies": {"robustness": {""}, "sweep": {""}, "": set()},
 }
 
 # modules of the root that are no ground: what they may import

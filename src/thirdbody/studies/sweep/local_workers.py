@@ -1,0 +1,139 @@
+"""An executor of local processes, one thread each, that outlives the death of any of them.
+
+Each process serves one thread of this one, so the death of a process is known to belong to the point that it computed, and the
+others compute on (those of `ProcessPoolExecutor` all end with one of them). A process is started again at the next point. It is
+no child of `multiprocessing`: it neither imports the caller's script nor looks into the current folder.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import tempfile
+import threading
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from typing import Any
+
+from thirdbody.errors import ThirdbodyError
+from thirdbody.system.child_process import python_command, python_environment
+from thirdbody.system.cpu_count import cores
+
+TRIES = 3
+"""Number of processes that one point may take with it before it counts as failed."""
+
+PATIENCE = 20.0
+"""Time [s] for a process to end by itself once it has nothing to do."""
+
+
+class WorkerDied(ThirdbodyError):
+    """The process of a point ended without an answer, several times."""
+
+
+class LocalWorkers(Executor):
+    """Executor of `count` local processes (None: as many as cores), each with one thread, started when first needed.
+
+    `submit(function, *arguments)` calls `function(*arguments, stop)` in one of them; `stop` returns True after `interrupt`.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count or cores()
+        self._threads = ThreadPoolExecutor(self.count)
+        self._own = threading.local()
+        self._workers: list[_Worker] = []
+        self._interrupted = False
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
+        """Return the future of `function(*arguments, stop, **options)` in a worker process."""
+        return self._threads.submit(self._call, function, arguments, options)
+
+    def interrupt(self) -> None:
+        """Let `stop` of all calls return True, in calls to come too."""
+        self._interrupted = True
+        for worker in self._workers:
+            worker.interrupt()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes; those that compute are interrupted first if their calls are cancelled."""
+        if cancel_futures:
+            self.interrupt()
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        for worker in self._workers:
+            worker.close()
+
+    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        """Return the answer of this thread's process. Raises WorkerDied, or what the function raised."""
+        if not hasattr(self._own, "worker"):
+            self._own.worker = _Worker()
+            self._workers.append(self._own.worker)
+        worker: _Worker = self._own.worker
+        for _ in range(TRIES):
+            if self._interrupted:
+                raise CancelledError
+            try:
+                answer, failure = worker.call(pickle.dumps((function, arguments, options)))
+            except (EOFError, OSError, pickle.UnpicklingError):
+                reason, code = worker.ended()
+                continue
+            if failure is not None:
+                raise failure
+            return answer
+        error = WorkerDied(f"its process ended {TRIES} times ({reason})")
+        error.exit_code = code
+        raise error
+
+
+class _Worker:
+    """One process of `worker`, with pipes to it and a file for what it prints."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def call(self, request: bytes) -> tuple[Any, BaseException | None]:
+        """Return the answer to a request, and the exception it raised. Raises EOFError or OSError if the process died."""
+        process = self._process or self._start()
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(request)
+        process.stdin.flush()
+        answer: tuple[Any, BaseException | None] = pickle.load(process.stdout)
+        return answer
+
+    def interrupt(self) -> None:
+        """Ask the process to end its call with a checkpoint."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+
+    def ended(self) -> tuple[str, int]:
+        """Return how the process ended, in words and as exit code; the next call starts another one."""
+        assert self._process is not None
+        self._process.kill()
+        code = self._process.wait()
+        self._errors.seek(0)
+        last = (self._errors.read().decode(errors="replace").strip().splitlines() or [""])[-1]
+        self._process = None
+        how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
+        return f"{how}: {last}" if last else how, 128 - code if code < 0 else code
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is None:
+            return
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+            self._process.wait(PATIENCE)
+        except (OSError, subprocess.TimeoutExpired):
+            self._process.kill()
+            self._process.wait()
+        self._process = None
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        self._errors = tempfile.TemporaryFile()
+        variables = python_environment() | {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        self._process = subprocess.Popen(
+            python_command("thirdbody.studies.sweep.worker", str(os.getpid())), env=variables, start_new_session=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+        )  # fmt: skip
+        return self._process

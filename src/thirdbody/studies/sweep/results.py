@@ -1,0 +1,116 @@
+"""Results of a run that a sweep can put into its table: names, units, meanings, and how each is computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.errors import nearest
+from thirdbody.trajectory.names import SERIES
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+FRACTION, EVER = "fraction_", "fraction_ever_"
+"""Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
+
+STATES = "fractions"
+"""Short name of the fractions of all states."""
+
+DEFAULT = ("friction_coefficient", "friction_coefficient_error", STATES, "fraction_ever_rolling", "load", "energy_residual",
+           "wall_time")  # fmt: skip
+
+TIMES = ("seconds", "wall_time")
+"""Columns of a table that differ from computation to computation; all others have the same bits."""
+
+
+class Result(NamedTuple):
+    """A result: its unit ("1" for a pure number), its meaning, and its value for an open run."""
+
+    unit: str
+    meaning: str
+    value: Callable[[Run], float]
+
+
+def _load(run: Run) -> float:
+    """Return the mean load over the frames that the friction coefficient averages [N]."""
+    from thirdbody.trajectory.friction import averaged
+
+    force = run.series["upper_force"][:, 2]
+    frames = averaged(run)
+    return float(force[frames].mean()) if frames.any() else float(force[-1])
+
+
+def _of_summary(name: str) -> Callable[[Run], float]:
+    return lambda run: _number(run.summary().get(name))
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _last(name: str) -> Callable[[Run], float]:
+    return lambda run: float(run.series[name][-1]) if name in run.series else math.nan
+
+
+_SERIES = {
+    name: Result(entry.unit, f"Last frame: {entry.meaning}", _last(name))
+    for name, entry in SERIES.items()
+    if name not in ("upper_force", "lower_force")
+}
+
+RESULTS: dict[str, Result] = _SERIES | {
+    "friction_coefficient": Result("1", "Mean over the second half of the sliding, for strokes over the last cycle.",
+                                   lambda run: run.friction.value),
+    "friction_coefficient_error": Result("1", "Its standard error.", lambda run: run.friction.error),
+    "load": Result("N", "Normal force of the debris on the upper plate, mean over the same frames.", _load),
+    "load_ratio": Result("1", "Force on the upper plate over its load, last output interval.", _of_summary("load_ratio")),
+    "energy_residual": Result("1", "Residual of the energy balance, relative.", _of_summary("energy_residual")),
+    "energy_numerical_share": Result("1", "Loss by the implicit integrator, relative.", _of_summary("energy_numerical_share")),
+    "energy_per_cycle": Result("J", "Work of the friction force over the last cycle of a stroke.",
+                               _of_summary("energy_per_cycle")),
+    "peak_pressure": Result("Pa", "Largest pressure over contacts and frames, elastic.", _of_summary("peak_pressure")),
+    "bodies": Result("1", "Number of bodies.", _of_summary("bodies")),
+    "frames": Result("1", "Number of frames.", _of_summary("frames")),
+    "steps": Result("1", "Number of steps.", _of_summary("steps")),
+    "wall_time": Result("s", "Wall time of the run, without building its scene.", _of_summary("wall_time")),
+}  # fmt: skip
+"""All results but those of states, by name."""
+
+
+def result(name: str) -> Result:
+    """Return the result of this name, which `unknown` accepts."""
+    if name in RESULTS:
+        return RESULTS[name]
+    if name.startswith(EVER):
+        state = name.removeprefix(EVER)
+        return Result("1", f"Fraction of the bodies that are {state} in at least one frame.", lambda run: _ever(run, state))
+    state = name.removeprefix(FRACTION)
+    return Result("1", f"Last frame: fraction of the bodies that are {state}.", _last(name))
+
+
+def _ever(run: Run, state: str) -> float:
+    """Return the fraction of bodies that have this state in any frame; NaN for a run without that state."""
+    if not run.has_states or state not in run.state_names:
+        return math.nan
+    return float(np.mean((run.states == run.state_names.index(state)).any(axis=0)))
+
+
+def with_states(names: Iterable[str], states: Sequence[str]) -> tuple[str, ...]:
+    """Return the names with `fractions` written out for each state."""
+    listed = [[f"{FRACTION}{state}" for state in states] if name == STATES else [name] for name in names]
+    return tuple(dict.fromkeys(name for names in listed for name in names))
+
+
+def unknown(name: str, states: Iterable[str]) -> str:
+    """Return why no result has this name; an empty text for one that exists."""
+    known = [*RESULTS, STATES, *(beginning + state for state in states for beginning in (FRACTION, EVER))]
+    return "" if name in known else f"'{name}' is no result, {nearest(name, known)}"
+
+
+def results_of(run: Run, names: Iterable[str]) -> dict[str, float]:
+    """Return the results of an open run by name."""
+    return {name: float(result(name).value(run)) for name in names}
