@@ -12,6 +12,7 @@ import termios
 import time
 
 import pytest
+from balls import BALLS, edited
 from portable import PATIENCE
 
 import thirdbody
@@ -42,6 +43,18 @@ def python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
 def test_starting_imports_nothing_heavy(start):
     done = python("-c", f"{start}\nimport sys; print('loaded', [name for name in {HEAVY} if name in sys.modules])")
     assert done.stdout.splitlines()[-1] == "loaded []", done.stderr
+
+
+@pytest.mark.parametrize(("integrator", "other"), [("explicit", "implicit"), ("implicit", "explicit")])
+def test_a_run_loads_its_own_integrator_alone(integrator, other, tmp_path):
+    """The other one would have to be compiled at the first start, and loaded at every start."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(edited(BALLS, ("[solver]", f'[contact]\ndebris_contact = "none"\n[solver]\nintegrator = "{integrator}"')))
+    code = f"import sys, thirdbody; thirdbody.run({str(scene)!r}, out='run'); print(*sys.modules)"
+    done = python("-c", code, cwd=tmp_path)
+    loaded = done.stdout.split()
+    assert f"thirdbody.engine.{integrator}" in loaded, done.stderr
+    assert f"thirdbody.engine.{other}" not in loaded
 
 
 def test_help_is_instant():

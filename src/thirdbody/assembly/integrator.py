@@ -1,18 +1,22 @@
 """Choice of the integrator of a scene, with the reason."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
-from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
 
 LARGEST_FRICTION = 1e4
 """Largest friction coefficient in the implicit integrator; larger ones are reduced to it.

@@ -1,9 +1,12 @@
 """From a scene to a simulation that can be integrated: the only module that imports all components."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +16,6 @@ from thirdbody.assembly.integrator import Plan, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.upper_plate import Upper, upper_plate
-from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import Placed, State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
@@ -26,6 +27,10 @@ from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.cross_checks import too_long, too_long_message
 from thirdbody.scene.model import Scene
 from thirdbody.scene.plausibility import unusual_values
+
+if TYPE_CHECKING:
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
 
 SKIN = 0.12
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum 0.1 to 0.2)."""
@@ -136,6 +141,7 @@ def build(
         _refuse_unreached(simulation)
         _examine_interval(simulation)
         return simulation
+    # imported here: an implicit run then loads none of it
     from thirdbody.engine.explicit import Explicit
 
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
