@@ -95,14 +95,26 @@ def test_corrugation_of_long_bodies_is_that_of_the_closed_form(r):
     for n in (20, 40, 80):
         closed = squared * integral**2 / (8.0 * r * (n - 1) ** 2) / r ** (2.0 / 3.0)
         # the closed form is the leading order; the next is smaller by 1/n^2 times the square of the slenderness 1/r
-        assert corrugation("prolate", r, n) == pytest.approx(closed, rel=2.0 / (r * n) ** 2 + 1e-3)
+        assert corrugation("prolate", r, n).height == pytest.approx(closed, rel=2.0 / (r * n) ** 2 + 1e-3)
+
+
+@pytest.mark.parametrize("r", [0.6, 0.9])
+def test_normals_of_long_bodies_are_off_by_the_closed_form(r):
+    # half a step E^2 I/(n - 1) between the middle spheres, over their radius r: the largest angle where E^2 < 2/3
+    squared = 1.0 - r * r
+    integral = quad(lambda u: (1.0 - squared * u * u) ** -0.25, -1.0, 1.0)[0]
+    for n in (20, 40, 80):
+        closed = squared * integral / (2.0 * r * (n - 1))
+        # the middle of an odd number is a sphere, of an even number a gap: their angles differ by 1/n^2, as does the next order
+        assert corrugation("prolate", r, n).angle == pytest.approx(closed, rel=6.0 / (r * n) ** 2 + 1e-2)
 
 
 def test_corrugation_of_flat_bodies_falls_with_the_square_of_the_rings():
     rings = np.array([2.0, 3.0, 4.0, 5.0])
-    found = np.array([[corrugation("oblate", 0.6, spheres_in_rings(int(k)))] for k in rings])
-    assert np.all((slopes(rings, found) > 1.7) & (slopes(rings, found) < 2.1))
-    assert found[-1] < 0.02
+    found = np.array([corrugation("oblate", 0.6, spheres_in_rings(int(k))) for k in rings])
+    height, angle = slopes(rings, found).T
+    assert np.all((height > 1.7) & (height < 2.1)) and np.all((angle > 0.7) & (angle < 1.2))
+    assert found[-1, 0] < 0.02
 
 
 @pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.35, 30), ("oblate", 0.6, 61)])
@@ -122,7 +134,7 @@ def test_bodies_rest_on_their_flat_side(form, r, n):
     body = clump(made.centers, made.radii)
     quaternions, heights = resting_poses(body)
     # the shorter semi-axis, less the gap between two spheres
-    deep = corrugation(form, r, n) * made.equivalent_radius
+    deep = corrugation(form, r, n).height * made.equivalent_radius
     assert np.all((heights <= r * (1.0 + 1e-12)) & (heights >= r - deep))
     axis = np.array([1.0, 0.0, 0.0] if form == "prolate" else [0.0, 0.0, 1.0])
     up = np.abs([matrix_from_quaternion(q)[2] @ axis for q in quaternions])
@@ -148,7 +160,20 @@ def test_sizes_are_those_of_the_spheroid():
     twice = populate(parsed("axial_ratio = 0.5\nspheres = 40", size.replace("10 um", "20 um")), []).clumps
     diameters = np.array([[body.diameter for body in bodies] for bodies in (placed.clumps, twice)])
     assert diameters[1] == pytest.approx(2.0 * diameters[0], rel=1e-12)
-    assert warnings == ["debris[0]: 40 spheres follow the spheroid to 0.094 % of its equivalent radius at most (corrugation)"]
+    near = "0.094 % of its equivalent radius and 2.4 deg of its normals"
+    assert warnings == [f"debris[0]: 40 spheres follow the spheroid to {near} at most (corrugation)"]
+
+
+@pytest.mark.parametrize("spheres", [20, 21])
+def test_a_heading_lays_the_long_axis_in_one_direction(spheres):
+    placed = populate(parsed(f'axial_ratio = 0.5\nspheres = {spheres}\nheading = "30 deg"'), [])
+    axes = np.array([matrix_from_quaternion(q)[:, 0] for q in placed.quaternions])
+    assert np.degrees(np.arctan2(axes[:, 1], axes[:, 0])) == pytest.approx(30.0, abs=1e-9)
+    free = populate(parsed(f"axial_ratio = 0.5\nspheres = {spheres}"), [])
+    # only the rotation about z differs: same height, same inclination of the axis
+    assert np.array_equal(free.positions[:, 2], placed.positions[:, 2])
+    inclined = [matrix_from_quaternion(q)[2, 0] for q in free.quaternions]
+    assert axes[:, 2] == pytest.approx(inclined, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -167,6 +192,12 @@ def test_sizes_are_those_of_the_spheroid():
             "19 spheres of an oblate spheroid of axial_ratio 0.35 do not hang together: at least 37",
         ),
         ('axial_ratio = 0.1\nform = "oblate"\nspheres = 100', "debris[0].axial_ratio: 91 spheres of an oblate spheroid of"),
+        ("axial_ratio = 0.5\nheading = 0", "debris[0].heading: 0 has no unit, expected a unit of angle (rad, deg)"),
+        ('axial_ratio = 0.5\nheading = "0 deg"\nplacement = "dilute"', "debris[0].heading: needs placement = 'layer'"),
+        (
+            'axial_ratio = 0.5\nheading = "0 deg"\nform = "oblate"',
+            "debris[0].heading: needs form = 'prolate': an oblate body has",
+        ),
         ('axial_ratio = 0.5\nheight = "1 um"', "debris[0].height: needs placement = 'dilute' or 'dense'"),
     ],
 )

@@ -1,6 +1,7 @@
 """Positions and orientations of debris: a resting layer, a dilute cloud, or a dense bed."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.layer_packing import place_layer
 from thirdbody.bodies.random_sequential import scatter
-from thirdbody.bodies.resting_poses import settle_all
+from thirdbody.bodies.resting_poses import headed, settle_all
 from thirdbody.engine.state import rotation_matrices
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import CLEARANCE
@@ -35,7 +36,8 @@ def place_bodies(
     bodies placed before; or all dense ones are packed together, mixed. Warnings give the solid fraction. Raises InputError.
     """
     how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
-    for placement, placing in (("layer", _lay), ("dilute", _scatter), ("dense", _pack)):
+    headings = np.array([getattr(debris, "heading", None) for debris in scene.debris], float)[populations]
+    for placement, placing in (("layer", partial(_lay, headings)), ("dilute", _scatter), ("dense", _pack)):
         members = np.flatnonzero(how == placement)
         if len(members):
             placing(scene, clumps, members, x, q, warnings)
@@ -109,11 +111,21 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
     return faults
 
 
-def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Give the bodies of the layer a stable pose, a height and a position."""
+def _lay(
+    headings: np.ndarray,
+    scene: Scene,
+    clumps: list[Clump],
+    members: np.ndarray,
+    x: np.ndarray,
+    q: np.ndarray,
+    warnings: list[str],
+) -> None:
+    """Give the bodies of the layer a stable pose with the given heading (n,) [rad] or any (NaN), a height and a position."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
     laid = [clumps[b] for b in members]
     q[members], heights = settle_all(laid, rng)
+    given = members[np.isfinite(headings[members])]
+    q[given] = headed(q[given], headings[given])
     x[members, 2] = heights + CLEARANCE * np.array([body.diameter for body in laid])
     try:
         x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)

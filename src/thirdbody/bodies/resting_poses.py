@@ -66,6 +66,12 @@ def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:
     return np.column_stack((c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w))
 
 
+def headed(q: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return quaternions (n, 4) rotated about z until axes of least inertia have the headings (n,) [rad], from above."""
+    w, x, y, z = q.T
+    return _yawed(q, 0.5 * (heading - np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))))
+
+
 def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`resting_poses` of a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
     scale = radii.max(axis=1)

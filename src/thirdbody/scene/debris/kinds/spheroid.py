@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris
 from thirdbody.scene.debris.population import RandomStreams
@@ -86,16 +86,23 @@ def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
     return np.interp(steps, distance / distance[-1], u)
 
 
-def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
-    """Return the largest distance from the spheroid to the union of its spheres, over the volume-equivalent radius.
+class Corrugation(NamedTuple):
+    """Largest gap between spheroid and spheres over the volume-equivalent radius, and angle between their normals [rad]."""
 
-    Measured at points of a meridian (prolate) or of a twelfth of the surface (oblate), to some 1e-3 of its value.
+    height: float
+    angle: float
+
+
+def corrugation(form: str, axial_ratio: float, spheres: int) -> Corrugation:
+    """Return the largest distance from the spheroid to the union of its spheres, and the largest angle between their normals.
+
+    Measured at points of a meridian (prolate) or of a twelfth of the surface (oblate), to some 1e-3 of their values.
     """
     import numpy as np
 
     built = layout(form, axial_ratio, spheres)
     if spheres == 1:
-        return 0.0
+        return Corrugation(0.0, 0.0)
     if form == "prolate":
         t = np.linspace(0.0, math.pi, 64 * spheres + 1)
         points = np.column_stack((np.cos(t), axial_ratio * np.sin(t), np.zeros_like(t)))
@@ -103,10 +110,16 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
         grid = np.meshgrid(np.linspace(0.0, 0.5 * math.pi, 241), np.linspace(0.0, math.pi / 6.0, 61))
         t, rotation = (angle.ravel() for angle in grid)
         points = np.column_stack((np.cos(t) * np.cos(rotation), np.cos(t) * np.sin(rotation), axial_ratio * np.sin(t)))
-    gap = np.full(len(points), np.inf)
+    normals = points / np.array([1.0, axial_ratio, axial_ratio] if form == "prolate" else [1.0, 1.0, axial_ratio]) ** 2
+    gap, cosine = np.full(len(points), np.inf), np.empty(len(points))
     for center, radius in zip(built.centers, built.radii, strict=True):
-        gap = np.minimum(gap, np.linalg.norm(points - center, axis=1) - radius)
-    return float(gap.max()) / built.equivalent_radius
+        away = points - center
+        distance = np.linalg.norm(away, axis=1)
+        nearer = distance - radius < gap
+        cosine[nearer] = np.einsum("ij,ij->i", away, normals)[nearer] / distance[nearer]
+        gap = np.minimum(gap, distance - radius)
+    cosine /= np.linalg.norm(normals, axis=1)
+    return Corrugation(float(gap.max()) / built.equivalent_radius, float(np.arccos(np.minimum(cosine, 1.0)).max()))
 
 
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
@@ -128,7 +141,8 @@ class Spheroid(PlacedDebris):
     "prolate" (spheres on a segment) or "oblate" (on a disc: the largest of 7, 19, 37, 61, 91 that is allowed), `spheres` the
     most per body. The more spheres, the closer their union comes to the spheroid, from inside. Where the overlap of a contact
     exceeds the corrugation, which `check` tells, several spheres share the contact and stiffen it: then take fewer. A prolate
-    body of an even number lies on two spheres.
+    body of an even number lies on two spheres. One whose long axis does not lie along the drag rolls about that axis, whatever
+    its friction: `heading` lays all bodies of a layer in one direction.
     """
 
     kind: Literal["spheroid"] = "spheroid"
@@ -140,6 +154,19 @@ class Spheroid(PlacedDebris):
     """"prolate": long, spheres on a segment; "oblate": flat, spheres on a disc. Example: "oblate"."""
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
     """Most spheres of a body; an oblate one takes the largest of 7, 19, 37, 61, 91 that is allowed. Example: 20."""
+
+    heading: Annotated[float, Quantity(dimension="angle")] | None = None
+    """Direction of the long axis of prolate bodies in a layer, from x towards y; random where not given. Example: "0 deg"."""
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Return faults that follow from which keys are given."""
+        faults = super().rules(raw, context)
+        if "heading" in raw and raw.get("placement", "layer") != "layer":
+            faults.append((("heading",), "needs placement = 'layer'"))
+        elif "heading" in raw and raw.get("form", "prolate") != "prolate":
+            faults.append((("heading",), "needs form = 'prolate': an oblate body has no long axis"))
+        return faults
 
     def checks(self) -> list[Wrong]:
         """Return faults of too few spheres for one connected body."""
@@ -175,8 +202,9 @@ class Spheroid(PlacedDebris):
         n = self.max_spheres()
         if n == 1:
             return []
-        height = 100.0 * corrugation(self.form, self.axial_ratio, n)
-        return [f"{n} spheres follow the spheroid to {height:.2g} % of its equivalent radius at most (corrugation)"]
+        height, angle = corrugation(self.form, self.axial_ratio, n)
+        near = f"{100.0 * height:.2g} % of its equivalent radius and {math.degrees(angle):.2g} deg of its normals"
+        return [f"{n} spheres follow the spheroid to {near} at most (corrugation)"]
 
 
 KIND = Spheroid
