@@ -11,7 +11,7 @@ Definitions
     rotation         vector since the reference, from quaternions: a sum of increments drifts when a body wobbles
     lever D          vertical distance of the load centres of both sides; one-sided: twice the distance of centre and load centre
     roll ratio r     rotation D / W of the last closed window
-    patch travel p   largest over the spots of R_i times the rotation about in-plane axes and, for pivoting, the distance from
+    contact travel p largest over the spots of R_i times the rotation about in-plane axes and, for pivoting, the distance from
                      the common load centre times the rotation about the normal of the spot
 
 End of a history. A stop, a start or a reversal of the plates (two-sided body) or a reversal of the centre by 0.02 a (one-sided
@@ -61,9 +61,9 @@ from .support_geometry import (
     Array,
     Posture,
     Triple,
+    contact_travel,
     helper,
     length,
-    patch_travel,
     rotation_since,
     side_of,
     split,
@@ -157,20 +157,20 @@ def static_margin(x: float, y: float, z: float, scale: float) -> float:
 
 
 @helper
-def static_margins(b: Array, total: float, lever: float, out: Array) -> None:
+def static_margins(observed: Array, total: float, lever: float, out: Array) -> None:
     """Write both margins of static equilibrium: contacts, weight and other effects, without inertia; `total`: sum of |N| [N]."""
     force, torque = observed_body.FORCE, observed_body.TORQUE
-    out[label_output.FORCE] = static_margin(b[force], b[force + 1], b[force + 2], total)
-    out[label_output.MOMENT] = static_margin(b[torque], b[torque + 1], b[torque + 2], total * lever)
+    out[label_output.FORCE] = static_margin(observed[force], observed[force + 1], observed[force + 2], total)
+    out[label_output.MOMENT] = static_margin(observed[torque], observed[torque + 1], observed[torque + 2], total * lever)
 
 
 @helper
-def determinacy(C: Array, n: int, b: Array, a: float) -> float:
+def determinacy(C: Array, n: int, observed: Array, a: float) -> float:
     """Largest spread of a side's loaded spots along the drag over a, minus 1: positive if the body is held.
 
     Without drag the spread in any horizontal direction counts.
     """
-    ex, ey = b[observed_body.DRAG], b[observed_body.DRAG + 1]
+    ex, ey = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
     widest = 0.0
     for i in range(n):
         for j in range(i):
@@ -183,24 +183,24 @@ def determinacy(C: Array, n: int, b: Array, a: float) -> float:
 
 
 @helper
-def rotation_over_drag(b: Array, m: Array, pose: Posture) -> float:
+def rotation_over_drag(observed: Array, m: Array, pose: Posture) -> float:
     """Fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
     x, y = m[CHANGE_X], m[CHANGE_Y]
     size = length(x, y, 0.0)
     if size < MIN_TRAVEL * pose[1] or size <= 0.0:
         return 0.0
-    rotation = rotation_since(b, m, CHANGE)
+    rotation = rotation_since(observed, m, CHANGE)
     return pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
 
 
 @helper
-def rotation_margin(b: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
+def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
     """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling."""
     margin = 1.0 - p / pose[1]
     if m[WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[ROLL_RATIO] / EPS_ROLL)
     if pose[0] == BOTH and not determinate:
-        margin = min(margin, 1.0 - rotation_over_drag(b, m, pose) / MAX_ROTATION_OVER_DRAG)
+        margin = min(margin, 1.0 - rotation_over_drag(observed, m, pose) / MAX_ROTATION_OVER_DRAG)
     return max(margin, LOWEST)
 
 
@@ -247,7 +247,7 @@ def clear(m: Array, out: Array) -> None:
 
 
 @njit(error_model="numpy")
-def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
+def label(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same instant.
 
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` [m] grows when a window closes; `forecast` is 0 for a
@@ -257,29 +257,29 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_outlook(C, n, b, pose, out, label_output.FORECAST)
-        write_label(C, n, b, m, pose, out)
+        write_outlook(C, n, observed, pose, out, label_output.FORECAST)
+        write_label(C, n, observed, m, pose, out)
 
 
 @njit(error_model="numpy")
-def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
+def label_without_effects(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
     """`label` of a body without effects, to the same bits: without the linear programmes, slow to compile."""
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_plain_outlook(C, n, b, pose, out, label_output.FORECAST)
-        write_label(C, n, b, m, pose, out)
+        write_plain_outlook(C, n, observed, pose, out, label_output.FORECAST)
+        write_label(C, n, observed, m, pose, out)
 
 
 @helper
-def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array) -> None:
+def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out: Array) -> None:
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
-    rotation = rotation_since(b, m, REFERENCE)
-    p = patch_travel(C, n, rotation)
-    static_margins(b, normal_sum(C, n), pose[2], out)
-    out[label_output.DETERMINACY] = determinacy(C, n, b, pose[1])
+    rotation = rotation_since(observed, m, REFERENCE)
+    p = contact_travel(C, n, rotation)
+    static_margins(observed, normal_sum(C, n), pose[2], out)
+    out[label_output.DETERMINACY] = determinacy(C, n, observed, pose[1])
     determinate = out[label_output.DETERMINACY] > 0.0
-    out[label_output.ROTATION] = rotation_margin(b, m, pose, p, determinate)
+    out[label_output.ROTATION] = rotation_margin(observed, m, pose, p, determinate)
     write_ratios(C, n, m, pose, rotation, out)
     slides = friction_margins(C, n, pose, out)
     if slides and (pose[0] != BOTH or out[label_output.ROTATION] > 0.0):

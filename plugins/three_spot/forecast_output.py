@@ -89,20 +89,20 @@ def write_ratios(C: Array, n: int, required: float, low: float, high: float, out
 
 
 @helper
-def write_plain_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: int) -> None:
+def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
     """`write_outlook` of a body without body forces."""
     out[first] = UNTOLD
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     required, low, high = forecast(
-        upper, len(upper), lower, len(lower), pose[2], b[observed_body.DRAG], b[observed_body.DRAG + 1]
+        upper, len(upper), lower, len(lower), pose[2], observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
     )
     write_ratios(C, n, required, low, high, out, first)
 
 
 @helper
-def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: int) -> None:
+def write_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
     """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and UNTOLD where the theory does not apply."""
     out[first] = UNTOLD
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
@@ -110,15 +110,15 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     load, wrench = upper_load(C, n), np.empty(6)
     for k in range(6):
-        wrench[k] = b[observed_body.EFFECT_FORCE + k]
+        wrench[k] = observed[observed_body.EFFECT_FORCE + k]
     heights = load_mean(C, n, ABOVE, POINT)[2], load_mean(C, n, BELOW, POINT)[2]
     size = body_size(upper, lower, heights)
     fraction = body_force_fraction(wrench, load, size)
     if fraction * size < NEGLIGIBLE * pose[1]:
-        write_plain_outlook(C, n, b, pose, out, first)
+        write_plain_outlook(C, n, observed, pose, out, first)
     elif fraction <= HEAVIEST and heights[0] > heights[1]:
         # a side may have a contact without load at this instant
         frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
-        drag = b[observed_body.DRAG], b[observed_body.DRAG + 1]
+        drag = observed[observed_body.DRAG], observed[observed_body.DRAG + 1]
         required, low, high = weighted_forecast(upper, lower, heights, wrench, load, frictions, drag)
         write_ratios(C, n, required, low, high, out, first)

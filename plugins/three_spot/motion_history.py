@@ -29,7 +29,19 @@ from .body_memory import (
     WINDOWS,
 )
 from .contact_memory import SLIP_LAST, SLIP_REFERENCE, STAMP
-from .support_geometry import BOTH, Array, Posture, Triple, drag, helper, length, patch_travel, rotation_since, split, support_of
+from .support_geometry import (
+    BOTH,
+    Array,
+    Posture,
+    Triple,
+    contact_travel,
+    drag,
+    helper,
+    length,
+    rotation_since,
+    split,
+    support_of,
+)
 
 WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
@@ -39,34 +51,34 @@ REST_SPAN = 50.0
 
 
 @helper
-def store_orientation(b: Array, m: Array, k: int) -> None:
+def store_orientation(observed: Array, m: Array, k: int) -> None:
     """Store the present orientation at m[k:k+4]."""
     for j in range(4):
-        m[k + j] = b[observed_body.QUATERNION + j]
+        m[k + j] = observed[observed_body.QUATERNION + j]
 
 
 @helper
-def anchor_change(b: Array, m: Array) -> None:
+def anchor_change(observed: Array, m: Array) -> None:
     """Start the interval that the rule for bodies that are not held evaluates."""
-    store_orientation(b, m, CHANGE)
+    store_orientation(observed, m, CHANGE)
     m[CHANGE_X] = 0.0
     m[CHANGE_Y] = 0.0
 
 
 @helper
-def note_plates(b: Array, m: Array) -> bool:
+def note_plates(observed: Array, m: Array) -> bool:
     """Return whether the plates stopped, started or reversed since the last observation."""
-    moving = 1.0 if b[observed_body.PLATE_SPEED] > 0.0 else 0.0
-    along = b[observed_body.DRAG] * m[PLATE_X] + b[observed_body.DRAG + 1] * m[PLATE_Y]
+    moving = 1.0 if observed[observed_body.PLATE_SPEED] > 0.0 else 0.0
+    along = observed[observed_body.DRAG] * m[PLATE_X] + observed[observed_body.DRAG + 1] * m[PLATE_Y]
     broke = moving != m[MOVING] or along < 0.0
     m[MOVING] = moving
-    m[PLATE_X] = b[observed_body.DRAG]
-    m[PLATE_Y] = b[observed_body.DRAG + 1]
+    m[PLATE_X] = observed[observed_body.DRAG]
+    m[PLATE_Y] = observed[observed_body.DRAG + 1]
     return broke
 
 
 @helper
-def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
+def note_spots(C: Array, n: int, observed: Array, m: Array) -> None:
     """Compare the set of loaded spots with the last one by stamps, in any order; record a lift-off."""
     saved = 0
     for i in range(n):
@@ -77,7 +89,7 @@ def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
     if saved < m[COUNT]:
         m[LIFTED] = 1.0
     if saved < m[COUNT] or saved < n:
-        anchor_change(b, m)
+        anchor_change(observed, m)
     m[COUNT] = n
 
 
@@ -93,14 +105,14 @@ def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
 
 
 @helper
-def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
+def has_rested(C: Array, n: int, observed: Array, m: Array, a: float, path: float) -> bool:
     """Return whether the body did not travel during the span in which its load could have moved it far."""
-    m[REST_TIME] += b[observed_body.ELAPSED]
+    m[REST_TIME] += observed[observed_body.ELAPSED]
     m[REST_PATH] += path
     load = 0.0
     for i in range(n):
         load += max(C[i, loaded_contact.LOAD], 0.0)
-    if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * b[observed_body.MASS] * a or load <= 0.0:
+    if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * observed[observed_body.MASS] * a or load <= 0.0:
         return False
     still = m[REST_PATH] < MIN_TRAVEL * a
     m[REST_TIME] = 0.0
@@ -115,7 +127,7 @@ def was_loaded(m: Array) -> bool:
 
 
 @helper
-def follow_free(b: Array, m: Array, broke: bool) -> None:
+def follow_free(observed: Array, m: Array, broke: bool) -> None:
     """Add up rotation [rad] and drag of a free body: drag of the plates, or its own path where they rest."""
     if broke:
         for k in range(WINDOWS, ROLLED):
@@ -124,32 +136,31 @@ def follow_free(b: Array, m: Array, broke: bool) -> None:
             m[k] = 0.0
         m[TRAVEL] = m[FREE_ROTATION] = 0.0
     elif was_loaded(m):
-        m[FREE_ROTATION] += (
-            length(b[observed_body.SPIN], b[observed_body.SPIN + 1], b[observed_body.SPIN + 2]) * b[observed_body.ELAPSED]
-        )
-        if b[observed_body.PLATE_SPEED] > 0.0:
-            m[TRAVEL] += length(b[observed_body.PLATE_SHIFT], b[observed_body.PLATE_SHIFT + 1], 0.0)
+        elapsed, spin, velocity = observed[observed_body.ELAPSED], observed_body.SPIN, observed_body.VELOCITY
+        m[FREE_ROTATION] += length(observed[spin], observed[spin + 1], observed[spin + 2]) * elapsed
+        if observed[observed_body.PLATE_SPEED] > 0.0:
+            m[TRAVEL] += length(observed[observed_body.PLATE_SHIFT], observed[observed_body.PLATE_SHIFT + 1], 0.0)
         else:
-            m[TRAVEL] += length(b[observed_body.VELOCITY], b[observed_body.VELOCITY + 1], 0.0) * b[observed_body.ELAPSED]
+            m[TRAVEL] += length(observed[velocity], observed[velocity + 1], 0.0) * elapsed
 
 
 @helper
-def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
+def history_ends(C: Array, n: int, observed: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
     """Return whether a stop, a start, a reversal or rest ends the history."""
     if pose[0] == BOTH:
         m[HEADING_X] = m[HEADING_Y] = m[REVERSED_PATH] = 0.0
         if broke:
             return True
-        if b[observed_body.PLATE_SPEED] > 0.0:
+        if observed[observed_body.PLATE_SPEED] > 0.0:
             m[REST_TIME] = m[REST_PATH] = 0.0
             return False
     elif is_reversed(m, pose[1], step[0], step[1]):
         return True
-    return has_rested(C, n, b, m, pose[1], step[2])
+    return has_rested(C, n, observed, m, pose[1], step[2])
 
 
 @helper
-def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, rotation: Triple, complete: bool) -> None:
+def finish_window(C: Array, n: int, observed: Array, m: Array, pose: Posture, rotation: Triple, complete: bool) -> None:
     """End the window and start the next; store its ratios if it is complete, else clear all.
 
     Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; for a body that was
@@ -161,7 +172,7 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, rotation:
     ratio = m[ROLL_RATIO]
     if complete:
         ratio = max(length(tilt, twist, 0.0), m[FREE_ROTATION]) * pose[2] / travel  # quaternions do not count whole revolutions
-    if ratio >= EPS_ROLL or patch_travel(C, n, rotation) >= a:
+    if ratio >= EPS_ROLL or contact_travel(C, n, rotation) >= a:
         m[ROLLED] += 0.5 * pose[2] * max(tilt - m[FREE_ROTATION], 0.0)
     slip = 0.0
     for i in range(n):
@@ -182,23 +193,23 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, rotation:
 
 
 @njit(error_model="numpy")
-def update_history(C: Array, n: int, b: Array, m: Array) -> None:
+def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
     """Update the memory `m` of a body and that of its loaded contacts `C[:n]` to the present instant.
 
-    `C` (n or more rows, `loaded_contact` and `contact_memory`), `b` (`observed_body`), `m` (`body_memory`) as in the contract of
-    labellers. Must be called for unloaded bodies, too (n = 0). The memory of a contact between two debris must be stored once for
-    each of them.
+    `C` (n or more rows, `loaded_contact` and `contact_memory`), `observed` (`observed_body`), `m` (`body_memory`): as in the
+    contract of labellers. Must be called for unloaded bodies, too (n = 0). The memory of a contact between two debris must be
+    stored once for each of them.
     """
     landed = m[COUNT] == 0.0
-    broke = note_plates(b, m)
-    note_spots(C, n, b, m)
+    broke = note_plates(observed, m)
+    note_spots(C, n, observed, m)
     if n == 0:
-        follow_free(b, m, broke)
+        follow_free(observed, m, broke)
         return
     first = not was_loaded(m)
     pose = support_of(C, n)
-    step = drag(C, n, b, pose)
-    ends = history_ends(C, n, b, m, pose, step, broke)
+    step = drag(C, n, observed, pose)
+    ends = history_ends(C, n, observed, m, pose, step, broke)
     closes = False
     if landed:  # spots that have just closed
         for i in range(n):
@@ -208,16 +219,16 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
-        rotation = rotation_since(b, m, REFERENCE)
+        rotation = rotation_since(observed, m, REFERENCE)
         rotation_size = max(length(rotation[0], rotation[1], rotation[2]), m[FREE_ROTATION])
         closes = m[TRAVEL] >= WINDOW * pose[1] or rotation_size > MAX_WINDOW_ROTATION
         if ends or closes:
-            finish_window(C, n, b, m, pose, rotation, not ends)
+            finish_window(C, n, observed, m, pose, rotation, not ends)
     if first or ends or closes:
-        store_orientation(b, m, REFERENCE)
+        store_orientation(observed, m, REFERENCE)
         m[TRAVEL] = m[LIFTED] = m[FREE_ROTATION] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, loaded_contact.SLIP]
-    rotation = rotation_since(b, m, CHANGE)
+    rotation = rotation_since(observed, m, CHANGE)
     if landed or ends or length(rotation[0], rotation[1], rotation[2]) > MAX_WINDOW_ROTATION:
-        anchor_change(b, m)
+        anchor_change(observed, m)

@@ -86,30 +86,32 @@ def only_plates(C: Array, n: int) -> bool:
 
 
 @helper
-def drag(C: Array, n: int, b: Array, pose: Posture) -> Triple:
+def drag(C: Array, n: int, observed: Array, pose: Posture) -> Triple:
     """Drag since the last observation: its x and y parts and the length of its path [m]."""
+    elapsed = observed[observed_body.ELAPSED]
     if pose[0] == BOTH:
         if only_plates(C, n):
-            x, y = b[observed_body.PLATE_SHIFT], b[observed_body.PLATE_SHIFT + 1]
+            x, y = observed[observed_body.PLATE_SHIFT], observed[observed_body.PLATE_SHIFT + 1]
         else:
             up = load_mean(C, n, ABOVE, SURFACE)
             low = load_mean(C, n, BELOW, SURFACE)
-            x, y = b[observed_body.ELAPSED] * (up[0] - low[0]), b[observed_body.ELAPSED] * (up[1] - low[1])
+            x, y = elapsed * (up[0] - low[0]), elapsed * (up[1] - low[1])
         return x, y, length(x, y, 0.0)
     u, v, w = load_mean(C, n, pose[0], SURFACE)
-    u, v, w = b[observed_body.VELOCITY] - u, b[observed_body.VELOCITY + 1] - v, b[observed_body.VELOCITY + 2] - w
+    velocity = observed_body.VELOCITY
+    u, v, w = observed[velocity] - u, observed[velocity + 1] - v, observed[velocity + 2] - w
     away = u * pose[3] + v * pose[4] + w * pose[5]
     x, y, z = u - away * pose[3], v - away * pose[4], w - away * pose[5]
-    return b[observed_body.ELAPSED] * x, b[observed_body.ELAPSED] * y, b[observed_body.ELAPSED] * length(x, y, z)
+    return elapsed * x, elapsed * y, elapsed * length(x, y, z)
 
 
 @helper
-def rotation_since(b: Array, m: Array, k: int) -> Triple:
+def rotation_since(observed: Array, m: Array, k: int) -> Triple:
     """Rotation vector [rad], world axes, from the orientation stored at m[k:k+4] to the present one."""
-    w = b[observed_body.QUATERNION]
-    x = b[observed_body.QUATERNION + 1]
-    y = b[observed_body.QUATERNION + 2]
-    z = b[observed_body.QUATERNION + 3]
+    w = observed[observed_body.QUATERNION]
+    x = observed[observed_body.QUATERNION + 1]
+    y = observed[observed_body.QUATERNION + 2]
+    z = observed[observed_body.QUATERNION + 3]
     p, q, r, s = m[k], -m[k + 1], -m[k + 2], -m[k + 3]
     real = w * p - x * q - y * r - z * s
     i = w * q + x * p + y * s - z * r
@@ -130,7 +132,7 @@ def split(rotation: Triple, nx: float, ny: float, nz: float) -> tuple[float, flo
 
 
 @helper
-def patch_travel(C: Array, n: int, rotation: Triple) -> float:
+def contact_travel(C: Array, n: int, rotation: Triple) -> float:
     """Largest distance p [m] of a contact area over the body's surface by the rotation `rotation`."""
     cx, cy, cz = load_mean(C, n, NEITHER, ARM)
     p = 0.0

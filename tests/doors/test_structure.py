@@ -25,6 +25,9 @@ COPIED_COLUMNS: dict[str, set[str]] = {
 }
 """Columns that are named anew outside their table: module -> names. To be emptied."""
 
+EMBEDDED = {"scratch": {"body", "body_extra"}}
+"""Arrays that begin with the columns of other tables (`columns.drift_scratch`)."""
+
 
 def name_of(path: Path) -> str:
     """`kernels/rotation.py`, `plugins/three_spot/exact.py`."""
@@ -102,6 +105,48 @@ def test_files_and_functions_stay_short(path):
     assert lines <= MOST_LINES, f"{lines} lines"
     long = {node.name: (node.end_lineno or node.lineno) - node.lineno + 1 for node in functions(path)}
     assert not {name: size for name, size in long.items() if size > LONGEST_FUNCTION}
+
+
+@cache
+def symbols() -> dict[str, str]:
+    """Name of the array of each table: module -> symbol."""
+    found = {}
+    for path in FILES:
+        for node in tree(path).body:
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and declared_tables(path):
+                function = node.value.func
+                if isinstance(function, ast.Name) and function.id == "Table":
+                    found[path.stem] = str(ast.literal_eval(node.value.args[0])).partition(",")[0]
+    return found
+
+
+def table_uses(node: ast.Subscript) -> set[str]:
+    """Tables whose columns the index of a subscript names; those inside another subscript count for that one."""
+    inner = {id(part) for sub in ast.walk(node.slice) if isinstance(sub, ast.Subscript) for part in ast.walk(sub)}
+    return {
+        part.value.id for part in ast.walk(node.slice)
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id in symbols()
+        and part.attr.isupper() and id(part) not in inner
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_the_symbol_of_a_table_names_no_other_table(path):
+    """`B` is the table of bodies everywhere, and every array of one letter that has columns is the table of that letter."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
+            name = node.value.id
+            for table in table_uses(node) - EMBEDDED.get(name, set()):
+                taken = name in symbols().values() or len(name) == 1
+                assert not taken or symbols()[table] == name, f"line {node.lineno}: {name} with a column of {table}"
+
+
+def test_symbols_of_tables_differ():
+    """Tables that lie in one array share its symbol: those of rolling follow the history in the tiles of the laws."""
+    shared = {"rolling_input": "law_input", "rolling_output": "law_output", "contact_memory": "loaded_contact"}
+    assert all(symbols()[one] == symbols()[other] for one, other in shared.items())
+    alone = [symbol for table, symbol in symbols().items() if table not in shared]
+    assert len(alone) > 25 and len(set(alone)) == len(alone)
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)

@@ -14,11 +14,11 @@ from thirdbody.kernels.columns import body, body_extra, sphere
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-ANGULAR_MOMENTUM, REACH, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
+ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
     body.WIDTH + c
     for c in (
         body_extra.ANGULAR_MOMENTUM,
-        body_extra.REACH,
+        body_extra.LONGEST_ARM,
         body_extra.INERTIA,
         body_extra.UPPER_PUSH,
         body_extra.EFFECT_FORCE,

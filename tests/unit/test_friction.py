@@ -19,7 +19,7 @@ from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report
 from thirdbody.trajectory.statistics import change_and_error
 
-from .layer import write_layer
+from ..layer import write_layer
 from .test_plot import LOAD, stroke, write
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -75,14 +75,15 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one(tmp_path):
         "steady": (0.3 + 0.0005 * noise, True, "stationary"),  # its trend by chance is .2 % of the mean, told as none below 1 %
         "rising": (0.3 + 0.005 * noise + np.linspace(0.0, 0.1, 400), False, "still rising by"),
         "falling": (0.3 + 0.2 * np.exp(-np.arange(400) / 150.0), False, "still falling by"),
-        "wild": (0.3 + 0.3 * noise, None, "not clear whether"),
-        "nothing": (1e-5 * noise, True, "stationary"),
+        "wild": (0.3 + 0.3 * noise, None, "stationary or not: its scatter hides"),
+        "nothing": (1e-5 * noise, True, "stationary: changes by less than 0.001 over"),
+        "constant": (np.full(400, 0.3), True, "stationary: changes by less than 0.1 % over"),
     }
     path = write(tmp_path / "run", u=u, mu=noise)
     for name, (mu, stationary, verdict) in cases.items():
         with opened_with(path, mu) as run:
             assert (run.friction.stationary, run.friction.verdict[: len(verdict)]) == (stationary, verdict), name
-            assert stationary is not True or run.friction.error > 0.0, name
+            assert stationary is not True or run.friction.error > 0.0 or name == "constant", name
     # by hand: a straight line of .1 over 400 intervals rises by .05 over their second half, 13 % of its mean there, .375
     with opened_with(path, np.linspace(0.3, 0.4, 400)) as run:
         assert run.friction.verdict == "still rising by 13 % over the second half"
@@ -96,6 +97,17 @@ def test_few_frames_are_no_verdict(tmp_path):
         assert math.isnan(run.friction.value) and str(run.friction) == "no sliding"
     with thirdbody.open(write(tmp_path / "free", u=1e-7 * np.arange(5), mu=np.full(5, np.nan))) as run:
         assert str(run.friction) == "unloaded"
+
+
+def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
+    """Autocorrelation cannot be estimated from five values: they count as independent, with Student's t of three."""
+    creep = np.array([0.31, 0.323, 0.331, 0.342, 0.35])
+    change, margin = change_and_error(creep)
+    assert change == pytest.approx(4 * 0.0099, rel=1e-12)  # slope by hand: (2 (.35 - .31) + .342 - .323)/10 a cycle
+    deviations = creep - creep.mean() - 0.0099 * np.arange(-2, 3)
+    error = 4 * np.sqrt(deviations @ deviations / 3 / 10)
+    assert margin == pytest.approx(5.8409 * error, rel=1e-4)  # t of three degrees at 99 %, from tables
+    assert change > margin
 
 
 def test_the_error_of_a_change_covers_white_and_correlated_noise():

@@ -204,12 +204,13 @@ def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
 
 
 def _refuse_narrow_domain(scene: Scene, state: State) -> None:
-    """Raise InputError for a period below twice the longest reach: nearest images would not be unique."""
+    """Raise InputError for a period below twice the largest distance of candidates: nearest images would not be unique."""
     if not scene.domain.periodic or not state.world.debris_meets:
         return
-    reach = 2.0 * float(state.spheres.radius.max()) + state.skin + state.reach
-    if min(scene.domain.size) < 2.0 * reach:
-        message = f"a periodic side must be at least {units.pretty(2.0 * reach, 'length')}, twice the reach of the largest sphere"
+    distance = 2.0 * float(state.spheres.radius.max()) + state.skin + state.reach
+    if min(scene.domain.size) < 2.0 * distance:
+        shortest = units.pretty(2.0 * distance, "length")
+        message = f"a periodic side must be at least {shortest}, twice the distance of candidates of the largest radius"
         raise InputError(scene.fault(("domain", "size"), message))
 
 

@@ -55,8 +55,7 @@ class Explicit:
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all larger than the step
-        self.drag = _drag(state)
-        self.ahead = np.array(self.drag)
+        self.drag = np.array(_drag(state))
         self.pace, self.seconds = ThreadTuner(), CALL / BUDGET  # last measured wall time of a step
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
@@ -154,7 +153,7 @@ class Explicit:
             slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
-            s.schedule, s.first, self.ahead, self.scratch, self.marks, self.rows, self.moved,
+            s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
             self.law, self.effects, self.observe, self.work,

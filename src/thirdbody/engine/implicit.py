@@ -112,8 +112,7 @@ class Implicit:
         (guards or Guards()).put(state)
         upper = state.world.upper
         self.schedule = Schedule() if upper is None else upper.schedule
-        self.drag = self.schedule.direction()
-        self.ahead = np.array(self.drag)
+        self.drag = np.array(self.schedule.direction())
         times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
         self.rayleigh = float(times.min())
         _own_patches(state)
@@ -182,7 +181,7 @@ class Implicit:
             path = self.schedule.path(state.time, until)
             reached = False
             try:
-                self._reach(until, watch, between)
+                self._advance_to(until, watch, between)
                 reached = True
             finally:
                 # also after a guard or an interrupt: bodies are at the times they have reached
@@ -192,7 +191,7 @@ class Implicit:
             if self.near is not None:
                 self.near.check(self.memory[:, step_memory.PATH])
 
-    def _reach(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
+    def _advance_to(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
@@ -237,7 +236,7 @@ class Implicit:
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
                 body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, H=slots.H, R=slots.R, M=s.M,
-                pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.ahead,
+                pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag,
                 n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, stored=physics.stored,
                 width=loaded_contact.MEMORY + physics.contact_memory, has_effects=int(physics.has_effects), law=self._law,
                 effects=self._effects, observe=self._observe, patch=s.patch, settings=self.settings, totals=self.totals,

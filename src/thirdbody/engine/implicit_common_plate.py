@@ -68,7 +68,7 @@ class ImplicitCommonPlate(Implicit):
 
     def trial(self, bodies: int, until: float) -> None:
         """As in `Implicit`, but always for all bodies."""
-        self._reach(until, lambda: None, lambda: None)
+        self._advance_to(until, lambda: None, lambda: None)
 
     def start(self) -> None:
         """As `Implicit.start`."""
@@ -85,7 +85,7 @@ class ImplicitCommonPlate(Implicit):
         super().restore(arrays, notes)
         self.plate[:], self.plate_memory[:] = arrays["plate"], arrays["plate_memory"]
 
-    def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+    def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         while self.totals[0, run_totals.TIME] < until:
             self._step(until)
             self._refuse_stopped()

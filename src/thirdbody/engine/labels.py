@@ -6,7 +6,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.kernels.columns import loaded_contact, observed_body
 
 
-def labels(state: State, drag: tuple[float, float]) -> Array:
+def labels(state: State, drag: Array) -> Array:
     """Return one row per body: state, reason, margins and extras (columns named by the labeller).
 
     The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate.

@@ -90,15 +90,15 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 def grid(state: State, skin: float) -> passes.Grid:
     """Return the grid for a search of all spheres."""
     columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # ten times faster in numpy than short rows
-    reach = 2.0 * float(columns[sphere.RADIUS].max()) + skin
+    cell = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
-    low, length = lowest - 0.5 * reach, highest - lowest + reach
+    low, length = lowest - 0.5 * cell, highest - lowest + cell
     periodic = np.array([state.D[domain.LENGTH_X] > 0.0, state.D[domain.LENGTH_Y] > 0.0])
     for axis in (0, 1):
         if periodic[axis]:
             low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
     # bounded number of cells along each axis: an escaping body must not inflate the grid
-    count = np.clip((length / reach).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
+    count = np.clip((length / cell).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
     lengths = (max(float(state.D[axis]), 0.0) for axis in (domain.LENGTH_X, domain.LENGTH_Y))
     return passes.Grid(low, length / count, count, periodic, *lengths)
 

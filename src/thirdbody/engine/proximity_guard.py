@@ -46,8 +46,8 @@ class ProximityGuard:
             if length > 0.0:
                 now[:, axis] -= length * np.rint(now[:, axis] / length)
         # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
-        reach = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
-        return _apart(now, moved[own], moved[partner]) - reach
+        touch = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
+        return _apart(now, moved[own], moved[partner]) - touch
 
     def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
         """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]."""

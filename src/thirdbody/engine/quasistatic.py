@@ -26,7 +26,7 @@ ACCEPTED = 1e-9
 NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
 NEUTRAL = 1e-10
 """Stiffness over the largest stiffness below which a motion counts as free."""
-REACH = 0.5
+OVERLAP_GROWTH = 0.5
 """Largest change of an overlap in one Newton step over the largest overlap: Hertz' force is strongly nonlinear."""
 
 
@@ -312,8 +312,8 @@ class QuasiStatic:
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         """Backtrack from the full step to the first point with a smaller residual."""
         change = np.abs(self.rows @ step).max(axis=1)
-        reach = REACH * max(float(trial.overlap.max()), 0.0)
-        part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
+        growth = OVERLAP_GROWTH * max(float(trial.overlap.max()), 0.0)
+        part = min(1.0, growth / change[0]) if change[0] > 0.0 and growth > 0.0 else 1.0
         size = float(np.linalg.norm(trial.force))
         for _ in range(HALVINGS):
             tried = self.trial(trial.y + part * step, plate)
@@ -323,17 +323,17 @@ class QuasiStatic:
         return None
 
     def longest_part(self, trial: Trial, step: NDArray) -> float:
-        """Return the fraction, at most 1, of a Newton step for which overlap changes respect `REACH`.
+        """Return the fraction, at most 1, of a Newton step for which overlap changes respect `OVERLAP_GROWTH`.
 
         A spot that is open, or opens, counts only while it is loaded. For steps whose rotation is bounded otherwise: `_search`
         counts all spots, since it would otherwise reach equilibria far beyond linear kinematics.
         """
-        reach = REACH * float(trial.overlap.max())
-        if reach <= 0.0:
+        growth = OVERLAP_GROWTH * float(trial.overlap.max())
+        if growth <= 0.0:
             return 1.0
         change = self.rows[0] @ step
-        counted = np.where((change < 0.0) & (trial.overlap <= reach), 0.0, np.abs(change))
-        allowed = reach + np.maximum(-trial.overlap, 0.0)
+        counted = np.where((change < 0.0) & (trial.overlap <= growth), 0.0, np.abs(change))
+        allowed = growth + np.maximum(-trial.overlap, 0.0)
         return float(np.min(allowed / np.maximum(counted, allowed)))
 
     def _free(self, trial: Trial, plate: Array) -> tuple[int, Array]:

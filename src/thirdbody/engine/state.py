@@ -311,8 +311,8 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     B[:, body.MASS] = placed.densities * volume
     E[:, body_extra.INERTIA3] = placed.densities[:, None] * inertia
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
-    E[:, body_extra.REACH] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
-    ball = (E[:, body_extra.REACH] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
+    E[:, body_extra.LONGEST_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
+    ball = (E[:, body_extra.LONGEST_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
     B[:, body.SPHERE_INERTIA] = np.where(ball, E[:, body_extra.INERTIA], 0.0)
     B[:, body.SPIN3] = placed.angular_velocities
     E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)

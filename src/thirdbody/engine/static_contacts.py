@@ -69,12 +69,14 @@ class Contacts:
     def evaluate(self, overlap: Array, slip: Array, memory: Array) -> Answer:
         """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""
         count = law_output.HISTORY + len(self.chain.history)
-        out = self._call(self.chain.law, count, overlap, slip, memory)
-        tangential = np.stack([out[law_output.TANGENTIAL_X], out[law_output.TANGENTIAL_Y]], axis=1)
+        outputs = self._call(self.chain.law, count, overlap, slip, memory)
+        tangential = np.stack([outputs[law_output.TANGENTIAL_X], outputs[law_output.TANGENTIAL_Y]], axis=1)
         limit, critical, slid, radius = (
-            out[k] for k in (law_output.FRICTION_LIMIT, law_output.CRITICAL_SLIP, law_output.SLIP, law_output.CONTACT_RADIUS)
+            outputs[k] for k in (law_output.FRICTION_LIMIT, law_output.CRITICAL_SLIP, law_output.SLIP, law_output.CONTACT_RADIUS)
         )
-        return Answer(out[law_output.NORMAL_FORCE], tangential, limit, critical, slid, radius, out[law_output.HISTORY :].T)
+        return Answer(
+            outputs[law_output.NORMAL_FORCE], tangential, limit, critical, slid, radius, outputs[law_output.HISTORY :].T
+        )
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """Return (7, n) [N/m]: dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; 0 for open contacts."""

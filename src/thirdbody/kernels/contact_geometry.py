@@ -216,8 +216,8 @@ def pair_geometry(n, dt, box, tile):
         m_i, m_j = I[q + law_input.MASS * TILE], G[q + geometry.PARTNER_MASS * TILE]
         distance = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / max(distance, 1e-300)
-        reach = r_i + r_j
-        overlap = reach - distance
+        radii = r_i + r_j
+        overlap = radii - distance
         p_x = x - half * G[q + geometry.MID_VELOCITY * TILE]
         p_y = y - half * G[q + (geometry.MID_VELOCITY + 1) * TILE]
         p_z = z - half * G[q + (geometry.MID_VELOCITY + 2) * TILE]
@@ -230,7 +230,7 @@ def pair_geometry(n, dt, box, tile):
         G[q + (geometry.MID_NORMAL + 2) * TILE] = p_z * back
         G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r_i - 0.5 * overlap, r_j - 0.5 * overlap
         I[q + law_input.OVERLAP * TILE] = overlap
-        I[q + law_input.RADIUS * TILE] = r_i * r_j / reach
+        I[q + law_input.RADIUS * TILE] = r_i * r_j / radii
         I[q + law_input.MASS * TILE] = m_i * m_j / (m_i + m_j)
 
 

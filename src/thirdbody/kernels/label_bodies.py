@@ -13,7 +13,7 @@ from thirdbody.kernels.signatures import LABEL, OBSERVE
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")
-OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 5 + (types.UniTuple(types.float64, 2), types.int64, types.int64), Observed)
+OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 5 + (_F1, types.int64, types.int64), Observed)
 LABEL_BODIES = types.void(OBSERVED, _F1, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2)
 
 
@@ -33,16 +33,16 @@ def compact_loaded(C, n):
 
 
 @njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
-def label_bodies(context, A, observe, label, out, O, table):  # noqa: E741
+def label_bodies(context, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
-    `context`: with a copy of the labeller's memory. Scratch: O (observed_body.WIDTH,), table (largest number of contacts of a
-    body, width).
+    `context`: with a copy of the labeller's memory. Scratch: `observed` (observed_body.WIDTH,) and `table` (largest
+    number of contacts of a body, width).
     """
     for b in range(context.B.shape[0]):
         n = body_contacts(b, context, table)
-        body_row(b, context, A, O)
+        body_row(b, context, A, observed)
         if A[run_totals.ELAPSED] > 0.0:
-            observe(table[:n], n, O, context.M[b])
+            observe(table[:n], n, observed, context.M[b])
         n = compact_loaded(table, n)
-        label(table[:n], n, O, context.M[b], out[b])
+        label(table[:n], n, observed, context.M[b], out[b])

@@ -25,7 +25,7 @@ class Observed(NamedTuple):
     H: np.ndarray
     R: np.ndarray
     M: np.ndarray
-    drag: np.ndarray | tuple[float, float]
+    drag: np.ndarray
     n_history: int
     width: int
 
@@ -66,28 +66,28 @@ def contact_row(C, n, k, second, context):
 
 
 @njit(**BARE)
-def body_row(b, context, A, O):  # noqa: E741
-    """Fill O with the state and the surroundings of body b. A: totals of the run, or of the body (`run_totals`)."""
+def body_row(b, context, A, observed):
+    """Fill the row `observed` with the state and the surroundings of body b. A: totals of the run, or of the body."""
     B, E, drag = context.B, context.E, context.drag
-    O[observed_body.MASS] = B[b, body.MASS]
+    observed[observed_body.MASS] = B[b, body.MASS]
     for k in range(3):
-        O[observed_body.POSITION + k] = B[b, body.POSITION + k]
-        O[observed_body.VELOCITY + k] = B[b, body.VELOCITY + k]
-        O[observed_body.SPIN + k] = B[b, body.SPIN + k]
-        O[observed_body.FORCE + k], O[observed_body.TORQUE + k] = B[b, body.FORCE + k], B[b, body.TORQUE + k]
-        O[observed_body.EFFECT_FORCE + k], O[observed_body.EFFECT_TORQUE + k] = (
+        observed[observed_body.POSITION + k] = B[b, body.POSITION + k]
+        observed[observed_body.VELOCITY + k] = B[b, body.VELOCITY + k]
+        observed[observed_body.SPIN + k] = B[b, body.SPIN + k]
+        observed[observed_body.FORCE + k], observed[observed_body.TORQUE + k] = B[b, body.FORCE + k], B[b, body.TORQUE + k]
+        observed[observed_body.EFFECT_FORCE + k], observed[observed_body.EFFECT_TORQUE + k] = (
             (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
         )
     for k in range(4):
-        O[observed_body.QUATERNION + k] = B[b, body.QUATERNION + k]
-    O[observed_body.ELAPSED] = A[run_totals.ELAPSED]
-    O[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
-    O[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]
+        observed[observed_body.QUATERNION + k] = B[b, body.QUATERNION + k]
+    observed[observed_body.ELAPSED] = A[run_totals.ELAPSED]
+    observed[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
+    observed[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]
     moved = A[run_totals.HEADING] != 0.0 or A[run_totals.HEADING + 1] != 0.0
     # the planned direction until the plates have moved; then that of their last motion, which a stroke reverses
-    O[observed_body.DRAG] = A[run_totals.HEADING] if moved else drag[0]
-    O[observed_body.DRAG + 1] = A[run_totals.HEADING + 1] if moved else drag[1]
-    O[observed_body.PLATE_SPEED] = A[run_totals.PLATE_SPEED]
+    observed[observed_body.DRAG] = A[run_totals.HEADING] if moved else drag[0]
+    observed[observed_body.DRAG + 1] = A[run_totals.HEADING + 1] if moved else drag[1]
+    observed[observed_body.PLATE_SPEED] = A[run_totals.PLATE_SPEED]
 
 
 @njit(**BARE)
@@ -103,11 +103,11 @@ def body_contacts(b, context, C):
 
 
 @njit(**BARE)
-def update_body_memory(b, context, A, observe, O, C):  # noqa: E741
-    """Update the labeller's memory of body b and of its contacts by an observation. O and C are scratch."""
+def update_body_memory(b, context, A, observe, observed, C):
+    """Update the labeller's memory of body b and of its contacts by an observation. `observed` and C are scratch."""
     result = body_contacts(b, context, C)
-    body_row(b, context, A, O)
-    observe(C[:result], result, O, context.M[b])
+    body_row(b, context, A, observed)
+    observe(C[:result], result, observed, context.M[b])
     n = 0
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
@@ -119,7 +119,7 @@ def update_body_memory(b, context, A, observe, O, C):  # noqa: E741
 
 
 @njit(**BARE)
-def update_memory(c, context, observe, O, C):  # noqa: E741
-    """Update the labeller's memory of the bodies of chunk c. O and C are scratch."""
+def update_memory(c, context, observe, observed, C):
+    """Update the labeller's memory of the bodies of chunk c. `observed` and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, context.B.shape[0])):
-        update_body_memory(b, context, context.A, observe, O, C)
+        update_body_memory(b, context, context.A, observe, observed, C)

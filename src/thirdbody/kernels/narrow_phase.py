@@ -28,12 +28,12 @@ def overlap_and_normal(k, context, box):
     d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
     d_z = S[i, sphere.Z] - S[j, sphere.Z]
     square = d_x * d_x + d_y * d_y + d_z * d_z
-    reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
-    if square >= (reach + box.reach) * (reach + box.reach):
+    radii = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
+    if square >= (radii + box.reach) * (radii + box.reach):
         return -1.0, 0.0, 0.0, 0.0
     d = math.sqrt(square)
     inverse = 1.0 / max(d, 1e-300)
-    return reach - d, d_x * inverse, d_y * inverse, d_z * inverse
+    return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
 
 
 @njit(**BARE)
@@ -59,14 +59,14 @@ def four_overlaps(k, context, box):
     a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
     x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
     x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
-    d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j + broadcast(box.reach)
+    d_x, d_y, d_z, limit = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j + broadcast(box.reach)
     d_x, d_y = images(d_x, box.length_x, box.inverse_x), images(d_y, box.length_y, box.inverse_y)
-    return reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
+    return limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
 def pair_overlaps(first, last, context, box, g):
-    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
+    """Compute limit^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
     own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
@@ -75,8 +75,8 @@ def pair_overlaps(first, last, context, box, g):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
-        g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
+        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
+        g[k - first] = limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)

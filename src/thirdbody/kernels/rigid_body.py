@@ -194,6 +194,6 @@ def largest_displacement(X0, B, E):
         for k in range(4):
             same += B[b, body.QUATERNION + k] * X0[b, search_pose.QUATERNION + k]
         # a point at the end of the arm moves by the chord: twice the arm times the sine of half the angle
-        chord = 2.0 * E[b, body_extra.REACH] * math.sqrt(max(1.0 - same * same, 0.0))
+        chord = 2.0 * E[b, body_extra.LONGEST_ARM] * math.sqrt(max(1.0 - same * same, 0.0))
         largest = max(largest, math.sqrt(x * x + y * y + z * z) + chord)
     return largest

@@ -35,7 +35,7 @@ KINDS: Kinds = {
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
-    "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
+    "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "width", "has_effects"), _I),
     **dict.fromkeys(("stride", "labels", "law", "effects", "observe", "work"), _I),

@@ -8,8 +8,8 @@ from thirdbody.kernels.columns.tile import TILE
 
 
 @njit(**CHUNK)
-def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
-    """Copy the row of P (`width` numbers) of each contact's pair type to its element in U, stride TILE.
+def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
+    """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE.
 
     The types are compared first: mostly all contacts are of one type.
     """
@@ -18,11 +18,11 @@ def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first
     if alike:
         for f in range(width):
-            value = P[int(first) * width + f]
+            value = pairs[int(first) * width + f]
             for q in range(n_contacts):
                 U[f * TILE + q] = value
     else:
         for q in range(n_contacts):
             o = int(I[q + law_input.PAIR_TYPE * TILE]) * width
             for f in range(width):
-                U[f * TILE + q] = P[o + f]
+                U[f * TILE + q] = pairs[o + f]

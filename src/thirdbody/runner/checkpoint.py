@@ -68,7 +68,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
             state.bodies.position,
             state.B[:, body.VELOCITY : body.MASS + 1],
             state.bodies.quaternion,
-            state.E[:, body_extra.REACH : body_extra.INERTIA + 3],
+            state.E[:, body_extra.LONGEST_ARM : body_extra.INERTIA + 3],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],

@@ -22,7 +22,7 @@ PROBE = 2.0
 FINISH = 3.0
 """Time on one core after the last variant: reading the runs, the table, the picture and the JSON [s]."""
 
-SHORT, LONG, TWICE = 0.3, 2.0, 5.0
+SHORT, LONG, ONLY_TWO = 0.3, 2.0, 5.0
 """Limits of run times [s] for many repeats, for timing runs that write frames, and for two repeats.
 
 Shorter runs than the first have many repeats; from the second on a run is timed while it also writes its frames, which do not
@@ -37,7 +37,7 @@ def repeats_of(seconds: float, wished: int) -> int:
     """Return the number of timings of a variant of this duration; 0 and 1 stay."""
     if wished < 2:
         return wished
-    if seconds > TWICE:
+    if seconds > ONLY_TWO:
         return 2
     return max(wished, MANY) if seconds < SHORT else wished
 

@@ -15,7 +15,7 @@ from thirdbody.trajectory.schema import Frame
 class FrameMaker:
     """Builder of frames; holds the impulses of the previous frame for means over the output interval."""
 
-    def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float]) -> None:
+    def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray) -> None:
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self.interval = 0.0  # since the previous frame [s]

@@ -153,15 +153,18 @@ def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool
     if abs(change) > max(margin, small):
         return False, f"still {'rising' if change > 0.0 else 'falling'} by {_size(abs(change), mean)} {over}"
     if margin > max(UNCLEAR * abs(mean), SMALL):
-        return None, f"not clear whether stationary: its scatter hides changes up to {_size(margin, mean)} {over}"
+        return None, f"stationary or not: its scatter hides changes of up to {_size(margin, mean)} {over}"
     if abs(change) > small:
-        return True, f"stationary within its scatter ({_size(abs(change), mean)} {over})"
+        return True, f"stationary within its scatter: changes by {_size(abs(change), mean)} {over}"
     return True, f"stationary: changes by {_size(abs(change), mean)} {over}"
 
 
 def _size(change: float, mean: float) -> str:
-    """Return a change in percent of the mean; as a number where the mean is nearly zero."""
-    return percent(change / abs(mean)).replace(GLUE, " ") if abs(mean) > 10.0 * SMALL else f"{change:.2g}"
+    """Return a change in percent of the mean, a number where the mean is nearly zero; below SMALL only that."""
+    if abs(mean) <= 10.0 * SMALL:
+        return f"{change:.2g}" if change >= SMALL else f"less than {SMALL:g}"
+    fraction = percent(max(change / abs(mean), SMALL)).replace(GLUE, " ")
+    return fraction if change >= SMALL * abs(mean) else f"less than {fraction}"
 
 
 def friction_cycles(run: Run) -> dict[str, np.ndarray]:

@@ -15,8 +15,8 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     Successive values are correlated, so the error is sqrt(2 tau s^2/n) with the integrated autocorrelation time tau = 1/2 + sum
     rho(k), summed to a self-consistent window W = 5 tau (Madras and Sokal 1988, J. Stat. Phys. 50, 109, appendix C). The factor 1
     + (2 W + 1)/n corrects the bias due to the estimated mean (Wolff 2004, Comput. Phys. Commun. 156, 143); anticorrelation is not
-    credited (tau >= 1/2). Non-finite values are ignored. The mean is NaN without values; the error is NaN with fewer than LEAST
-    independent values.
+    credited (tau >= 1/2). Non-finite values are ignored. The mean is NaN without values; the error is NaN with fewer than
+    MIN_SAMPLES independent values.
     """
     values = values[np.isfinite(values)]
     n = len(values)
@@ -50,6 +50,7 @@ def change_and_error(values: np.ndarray) -> tuple[float, float]:
     """Return the change of a series (n,), n >= 4, over its length by a linear fit, and its half width at 99 %.
 
     Least squares with Student's t; residuals are correlated, so their number is divided by 2 tau, tau as in `mean_and_error`.
+    Of fewer than MIN_SAMPLES values tau cannot be estimated: they count as independent, as those of cycles nearly are.
     """
     from scipy.special import stdtrit
 
@@ -60,8 +61,10 @@ def change_and_error(values: np.ndarray) -> tuple[float, float]:
     squares = float(deviations @ deviations)
     if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # a straight line but for rounding
         return slope, 0.0
-    tau, window = _autocorrelation_time(deviations, squares / n)
-    tau *= 1.0 + (2.0 * window + 1.0) / n
+    tau = 0.5
+    if n >= MIN_SAMPLES:
+        tau, window = _autocorrelation_time(deviations, squares / n)
+        tau *= 1.0 + (2.0 * window + 1.0) / n
     freedom = max(n / (2.0 * tau) - 2.0, 1.0)
     error = float(np.sqrt(2.0 * tau * squares / ((n - 2) * float(x @ x))))
     return slope, float(stdtrit(freedom, 0.995)) * error

@@ -7,7 +7,7 @@ table = Table("E", "a body")
 ANGULAR_MOMENTUM, ANGULAR_MOMENTUM3 = table.vector(
     "angular_momentum", 3, "kg m2/s", "world axes: as the velocity, but of a single sphere where output needs it"
 )
-REACH = table.scalar("reach", "m", "distance of the farthest centre of a sphere from the centre of mass")
+LONGEST_ARM = table.scalar("longest_arm", "m", "distance of the farthest centre of a sphere from the centre of mass")
 INERTIA, INERTIA3 = table.vector("inertia", 3, "kg m2", "principal moments of inertia")
 UPPER_PUSH = table.scalar("upper_push", "N", "force of the upper plate on the body, upwards; a patch feels it")
 WIDTH_WITHOUT_EFFECTS = table.width

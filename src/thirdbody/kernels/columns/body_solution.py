@@ -2,7 +2,7 @@
 
 from thirdbody.kernels.columns.table import Table
 
-table = Table("diagnostics", "a body")
+table = Table("solutions", "a body")
 
 SOLVED = table.scalar("solved", "", "1: its equilibrium was found")
 PUSH = table.scalar("push", "N", "force on the plate, upwards")

@@ -2,12 +2,12 @@
 
 from thirdbody.kernels.columns.table import Table
 
-table = Table("rows", "a contact")
+table = Table("stiffnesses", "a contact")
 
 NORMAL, NORMAL3 = table.vector("normal", 3, "", "unit normal from partner to owner")
 table.skip(1)
 STIFFNESS, STIFFNESS3 = table.vector("stiffness", 3, "N/m, N m", "k_n - k_t, k_t, k_r")
-TWICE = table.scalar("twice", "", "2 if the partner moves, too")
+COUNT = table.scalar("count", "", "how often it counts in the bound: 2 if the partner moves, too, else 1")
 DAMPING, DAMPING3 = table.vector("damping", 3, "N s/m, N m s", "the same of the dashpots")
 PATCH = table.scalar("patch", "", "the patch that it presses; -1: none")
 WIDTH = table.width

@@ -7,7 +7,7 @@ scenes have; then the rotation matrix and the longest path.
 from thirdbody.kernels.columns import body, body_extra, sphere
 from thirdbody.kernels.columns.table import Table
 
-table = Table("Z", "a chunk of bodies")
+table = Table("scratch", "a chunk of bodies")
 
 table.skip(body.WIDTH)
 MID_SPIN, MID_SPIN3 = table.vector("mid_spin", 3, "rad/s", "angular velocity in the middle of the step", at=sphere.MID_SPIN)
@@ -16,7 +16,7 @@ END_SPIN, END_SPIN3 = table.vector("end_spin", 3, "rad/s", "predicted for its en
 ANGULAR_MOMENTUM, ANGULAR_MOMENTUM3 = table.vector(
     "angular_momentum", 3, "kg m2/s", "angular momentum, world axes", at=body.WIDTH + body_extra.ANGULAR_MOMENTUM
 )
-REACH = table.scalar("reach", "m", "of the farthest sphere", at=body.WIDTH + body_extra.REACH)
+LONGEST_ARM = table.scalar("longest_arm", "m", "of the farthest sphere", at=body.WIDTH + body_extra.LONGEST_ARM)
 INERTIA, INERTIA3 = table.vector("inertia", 3, "kg m2", "principal moments", at=body.WIDTH + body_extra.INERTIA)
 table.skip(1)
 MATRIX, MATRIX9 = table.vector("matrix", 9, "", "rotation matrix, body to world, row by row")

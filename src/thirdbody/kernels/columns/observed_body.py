@@ -2,7 +2,7 @@
 
 from thirdbody.kernels.columns.table import Table
 
-table = Table("O", "a body")
+table = Table("observed", "a body")
 
 MASS = table.scalar("mass", "kg", "mass")
 POSITION, POSITION3 = table.vector("position", 3, "m", "centre of mass")

@@ -350,7 +350,7 @@ def contact_forces(group, side, part, context, step, law):
     """
     c, flat, box, cuts = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
-    (tile, gaps), marks = split_scratch(context.room[part], context.n_history), context.marks[part]
+    (tile, gaps), marks = split_scratch(context.scratch[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     if flat:
         plate_overlaps(first, last, context, box, gaps)

@@ -83,12 +83,12 @@ class Scratch(NamedTuple):
     """Of the law's stiffness: a tile of `law_input`."""
     outputs: Array
     """k_n, k_t, k_r, c_n, c_t, c_r of a tile."""
-    rows: Array
+    stiffnesses: Array
     """`contact_stiffness`"""
     near: Array
     """List of candidates."""
     row_of: Array
-    """Row of each candidate in `rows`, or -1."""
+    """Row of each candidate in `stiffnesses`, or -1."""
     minimum: Array
     """Lower bounds of the steps of each body."""
     matrices: Array
@@ -129,17 +129,17 @@ def approach(i, j, normal, context, time):
 @njit(**BARE)
 def store_stiffness(m, first, P, scratch, patches):
     """Write the stiffness of a tile of m contacts into rows from `first` on; add it to that of the patches."""
-    outputs, rows = scratch.outputs, scratch.rows
+    outputs, stiffnesses = scratch.outputs, scratch.stiffnesses
     for t in range(m):
         r = first + t
         k_n, k_t, k_r = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE]
         c_n, c_t, c_r = outputs[t + 3 * TILE], outputs[t + 4 * TILE], outputs[t + 5 * TILE]
-        twice, p = rows[r, contact_stiffness.TWICE], np.int64(rows[r, contact_stiffness.PATCH])
+        count, p = stiffnesses[r, contact_stiffness.COUNT], np.int64(stiffnesses[r, contact_stiffness.PATCH])
         if p >= 0:
             patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
             patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
-        store(rows, r, np.int64(contact_stiffness.STIFFNESS), broadcast(twice) * set4(k_n - k_t, k_t, k_r, 0.0))
-        store(rows, r, np.int64(contact_stiffness.DAMPING), broadcast(twice) * set4(c_n - c_t, c_t, c_r, 0.0))
+        store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), broadcast(count) * set4(k_n - k_t, k_t, k_r, 0.0))
+        store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), broadcast(count) * set4(c_n - c_t, c_t, c_r, 0.0))
 
 
 @njit(**BARE_CHUNK)
@@ -154,16 +154,16 @@ def active_candidates(context, scratch):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
+        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
         near[m], row_of[k] = k, -1
-        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < reach * reach)
+        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < limit * limit)
     return m
 
 
 @njit(**BARE)
 def find_contacts(n, context, horizon, stiffness, patches, scratch):
     """Fill rows of those of the first n candidates in `scratch.near` that are within reach or will be within the horizon."""
-    S, P, inputs, rows, box = context.S, context.P, scratch.inputs, scratch.rows, box_of(context.D)
+    S, P, inputs, stiffnesses, box = context.S, context.P, scratch.inputs, scratch.stiffnesses, box_of(context.D)
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = scratch.near[e]
@@ -172,28 +172,28 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
         deeper = approach(i, j, (n_x, n_y, n_z), context, horizon.time)
         overlap = max(overlap, min(overlap + deeper, horizon.limit * S[i, sphere.RADIUS]))
         if overlap > -box.reach:
-            radius, mass, twice, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
+            radius, mass, count, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
             if is_sphere(j):
                 radius, mass = (
                     radius * S[j, sphere.RADIUS] / (radius + S[j, sphere.RADIUS]),
                     mass * S[j, sphere.MASS] / (mass + S[j, sphere.MASS]),
                 )
-                twice = 2.0
+                count = 2.0
             else:
                 radius = first_body.effective_radius(radius, first_body.curvature(j, first_body.centre(i, S), P))
                 if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
-                    twice, pressed = 2.0, float(patch_of_partner(j))
+                    count, pressed = 2.0, float(patch_of_partner(j))
             inputs[m + law_input.OVERLAP * TILE] = overlap
             inputs[m + law_input.RADIUS * TILE] = radius
             inputs[m + law_input.MASS * TILE] = mass
             inputs[m + law_input.PAIR_TYPE * TILE], inputs[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
             r = first + m
             scratch.row_of[k] = r
-            rows[r, contact_stiffness.NORMAL] = n_x
-            rows[r, contact_stiffness.NORMAL + 1] = n_y
-            rows[r, contact_stiffness.NORMAL + 2] = n_z
-            rows[r, contact_stiffness.NORMAL + 3] = 0.0
-            rows[r, contact_stiffness.TWICE], rows[r, contact_stiffness.PATCH] = twice, pressed
+            stiffnesses[r, contact_stiffness.NORMAL] = n_x
+            stiffnesses[r, contact_stiffness.NORMAL + 1] = n_y
+            stiffnesses[r, contact_stiffness.NORMAL + 2] = n_z
+            stiffnesses[r, contact_stiffness.NORMAL + 3] = 0.0
+            stiffnesses[r, contact_stiffness.COUNT], stiffnesses[r, contact_stiffness.PATCH] = count, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
             stiffness(inputs, scratch.outputs, m, context.pairs)
@@ -206,7 +206,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
 def assemble(b, context, scratch):
     """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
-    row_of, near, rows = scratch.row_of, scratch.near, scratch.rows
+    row_of, near, stiffnesses = scratch.row_of, scratch.near, scratch.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
@@ -216,11 +216,13 @@ def assemble(b, context, scratch):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(row_of[k])
         g = contact_jacobian(
-            load(rows, r, np.int64(contact_stiffness.NORMAL)), arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0)
+            load(stiffnesses, r, np.int64(contact_stiffness.NORMAL)),
+            arm_to_sphere(i, S),
+            S[i, sphere.RADIUS] * (2.0 * back - 1.0),
         )
         K, C = (
-            add_stiffness(K, load(rows, r, np.int64(contact_stiffness.STIFFNESS)), g),
-            add_stiffness(C, load(rows, r, np.int64(contact_stiffness.DAMPING)), g),
+            add_stiffness(K, load(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS)), g),
+            add_stiffness(C, load(stiffnesses, r, np.int64(contact_stiffness.DAMPING)), g),
         )
     return K, C
 

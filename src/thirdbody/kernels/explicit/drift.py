@@ -31,15 +31,15 @@ from thirdbody.kernels.rotation import free_rotation, matrix, spin
 
 
 @njit(**BARE)
-def three(Z, at):
+def three(scratch, at):
     """Return three fields of an element, from `at` on: a sum, since a literal would be compiled once more."""
-    return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
+    return scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES]
 
 
 @njit(**BARE)
-def put_three(Z, at, x, y, z):
+def put_three(scratch, at, x, y, z):
     """Write three fields of an element of a chunk, the first of them at `at`."""
-    Z[at], Z[at + BODIES], Z[at + 2 * BODIES] = x, y, z
+    scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES] = x, y, z
 
 
 @njit(**BARE)
@@ -59,7 +59,7 @@ def half_kick(v, left, change, minimum):
 
 
 @njit(**BARE_CHUNK)
-def drift_tile(n, dt, left, Z):
+def drift_tile(n, dt, left, scratch):
     """Apply half kick and full drift to n bodies, after the last step's closing kick if pending (`left` 1).
 
     Also writes the longest path of a point of each body in this step. The loop contains no other loop: the compiler vectorises
@@ -67,37 +67,37 @@ def drift_tile(n, dt, left, Z):
     """
     half = 0.5 * dt
     for p in range(n):
-        kick = half / Z[p + body.MASS * BODIES]
-        f_x, f_y, f_z = three(Z, p + body.FORCE * BODIES)
+        kick = half / scratch[p + body.MASS * BODIES]
+        f_x, f_y, f_z = three(scratch, p + body.FORCE * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = half_kick(three(Z, p + body.VELOCITY * BODIES), left, change, NEGLIGIBLE_SPEED)
-        x, y, z = three(Z, p + body.POSITION * BODIES)
+        v_x, v_y, v_z = half_kick(three(scratch, p + body.VELOCITY * BODIES), left, change, NEGLIGIBLE_SPEED)
+        x, y, z = three(scratch, p + body.POSITION * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
-        t_x, t_y, t_z = three(Z, p + body.TORQUE * BODIES)
+        t_x, t_y, t_z = three(scratch, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
-        inertia = three(Z, p + drift_scratch.INERTIA * BODIES)
+        momentum = half_kick(three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
+        inertia = three(scratch, p + drift_scratch.INERTIA * BODIES)
         at = p + body.QUATERNION * BODIES
-        old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
+        old = (scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES], scratch[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
         end = momentum[0] + rotation[0], momentum[1] + rotation[1], momentum[2] + rotation[2]
-        arm = Z[p + drift_scratch.REACH * BODIES]
-        put_three(Z, p + body.POSITION * BODIES, x, y, z)
-        put_three(Z, p + body.VELOCITY * BODIES, v_x, v_y, v_z)
-        put_three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES, momentum[0], momentum[1], momentum[2])
-        Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
-        put_three(Z, p + drift_scratch.MID_SPIN * BODIES, w[0], w[1], w[2])
+        arm = scratch[p + drift_scratch.LONGEST_ARM * BODIES]
+        put_three(scratch, p + body.POSITION * BODIES, x, y, z)
+        put_three(scratch, p + body.VELOCITY * BODIES, v_x, v_y, v_z)
+        put_three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES, momentum[0], momentum[1], momentum[2])
+        scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES], scratch[at + 3 * BODIES] = new
+        put_three(scratch, p + drift_scratch.MID_SPIN * BODIES, w[0], w[1], w[2])
         w_end = spin(new, end, inertia)
-        put_three(Z, p + drift_scratch.END_SPIN * BODIES, w_end[0], w_end[1], w_end[2])
-        put_three(Z, p + drift_scratch.END_VELOCITY * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
+        put_three(scratch, p + drift_scratch.END_SPIN * BODIES, w_end[0], w_end[1], w_end[2])
+        put_three(scratch, p + drift_scratch.END_VELOCITY * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
         rotation = matrix(new[0], new[1], new[2], new[3])
-        put_three(Z, p + drift_scratch.MATRIX * BODIES, rotation[0], rotation[1], rotation[2])
-        put_three(Z, p + (drift_scratch.MATRIX + 3) * BODIES, rotation[3], rotation[4], rotation[5])
-        put_three(Z, p + (drift_scratch.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
+        put_three(scratch, p + drift_scratch.MATRIX * BODIES, rotation[0], rotation[1], rotation[2])
+        put_three(scratch, p + (drift_scratch.MATRIX + 3) * BODIES, rotation[3], rotation[4], rotation[5])
+        put_three(scratch, p + (drift_scratch.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
-        Z[p + drift_scratch.PATH * BODIES] = fast * dt
+        scratch[p + drift_scratch.PATH * BODIES] = fast * dt
 
 
 @njit(**BARE)
@@ -121,57 +121,57 @@ def reset_forces(b, B):
 
 
 @njit(**BARE)
-def gather_columns(at, k, b, B, Z):
+def gather_columns(at, k, b, B, scratch):
     """Copy columns k to k + 3 of four bodies into the elements from `at` on."""
     fields = transpose(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
-    put(Z, at, fields[0])
-    put(Z, at + BODIES, fields[1])
-    put(Z, at + 2 * BODIES, fields[2])
-    put(Z, at + 3 * BODIES, fields[3])
+    put(scratch, at, fields[0])
+    put(scratch, at + BODIES, fields[1])
+    put(scratch, at + 2 * BODIES, fields[2])
+    put(scratch, at + 3 * BODIES, fields[3])
 
 
 @njit(**BARE)
-def gather_bodies(p, listed, B, E, Z):
-    """Copy the four bodies staged[p:p + 4], none of a single sphere, into the elements from p on."""
+def gather_bodies(p, listed, B, E, scratch):
+    """Copy the four bodies listed[p:p + 4], none of a single sphere, into the elements from p on."""
     b = np.uint64(listed[p]), np.uint64(listed[p + 1]), np.uint64(listed[p + 2]), np.uint64(listed[p + 3])
     for k in range(body.POSITION, body.SPIN, 4):
-        gather_columns(p + k * BODIES, k, b, B, Z)
+        gather_columns(p + k * BODIES, k, b, B, scratch)
     for k in range(body.FORCE, body.WIDTH, 4):
-        gather_columns(p + k * BODIES, k, b, B, Z)
+        gather_columns(p + k * BODIES, k, b, B, scratch)
     for k in range(0, body_extra.WIDTH_WITHOUT_EFFECTS, 4):
-        gather_columns(p + (body.WIDTH + k) * BODIES, k, b, E, Z)
+        gather_columns(p + (body.WIDTH + k) * BODIES, k, b, E, scratch)
 
 
 @njit(**BARE)
-def scatter_body(p, b, Z, B, E):
+def scatter_body(p, b, scratch, B, E):
     """Copy the motion of body b back from element p of the chunk."""
     for k in range(3):
-        B[b, body.POSITION + k] = Z[p + (body.POSITION + k) * BODIES]
-        B[b, body.VELOCITY + k] = Z[p + (body.VELOCITY + k) * BODIES]
-        E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[p + (drift_scratch.ANGULAR_MOMENTUM + k) * BODIES]
+        B[b, body.POSITION + k] = scratch[p + (body.POSITION + k) * BODIES]
+        B[b, body.VELOCITY + k] = scratch[p + (body.VELOCITY + k) * BODIES]
+        E[b, body_extra.ANGULAR_MOMENTUM + k] = scratch[p + (drift_scratch.ANGULAR_MOMENTUM + k) * BODIES]
     for k in range(4):
-        B[b, body.QUATERNION + k] = Z[p + (body.QUATERNION + k) * BODIES]
+        B[b, body.QUATERNION + k] = scratch[p + (body.QUATERNION + k) * BODIES]
     reset_forces(b, B)
 
 
 @njit(**BARE)
-def place_spheres(p, b, context, step, Z):
+def place_spheres(p, b, context, step, scratch):
     """Place body b's spheres from element p of the chunk: those that can touch something (`near`), in recorded steps all."""
     start, beginning, everything = context.start, context.beginning, step.record
     rotation = columns(
         (
-            *three(Z, p + drift_scratch.MATRIX * BODIES),
-            *three(Z, p + (drift_scratch.MATRIX + 3) * BODIES),
-            *three(Z, p + (drift_scratch.MATRIX + 6) * BODIES),
+            *three(scratch, p + drift_scratch.MATRIX * BODIES),
+            *three(scratch, p + (drift_scratch.MATRIX + 3) * BODIES),
+            *three(scratch, p + (drift_scratch.MATRIX + 6) * BODIES),
         )
     )
     motion = BodyMotion(
-        vector(three(Z, p + body.POSITION * BODIES)),
+        vector(three(scratch, p + body.POSITION * BODIES)),
         rotation,
-        vector(three(Z, p + body.VELOCITY * BODIES)),
-        vector(three(Z, p + drift_scratch.MID_SPIN * BODIES)),
-        vector(three(Z, p + drift_scratch.END_VELOCITY * BODIES)),
-        vector(three(Z, p + drift_scratch.END_SPIN * BODIES)),
+        vector(three(scratch, p + body.VELOCITY * BODIES)),
+        vector(three(scratch, p + drift_scratch.MID_SPIN * BODIES)),
+        vector(three(scratch, p + drift_scratch.END_VELOCITY * BODIES)),
+        vector(three(scratch, p + drift_scratch.END_SPIN * BODIES)),
     )
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
@@ -191,8 +191,8 @@ def prefetch_body(b, start, S, B):
 
 
 @njit(**BARE_CHUNK)
-def drift_bodies(c, context, step, Z, listed):
-    """Drift the bodies of chunk c and place their spheres (`place_spheres`). Z, staged: scratch."""
+def drift_bodies(c, context, step, scratch, listed):
+    """Drift the bodies of chunk c and place their spheres (`place_spheres`). `listed`: numbers of those with several."""
     start, S, B, E, D, moves = context.start, context.S, context.B, context.E, context.D, context.moves
     extrema = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     balls, limits, n = empty_extrema(), limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
@@ -206,14 +206,14 @@ def drift_bodies(c, context, step, Z, listed):
     for p in range(n, n + -n % 4):
         listed[p] = listed[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
-        gather_bodies(np.int64(p), listed, B, E, Z)
-    drift_tile(n, step.dt, step.pending, Z)
+        gather_bodies(np.int64(p), listed, B, E, scratch)
+    drift_tile(n, step.dt, step.pending, scratch)
     for p in range(n):
         i = np.int64(listed[p])
-        scatter_body(p, i, Z, B, E)
-        distance = Z[p + drift_scratch.PATH * BODIES]
+        scatter_body(p, i, scratch, B, E)
+        distance = scratch[p + drift_scratch.PATH * BODIES]
         extrema = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, extrema)
-        place_spheres(p, i, context, step, Z)
+        place_spheres(p, i, context, step, scratch)
     longest, relative_distance, body_number, bad, out = extrema
     distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
     moves[c, chunk_motion.MAX_PATH] = max(distance, longest)

@@ -38,7 +38,7 @@ def drift_groups(task, group, alone, part, context, step):
         if moved[h] != step.number:
             moved[h] = step.number
             for c in range(h * GROUP, end_of(h, context)):
-                drift_bodies(c, context, step, context.room[part], context.marks[part])
+                drift_bodies(c, context, step, context.scratch[part], context.marks[part])
                 cuts = context.cuts
                 reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, context.E)
 
@@ -47,7 +47,7 @@ def drift_groups(task, group, alone, part, context, step):
 def observe_group(group, part, context, observe):
     """Let the labeller observe the bodies of a group."""
     for c in range(group * GROUP, end_of(group, context)):
-        update_memory(c, context, observe, context.room[part], context.rows[part])
+        update_memory(c, context, observe, context.scratch[part], context.rows[part])
 
 
 @njit(WORK, **POINTED, **NO_COUNTS)

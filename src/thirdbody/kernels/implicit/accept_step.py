@@ -127,13 +127,13 @@ def elastic_energy(b, context):
 
 
 @njit(**BARE)
-def add_impulses(W, sums, old, dt):
+def add_impulses(A, sums, old, dt):
     """Add the impulses on both plates, with weight `old` of the last forces; store the new forces."""
     for k in range(3):
         upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
-        W[run_totals.UPPER_IMPULSE + k] += dt * (old * W[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
-        W[run_totals.LOWER_IMPULSE + k] += dt * (old * W[run_totals.LOWER_FORCE + k] + (1.0 - old) * lower)
-        W[run_totals.UPPER_FORCE + k], W[run_totals.LOWER_FORCE + k] = upper, lower
+        A[run_totals.UPPER_IMPULSE + k] += dt * (old * A[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
+        A[run_totals.LOWER_IMPULSE + k] += dt * (old * A[run_totals.LOWER_FORCE + k] + (1.0 - old) * lower)
+        A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = upper, lower
 
 
 @njit(**BARE)
@@ -172,14 +172,14 @@ def update_ledger(context, active, motion, gained, common, space):
     end, as does friction (`commit`); the difference from the work of the method is added to the numerical loss. With a `common`
     plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy.
     """
-    p, Z, T, W, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
+    p, Z, T, A, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
     sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     contacts, effects, pushed, before, after = body_works(context, active, y, dt)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
-    plate = (1.0 - old) * drag - old * (W[run_totals.UPPER_FORCE] * motion.v_x + W[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
+    plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
     lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = space.diagnostics[step_contacts.DASHPOT_POWER] * dt, plate - drag
     if P[p, patch.FREE] != 0.0:
@@ -200,18 +200,18 @@ def update_ledger(context, active, motion, gained, common, space):
         after += 0.5 * P[p, patch.MASS] * patch_velocity * patch_velocity
         lost += 0.5 * P[p, patch.SPRING] * stretched * stretched
     elif not common:
-        stored = (1.0 - old) * lift - old * W[run_totals.UPPER_FORCE + 2] * y[6]
+        stored = (1.0 - old) * lift - old * A[run_totals.UPPER_FORCE + 2] * y[6]
         plate += stored
         lost += stored - lift
     friction = sums[0, contact_sums.FRICTION_WORK]
     laws = drag + lift - contacts - gained - friction - space.diagnostics[step_contacts.DASHPOT_POWER] * dt
-    W[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost
-    W[run_totals.FRICTION_WORK] += friction
-    W[run_totals.DAMPING_WORK] += damped
-    W[run_totals.EFFECT_WORK] += effects
-    W[run_totals.PLATE_WORK] += plate
-    W[run_totals.PLATE_WORK_SIZE] += abs(plate)
-    add_impulses(W, sums, old, dt)
+    A[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost
+    A[run_totals.FRICTION_WORK] += friction
+    A[run_totals.DAMPING_WORK] += damped
+    A[run_totals.EFFECT_WORK] += effects
+    A[run_totals.PLATE_WORK] += plate
+    A[run_totals.PLATE_WORK_SIZE] += abs(plate)
+    add_impulses(A, sums, old, dt)
 
 
 @njit(**BARE)

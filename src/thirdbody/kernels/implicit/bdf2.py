@@ -76,10 +76,10 @@ def set_load(context, active, dt):
 
 
 @njit(**BARE)
-def update_labeller(b, context, W, space):
-    """Update the labeller's memory of body b after its step; W: its totals."""
-    update_body_memory(b, context, W, observe_at(context.observe), space.observed, space.rows)
-    W[run_totals.ELAPSED], W[run_totals.SHIFT_X], W[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
+def update_labeller(b, context, A, space):
+    """Update the labeller's memory of body b after its step; A: its totals."""
+    update_body_memory(b, context, A, observe_at(context.observe), space.observed, space.rows)
+    A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
 @njit(**BARE)
@@ -94,14 +94,14 @@ def error_of(context, active, m, converged, motion, space):
 @njit(**BARE_CHUNK)
 def step(context, active, until, space):
     """Make one step of the body, shortened until it is accepted; set its code if it has to stop."""
-    b, T, W, V = active.number, active.memory, active.totals, context.settings
+    b, T, A, V = active.number, active.memory, active.totals, context.settings
     save_start(context, active)
     initial_overlaps(b, context, space.before)
-    time = W[run_totals.TIME]
+    time = A[run_totals.TIME]
     end = next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
-        W[run_totals.TIME], T[step_memory.LAST_DT] = end, 0.0
+        A[run_totals.TIME], T[step_memory.LAST_DT] = end, 0.0
         return
     (dt, limit), cuts = next_length(T, time, context, end), 0
     while True:
@@ -127,14 +127,14 @@ def step(context, active, until, space):
             reject_step(context, active, space.y)
             return
     accept_step(context, active, m, motion, False, space)
-    advance_clock(W, motion, end, whole)
+    advance_clock(A, motion, end, whole)
     if whole and is_breakpoint(time, context, end):
         T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
-    count_step(T, W, dt, cuts)
+    count_step(T, A, dt, cuts)
     T[step_memory.LIMITED + limit] += 1.0
     set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= EASY, cuts > 0, limit)
     if context.labels != 0:
-        update_labeller(b, context, W, space)
+        update_labeller(b, context, A, space)
     T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
 
 

@@ -46,7 +46,7 @@ ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
 """Maximum iterations (beyond that, two half steps are cheaper), halvings of one correction, and corrections accepted although the
 residual grows: where contacts change between stick and slip, Newton's method has to overshoot once to reach the other branch."""
 
-REACH = 0.5
+OVERLAP_GROWTH = 0.5
 """Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
 
 AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
@@ -179,7 +179,7 @@ def displacement(x, arm, r, upper):
 
 @njit(**BARE)
 def limit_overlap_change(context, active, expected_overlap, space):
-    """Return the fraction of the correction for which overlaps change by at most REACH `expected_overlap` [m].
+    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m].
 
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
@@ -193,7 +193,7 @@ def limit_overlap_change(context, active, expected_overlap, space):
         up, overlap, n = is_upper(j), plate_overlap(k, context), first_body.normal(j, first_body.centre(i, S), context.P)
         change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
-            margin = REACH * expected_overlap + max(-overlap, 0.0)
+            margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)
             if change * fraction > margin:
                 fraction = margin / change
         if up and overlap > max_upper:
@@ -202,8 +202,8 @@ def limit_overlap_change(context, active, expected_overlap, space):
             max_lower, change_low = overlap, change
     # the deepest contact of each plate stays closed, or the plate would drop out of the next iteration
     for maximum, change in ((max_upper, change_up), (max_lower, change_low)):
-        if -change * fraction > REACH * max(maximum, expected_overlap):
-            fraction = REACH * max(maximum, expected_overlap) / -change
+        if -change * fraction > OVERLAP_GROWTH * max(maximum, expected_overlap):
+            fraction = OVERLAP_GROWTH * max(maximum, expected_overlap) / -change
     return fraction
 
 

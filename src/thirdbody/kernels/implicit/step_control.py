@@ -195,11 +195,11 @@ def predict(context, active, dt, displacement, y):
 
 
 @njit(**BARE)
-def advance_clock(W, motion, end, whole):
+def advance_clock(A, motion, end, whole):
     """Advance the clock of a body by a step; `whole`: to exactly `end` [s]."""
-    pass_time(W, motion.dt, motion.v_x, motion.v_y)
+    pass_time(A, motion.dt, motion.v_x, motion.v_y)
     if whole:
-        W[run_totals.TIME] = end
+        A[run_totals.TIME] = end
 
 
 @njit(**BARE)
@@ -212,11 +212,11 @@ def reduction_factor(converged, error, rotation):
 
 
 @njit(**BARE)
-def count_step(T, W, dt, cuts):
+def count_step(T, A, dt, cuts):
     """Update the counters of a body after a step that was cut `cuts` times."""
     T[step_memory.CUTS] += cuts
     T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
-    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], W[run_totals.PLATE_SPEED] * dt)
+    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * dt)
 
 
 @njit(**BARE)

@@ -20,10 +20,10 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     first = [k for k, effect in enumerate(effects) if not effect.sees_forces]
     for k, effect in sorted(enumerate(effects), key=lambda entry: entry[1].sees_forces):
         imports += imports_of(k, effect.kernel, effect.parameters)
-        values = ", ".join(f"P[{sum(counts[:k]) + i}]" for i in range(counts[k]))
+        values = ", ".join(f"parameters[{sum(counts[:k]) + i}]" for i in range(counts[k]))
         arguments = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
         call = f"kernel_{k}({arguments}, parameters_{k}({values}))"
-        until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
+        until = f" if time < parameters[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
     columns = (
@@ -32,7 +32,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     )
     lines += [f"        E[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
     loop = f"""@njit(EFFECTS, **OPTIONS)
-def effects(B, E, first, last, time, dt, P):
+def effects(B, E, first, last, time, dt, parameters):
     for i in range(first, last):
         mean = (E[i, {body_extra.INERTIA}] + E[i, {body_extra.INERTIA + 1}] + E[i, {body_extra.INERTIA + 2}]) / 3.0
         b = Body(B[i, {body.MASS}], B[i, {body.POSITION}], B[i, {body.POSITION + 1}], B[i, {body.POSITION + 2}],

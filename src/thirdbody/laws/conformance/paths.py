@@ -279,9 +279,9 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     by_radius = bench.radius(tiles) * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
     critical = _critical(bench, deepest)
     by_critical = np.where(critical > 0.0, critical * 10.0 ** rng.uniform(-1.5, 1.0, lanes), by_overlap)
-    reach = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
-    reach = by_critical if resolved else reach
-    slip = reach[:, None] * rng.uniform(-1.0, 1.0, (corners, tiles, 2, TILE))
+    size = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
+    size = by_critical if resolved else size
+    slip = size[:, None] * rng.uniform(-1.0, 1.0, (corners, tiles, 2, TILE))
     angle = rng.uniform(0.0, 2.0 * np.pi, lanes)
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line

@@ -136,10 +136,10 @@ def _period(moments: np.ndarray, spin: np.ndarray) -> float:
 
     order = np.argsort(moments)
     (i_1, i_2, i_3), w = moments[order], spin[order]
-    square, twice = float(np.sum((moments[order] * w) ** 2)), float(np.sum(moments[order] * w * w))
-    if square < twice * i_2:
+    square, double_energy = float(np.sum((moments[order] * w) ** 2)), float(np.sum(moments[order] * w * w))
+    if square < double_energy * i_2:
         i_1, i_3 = i_3, i_1
-    fast, slow = (i_3 - i_2) * (square - twice * i_1), (i_2 - i_1) * (twice * i_3 - square)
+    fast, slow = (i_3 - i_2) * (square - double_energy * i_1), (i_2 - i_1) * (double_energy * i_3 - square)
     return 4.0 * float(ellipk(slow / fast)) / math.sqrt(fast / (i_1 * i_2 * i_3))
 
 
