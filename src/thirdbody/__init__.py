@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from thirdbody.runner.resume import resume
     from thirdbody.runner.simulate import run
     from thirdbody.scene.model import Scene
+    from thirdbody.studies.sweep.reader import Sweep
+    from thirdbody.studies.sweep.sweep import sweep
     from thirdbody.trajectory.reader import Run
     from thirdbody.trajectory.reader import open_run as open
 
-__all__ = ["Run", "Scene", "check", "errors", "open", "resume", "run"]
+__all__ = ["Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"]
 
 _MODULES = {
     "Scene": ("scene.model", "Scene"),
@@ -30,6 +32,8 @@ _MODULES = {
     "check": ("report.scene_check", "check"),
     "resume": ("runner.resume", "resume"),
     "run": ("runner.simulate", "run"),
+    "Sweep": ("studies.sweep.reader", "Sweep"),
+    "sweep": ("studies.sweep.sweep", "sweep"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"

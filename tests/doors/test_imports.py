@@ -52,7 +52,7 @@ INNER = {
 
 # modules of the root that are no ground: what they may import
 ROOT_MODULES = {
-    "__init__": {"errors", "report", "runner", "scene", "trajectory"},
+    "__init__": {"errors", "report", "runner", "scene", "studies", "trajectory"},
     "__main__": {"cli"},
     "plugin": {"bodies", "engine", "errors", "kernels", "laws", "scene", "units"},
     "errors": set(),

@@ -20,6 +20,7 @@ from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 from thirdbody.scene.template import TEMPLATE
+from thirdbody.studies.sweep.sweep import plan_of_path
 
 PAGES = [Page(path) for path in pages()]
 README = PAGES[0]
@@ -91,11 +92,16 @@ def _help(command: str) -> str:
 
 
 @every_page
-def test_toml_blocks_are_scenes(page):
-    """A block with `scene = 1` is a whole scene; another one is laid over the scene that `thirdbody new` writes."""
+def test_toml_blocks_are_scenes(page, tmp_path):
+    """A block with `scene = 1` is a whole scene, one with `sweep = 1` a sweep; others are laid over the scene of `new`."""
     registry = discover([DMT])
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     for block in page.blocks:
-        if block.language == "toml" and not block.not_run:
+        if block.language == "toml" and "sweep" in tomllib.loads(block.text):
+            (tmp_path / "sweep.toml").write_text(block.text, encoding="utf-8")
+            plan, _ = plan_of_path(tmp_path / "sweep.toml", None)
+            assert len(plan.points) > 1
+        elif block.language == "toml" and not block.not_run:
             scene = _scene(block)
             if not scene.effects.model_dump(exclude_none=True) and "contact" not in block.text:
                 continue

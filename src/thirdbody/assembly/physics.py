@@ -81,6 +81,25 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     return CompiledPhysics(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
 
 
+def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
+    """Return the faults in the names and options of laws and effects, without compiling anything."""
+    faults: list[Fault] = []
+    try:
+        family, _, laws = _family(scene, registry, faults)
+        _law_options(scene, family, laws, faults)
+    except InputError as error:
+        faults += error.faults
+    _effects(scene, registry, faults)
+    return faults
+
+
+def states_of(scene: Scene, registry: Registry) -> tuple[str, ...]:
+    """Return the names of the states that a run of this scene has; none without a labeller."""
+    family = registry.families.get(scene.contact.law)
+    labeller = (family.labeller if family else None) or _any_labeller(registry)
+    return tuple(labeller.states) if labeller else ()
+
+
 PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 

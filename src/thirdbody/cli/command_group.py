@@ -18,8 +18,8 @@ METAVARS = {
     "LENGTH": ("unit",),
     "FILE": ("check", "plugin"),
     "PATH": ("out",),
-    "N": ("body", "fps", "frame", "repeats", "seed", "spheres", "threads"),
-    "NAME": ("camera", "color", "level", "view"),
+    "N": ("body", "fps", "frame", "repeats", "samples", "seed", "spheres", "threads", "workers"),
+    "NAME": ("camera", "color", "design", "keep", "level", "view"),
     "NUMBER": ("big_h", "half_width", "zoom"),
     "PIXELS": ("height", "width"),
 }

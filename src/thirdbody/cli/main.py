@@ -12,6 +12,7 @@ from thirdbody.cli.new import new
 from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
+from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.standard_streams import guarded_streams
@@ -161,14 +162,25 @@ def render(
 
 @app.command(cls=Command)
 def plot(
-    run: RunPath,
+    run: Annotated[Path, typer.Argument(metavar="RUN|SWEEP", help="run folder or its run.vtkhdf, or folder of a sweep")],
     out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
     panel: Annotated[list[str] | None, typer.Option("--panel", metavar="NAME", help="panel [all]; may be repeated")] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
+    x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="sweep: axis of the picture")] = None,
+    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="sweep: second axis, of curves or a map")] = None,
 ) -> None:
-    """Draw the summary page of a run: friction, states, gap or load, energy, contacts."""
+    """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
     from thirdbody.plot.summary_page import plot as draw
+    from thirdbody.studies.sweep.sweep_folder import is_sweep_folder
 
+    if is_sweep_folder(run):
+        from thirdbody.studies.sweep.reader import Sweep
+
+        Sweep(run).plot(out, panel, x, y)
+        print_line(out)
+        return
+    if x or y:
+        raise UsageError("--x and --y: axes of the picture of a sweep, and this is a run")
     print_line(draw(run, out, panel, frame))
 
 
@@ -220,6 +232,7 @@ def shapes(
         print_line(out, err=json)
 
 
+app.command(cls=Command)(sweep)
 app.command(cls=Command)(cost)
 app.command(cls=Command)(hard)
 

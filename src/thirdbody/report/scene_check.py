@@ -133,7 +133,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.shared_overlap,
-        "memory": _memory(built),
+        "memory": memory_of(built),
         "frames": frames,
         "disk": disk,
         "warnings": [*costs, *_unmeasured(each), *built.warnings, *part_warnings(built)],
@@ -252,7 +252,8 @@ def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str,
     return (pressed + dragged * (built.planned_distance / distance if distance > 0.0 else 0.0)) * n / bodies, "", integrator
 
 
-def _memory(built: Simulation) -> int:
+def memory_of(built: Simulation) -> int:
+    """Return the bytes of the tables of a simulation."""
     state, slots = built.state, built.state.slots
     spheres = 0 if state.S is state.B else state.S.nbytes
     arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)

@@ -26,6 +26,11 @@ def toml_text(document: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def toml_value_text(value: Any, key: str) -> str:
+    """Return one value as TOML text. Raises InputError, which names the key, for one that TOML cannot represent."""
+    return _value(value, (key,))
+
+
 def save_text(path: str | os.PathLike[str], text: str) -> None:
     """Write the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot encode."""
     try:

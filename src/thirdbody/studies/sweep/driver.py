@@ -31,11 +31,12 @@ def run_points(
     """Run all points and call `record` with the result of each, in the calling thread; return False where `stop` ended it.
 
     After `stop`, points that wait are cancelled, and those that run end by themselves, local ones with a checkpoint. Raises
-    OutputError where the executor itself broke: points without a result then wait for a resume.
+    OutputError where the executor itself broke or a disk is full: points without a result then wait for a resume.
     """
     finished: SimpleQueue[tuple[Point, Any]] = SimpleQueue()
     futures: list[Any] = []
-    broken, going = "", True
+    broken: OutputError | None = None
+    going = True
     try:
         for point in points:
             future = executor.submit(run_point, point)
@@ -43,7 +44,7 @@ def run_points(
             futures.append(future)
         remaining = len(futures)
         while remaining:
-            if going and stop():
+            if going and (broken or stop()):
                 going = False
                 _interrupt(executor, futures)
             try:
@@ -52,14 +53,23 @@ def run_points(
                 continue
             remaining -= 1
             result = _result(point, future)
-            broken = broken or (result.reason if going and result.status == WAITING else "")
+            broken = broken or _broken(result)
             record(result)
     except BaseException:
         _interrupt(executor, futures)
         raise
     if broken:
-        raise OutputError(f"the executor broke ({broken}); what was computed is kept, and a resume goes on")
+        raise broken
     return going
+
+
+def _broken(result: PointResult) -> OutputError | None:
+    """Return the error of a result that ends the whole sweep: an executor that broke, a disk that is full."""
+    if result.status == WAITING and result.reason:
+        return OutputError(f"the executor broke ({result.reason}); what was computed is kept, and a resume goes on")
+    if result.status == INTERRUPTED and result.exit_code == OutputError.exit_code:
+        return OutputError(result.reason)
+    return None
 
 
 def _interrupt(executor: PointExecutor, futures: Sequence[Any]) -> None:

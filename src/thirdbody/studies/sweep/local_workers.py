@@ -55,6 +55,13 @@ class LocalWorkers(Executor):
         for worker in self._workers:
             worker.interrupt()
 
+    def kill(self) -> None:
+        """End the processes at once, without checkpoints."""
+        self._interrupted = True
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for worker in self._workers:
+            worker.kill()
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes; those that compute are interrupted first if their calls are cancelled."""
         if cancel_futures:
@@ -104,6 +111,11 @@ class _Worker:
         """Ask the process to end its call with a checkpoint."""
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End the process at once."""
+        if self._process is not None:
+            self._process.kill()
 
     def ended(self) -> tuple[str, int]:
         """Return how the process ended, in words and as exit code; the next call starts another one."""

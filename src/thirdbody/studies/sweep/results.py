@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 FRACTION, EVER = "fraction_", "fraction_ever_"
 """Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
 
+Stored = Mapping[str, Any]
+
 STATES = "fractions"
 """Short name of the fractions of all states."""
 
@@ -28,14 +30,14 @@ TIMES = ("seconds", "wall_time")
 
 
 class Result(NamedTuple):
-    """A result: its unit ("1" for a pure number), its meaning, and its value for an open run."""
+    """A result: its unit ("1" for a pure number), its meaning, and its value for an open run and the summary that it stored."""
 
     unit: str
     meaning: str
-    value: Callable[[Run], float]
+    value: Callable[[Run, Stored], float]
 
 
-def _load(run: Run) -> float:
+def _load(run: Run, _stored: Stored) -> float:
     """Return the mean load over the frames that the friction coefficient averages [N]."""
     from thirdbody.trajectory.friction import averaged
 
@@ -44,16 +46,16 @@ def _load(run: Run) -> float:
     return float(force[frames].mean()) if frames.any() else float(force[-1])
 
 
-def _of_summary(name: str) -> Callable[[Run], float]:
-    return lambda run: _number(run.summary().get(name))
+def _stored_value(name: str) -> Callable[[Run, Stored], float]:
+    return lambda _run, stored: _number(stored.get(name))
 
 
 def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def _last(name: str) -> Callable[[Run], float]:
-    return lambda run: float(run.series[name][-1]) if name in run.series else math.nan
+def _last(name: str) -> Callable[[Run, Stored], float]:
+    return lambda run, _stored: float(run.series[name][-1]) if name in run.series else math.nan
 
 
 _SERIES = {
@@ -64,19 +66,19 @@ _SERIES = {
 
 RESULTS: dict[str, Result] = _SERIES | {
     "friction_coefficient": Result("1", "Mean over the second half of the sliding, for strokes over the last cycle.",
-                                   lambda run: run.friction.value),
-    "friction_coefficient_error": Result("1", "Its standard error.", lambda run: run.friction.error),
+                                   lambda run, _: run.friction.value),
+    "friction_coefficient_error": Result("1", "Its standard error.", lambda run, _: run.friction.error),
     "load": Result("N", "Normal force of the debris on the upper plate, mean over the same frames.", _load),
-    "load_ratio": Result("1", "Force on the upper plate over its load, last output interval.", _of_summary("load_ratio")),
-    "energy_residual": Result("1", "Residual of the energy balance, relative.", _of_summary("energy_residual")),
-    "energy_numerical_share": Result("1", "Loss by the implicit integrator, relative.", _of_summary("energy_numerical_share")),
+    "load_ratio": Result("1", "Force on the upper plate over its load, last output interval.", _stored_value("load_ratio")),
+    "energy_residual": Result("1", "Residual of the energy balance, relative.", _stored_value("energy_residual")),
+    "energy_numerical_share": Result("1", "Loss by the implicit integrator, relative.", _stored_value("energy_numerical_share")),
     "energy_per_cycle": Result("J", "Work of the friction force over the last cycle of a stroke.",
-                               _of_summary("energy_per_cycle")),
-    "peak_pressure": Result("Pa", "Largest pressure over contacts and frames, elastic.", _of_summary("peak_pressure")),
-    "bodies": Result("1", "Number of bodies.", _of_summary("bodies")),
-    "frames": Result("1", "Number of frames.", _of_summary("frames")),
-    "steps": Result("1", "Number of steps.", _of_summary("steps")),
-    "wall_time": Result("s", "Wall time of the run, without building its scene.", _of_summary("wall_time")),
+                               lambda run, _: run.friction.energy_per_cycle),
+    "peak_pressure": Result("Pa", "Largest pressure over contacts and frames, elastic.", _stored_value("peak_pressure")),
+    "bodies": Result("1", "Number of bodies.", _stored_value("bodies")),
+    "frames": Result("1", "Number of frames.", _stored_value("frames")),
+    "steps": Result("1", "Number of steps.", _stored_value("steps")),
+    "wall_time": Result("s", "Wall time of the run, without building its scene.", _stored_value("wall_time")),
 }  # fmt: skip
 """All results but those of states, by name."""
 
@@ -87,7 +89,7 @@ def result(name: str) -> Result:
         return RESULTS[name]
     if name.startswith(EVER):
         state = name.removeprefix(EVER)
-        return Result("1", f"Fraction of the bodies that are {state} in at least one frame.", lambda run: _ever(run, state))
+        return Result("1", f"Fraction of the bodies that are {state} in at least one frame.", lambda run, _: _ever(run, state))
     state = name.removeprefix(FRACTION)
     return Result("1", f"Last frame: fraction of the bodies that are {state}.", _last(name))
 
@@ -111,6 +113,6 @@ def unknown(name: str, states: Iterable[str]) -> str:
     return "" if name in known else f"'{name}' is no result, {nearest(name, known)}"
 
 
-def results_of(run: Run, names: Iterable[str]) -> dict[str, float]:
-    """Return the results of an open run by name."""
-    return {name: float(result(name).value(run)) for name in names}
+def results_of(run: Run, stored: Stored, names: Iterable[str]) -> dict[str, float]:
+    """Return the results of an open run, and of the summary that it stored, by name."""
+    return {name: float(result(name).value(run, stored)) for name in names}

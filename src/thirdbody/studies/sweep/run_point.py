@@ -31,16 +31,18 @@ POLL = 0.2
 def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointResult:
     """Return the result of a point: the one in its folder, or that of its run, continued from its checkpoint if there is one.
 
-    Never raises for a point that fails. When `stop` returns True, the run ends with a checkpoint and the status `interrupted`.
+    Never raises for a point that fails. The status is `interrupted`, and nothing is final, where `stop` returned True (the run
+    then ends with a checkpoint) and where the disk is full (exit code 5).
     """
     began = time.perf_counter()
     if (saved := read_result(point)) is not None:
         return saved
+    if not _unlocked(point.folder):
+        return PointResult(point.number, FAILED, f"{point.folder}: another process is writing this run", 5)
     try:
-        _wait_for_lock(point.folder)
         results = _results(point, stop)
         result = PointResult(point.number, DONE, "", 0, 0.0, results)
-    except Interrupted as error:
+    except (Interrupted, OutputError) as error:  # a full disk: no property of the point
         return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, time.perf_counter() - began)
     except ThirdbodyError as error:
         result = PointResult(point.number, FAILED, error.message, error.exit_code)
@@ -52,7 +54,7 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
         if result.status == DONE and point.keep == "summary":
             _remove_run(point.folder)
     except OutputError as error:
-        return PointResult(point.number, FAILED, error.message, error.exit_code, result.seconds)
+        return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, result.seconds)
     return result
 
 
@@ -73,9 +75,9 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
     from thirdbody.trajectory.reader import open_run
 
     simulation, checkpoint = _simulation(point)
-    execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=stop, checkpoint=checkpoint)
+    summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=stop, checkpoint=checkpoint)
     with open_run(point.folder) as run:
-        return results_of(run, point.results)
+        return results_of(run, summary, point.results)
 
 
 def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
@@ -92,16 +94,16 @@ def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
     return prepare(scene, point.plugins), None
 
 
-def _wait_for_lock(folder: Path) -> None:
-    """Wait until no other process writes the run of this point. Raises OutputError after `LOCKED` seconds."""
+def _unlocked(folder: Path) -> bool:
+    """Wait until no other process writes the run of this point; return False after `LOCKED` seconds."""
     until = time.perf_counter() + LOCKED
     while True:
         try:
             with lock_folder(folder):
-                return
+                return True
         except OutputError:
             if time.perf_counter() > until:
-                raise
+                return False
         time.sleep(POLL)
 
 

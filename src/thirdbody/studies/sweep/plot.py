@@ -1,0 +1,236 @@
+"""Pictures of a sweep: curves over one axis with error bars, or maps over two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.errors import InputError, UsageError, nearest
+from thirdbody.palette import INK, LINE_COLORS, SOFT_INK, STATE_COLORS
+from thirdbody.plot.forecast_plot import check_format
+from thirdbody.quantity import prefix_for
+from thirdbody.studies.sweep.averages import Average, average
+from thirdbody.studies.sweep.results import EVER, FRACTION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from thirdbody.studies.sweep.reader import Sweep
+
+CURVES = 6
+"""Largest number of values of a second axis that are drawn as curves; more are a map."""
+
+PANEL = (4.3, 3.3)
+"""Width and height of a panel [inch]."""
+
+PER_ROW = 3
+"""Largest number of panels side by side."""
+
+ONE_BY_ONE = ("friction_coefficient", "fraction_rolling", "fraction_sliding", "fraction_sticking", "fraction_ever_rolling")
+"""Results that maps, and curves for several values of a second axis, show if none are named: the first three that there are."""
+
+COLORS = [LINE_COLORS[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky", "black")]
+
+
+class Panel(NamedTuple):
+    """A panel: its title and the results that it shows."""
+
+    title: str
+    results: tuple[str, ...]
+
+
+def draw_sweep(
+    sweep: Sweep, out: Path | None = None, panels: Sequence[str] | None = None, x: str | None = None, y: str | None = None
+) -> Figure:
+    """Return the picture of a sweep, written to `out` if given. Raises UsageError, InputError and OutputError."""
+    from matplotlib.figure import Figure
+
+    if out is not None:
+        check_format(out)
+    x, y = _drawn_axes(sweep, x, y)
+    shown = average(sweep, x, y)
+    if not len(shown.x):
+        raise InputError(f"{sweep.path}: nothing to draw: no point is done yet")
+    is_map = y is not None and len(np.unique(shown.y)) > CURVES
+    listed = _panels(sweep, shown, panels)
+    columns = min(len(listed), PER_ROW)
+    rows = -(-len(listed) // columns)
+    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.5), layout="constrained")
+    grid = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
+    for axes, panel in zip(grid, listed, strict=False):
+        (_draw_map if is_map else _draw_curves)(axes, sweep, shown, panel)
+    for axes in grid[len(listed) :]:
+        axes.set_visible(False)
+    figure.suptitle(_title(sweep, shown, is_map), fontsize=11, color=INK)
+    if out is not None:
+        from thirdbody.plot.summary_page import save
+
+        save(figure, out)
+    return figure
+
+
+def _drawn_axes(sweep: Sweep, x: str | None, y: str | None) -> tuple[str, str | None]:
+    """Return the axes of the picture: those named, else the one or two with the largest number of values that are no seeds."""
+    for option, key in (("x", x), ("y", y)):
+        if key is not None and key not in sweep.axes:
+            raise UsageError(f"{option} = {key}: is no axis of this sweep, {nearest(key, sweep.axes)}")
+    if x is not None:
+        return x, y
+    first = {column.axis: column for column in reversed(sweep.columns)}  # of keys that move together the first one
+    numbers = [column.key for _, column in sorted(first.items()) if not any(isinstance(value, str) for value in column.values)]
+    free = [key for key in numbers if not _is_seed(key)] or numbers or list(sweep.axes)
+    counts = {key: len(set(sweep.column(key))) for key in free if key != y}
+    chosen = sorted(counts, key=lambda key: -counts[key])[:2]  # stable: the first of equal ones
+    return chosen[0], y if y is not None or len(chosen) < 2 else chosen[1]
+
+
+def _is_seed(key: str) -> bool:
+    return key.rpartition(".")[2] == "seed"
+
+
+def _panels(sweep: Sweep, shown: Average, names: Sequence[str] | None) -> list[Panel]:
+    """Return the panels: those named, else friction and the states."""
+    known = list(sweep.results)
+    for name in names or ():
+        if name not in known:
+            raise UsageError(f"panel {name}: is no result of this sweep, {nearest(name, known)}")
+    if names:
+        return [Panel(_words(name), (name,)) for name in names]
+    if shown.y_key is not None:
+        chosen = [name for name in ONE_BY_ONE if name in known][:3] or known[:3]
+        return [Panel(_words(name), (name,)) for name in chosen]
+    ever = [name for name in known if name.startswith(EVER)]
+    states = [name for name in known if name.startswith(FRACTION) and name not in ever and np.nanmax(shown.values[name]) > 0.0]
+    panels = [Panel(_words(name), (name,)) for name in ("friction_coefficient", *ever) if name in known]
+    if states:
+        panels.insert(1, Panel("states at the end, fraction of the bodies", tuple(states)))
+    return panels or [Panel(_words(name), (name,)) for name in known[:3]]
+
+
+def _words(name: str) -> str:
+    """Return the name of a result or a key in words."""
+    if name.startswith(EVER):
+        return f"ever {name.removeprefix(EVER)}, fraction of the bodies"
+    if name.startswith(FRACTION):
+        return f"{name.removeprefix(FRACTION)} at the end, fraction of the bodies"
+    return name.replace("_", " ")
+
+
+def _title(sweep: Sweep, shown: Average, is_map: bool) -> str:
+    lines = [sweep.title or str(sweep.path)]
+    if shown.largest > 1:
+        averaged = ", ".join(shown.averaged)
+        lines.append(f"mean over {averaged} ({shown.largest} points{'' if is_map else '; bars: standard error'})")
+    return "\n".join(lines)
+
+
+def _draw_curves(axes: Axes, sweep: Sweep, shown: Average, panel: Panel) -> None:
+    """Draw each result over x: a curve per value of y, which has a colour; states have theirs."""
+    factor, unit = _scale(shown.x, sweep.axes[shown.x_key])
+    for name in panel.results:
+        values, errors = shown.values[name], shown.errors[name]
+        for number, value in enumerate(np.unique(shown.y) if shown.y_key else [None]):
+            here = np.ones(len(shown.x), bool) if value is None else shown.y == value
+            order = np.argsort(shown.x[here], kind="stable")
+            style = _style(name, number, panel, shown, sweep, value)
+            axes.errorbar(shown.x[here][order] * factor, values[here][order], yerr=errors[here][order], capsize=2.5,
+                          linewidth=1.4, markersize=4.0, **style)  # fmt: skip
+    _label_axis(axes, "x", shown.x_key, unit, shown.x)
+    axes.set_title(panel.title, fontsize=9.5, color=INK)
+    units = {sweep.results[name] for name in panel.results} - {"1"}
+    axes.set_ylabel(f"[{units.pop()}]" if len(units) == 1 else "", fontsize=9)
+    if all(name.startswith(FRACTION) for name in panel.results):
+        axes.set_ylim(-0.03, 1.03)
+    axes.grid(True, alpha=0.25, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    if len(axes.get_legend_handles_labels()[1]) > 1:
+        axes.legend(fontsize=7.5, frameon=False)
+
+
+def _style(name: str, number: int, panel: Panel, shown: Average, sweep: Sweep, value: Any) -> dict[str, Any]:
+    """Return colour, marker and label of a curve: with several results colour means the state, else the value of y."""
+    markers, lines = "osD^vP", ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)))
+    several = len(panel.results) > 1
+    state = name.removeprefix(EVER).removeprefix(FRACTION)
+    color = (
+        STATE_COLORS.get(state, COLORS[0]) if several or value is None and state in STATE_COLORS else COLORS[number % len(COLORS)]
+    )
+    words = [state if name.startswith(FRACTION) else _words(name)] if several else []
+    if value is not None:
+        words.append(f"{_short(shown.y_key or '')} = {_with_unit(value, sweep.axes[shown.y_key or ''])}")
+    return {"color": color, "marker": markers[number % len(markers)], "linestyle": lines[number % len(lines)],
+            "label": ", ".join(words) or None}  # fmt: skip
+
+
+def _draw_map(axes: Axes, sweep: Sweep, shown: Average, panel: Panel) -> None:
+    """Draw a result over x and y: cells of a grid, or coloured points where they form none."""
+    [name] = panel.results
+    values = shown.values[name]
+    x_factor, x_unit = _scale(shown.x, sweep.axes[shown.x_key])
+    y_factor, y_unit = _scale(shown.y, sweep.axes[shown.y_key or ""])
+    limits: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0} if name.startswith(FRACTION) else {}
+    x, y = np.unique(shown.x), np.unique(shown.y)
+    if len(shown.x) >= 0.5 * len(x) * len(y):
+        cells = np.full((len(y), len(x)), np.nan)
+        cells[np.searchsorted(y, shown.y), np.searchsorted(x, shown.x)] = values
+        image: Any = axes.pcolormesh(_edges(x) * x_factor, _edges(y) * y_factor, cells, cmap="viridis", **limits)
+    else:
+        image = axes.scatter(shown.x * x_factor, shown.y * y_factor, c=values, s=28, cmap="viridis", edgecolors="white",
+                             linewidths=0.4, **limits)  # fmt: skip
+    bar = axes.figure.colorbar(image, ax=axes)
+    bar.ax.tick_params(labelsize=8)
+    unit = sweep.results[name]
+    axes.set_title(panel.title + ("" if unit == "1" else f" [{unit}]"), fontsize=9.5, color=INK)
+    _label_axis(axes, "x", shown.x_key, x_unit, x)
+    _label_axis(axes, "y", shown.y_key or "", y_unit, y)
+    axes.tick_params(labelsize=8)
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Return the edges of cells around sorted centres: midway, in logarithms where the centres are spaced so."""
+    if len(centres) < 2:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    if _is_log(centres):
+        return np.asarray(np.exp(_edges(np.log(centres))))
+    middles = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([[2.0 * centres[0] - middles[0]], middles, [2.0 * centres[-1] - middles[-1]]])
+
+
+def _is_log(values: np.ndarray) -> bool:
+    """Return whether values are spread evenly on a logarithmic axis rather than on a linear one."""
+    distinct = np.unique(values)
+    if len(distinct) < 3 or distinct[0] <= 0.0 or distinct[-1] < 10.0 * distinct[0]:
+        return False
+    ratios, steps = np.diff(np.log(distinct)), np.diff(distinct)
+    return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean())
+
+
+def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
+    """Return the factor to a prefixed unit, and that unit."""
+    if unit == "1":
+        return 1.0, ""
+    return prefix_for(float(np.abs(values).max(initial=0.0)), unit)
+
+
+def _label_axis(axes: Axes, which: str, key: str, unit: str, values: np.ndarray) -> None:
+    label = f"{key} [{unit}]" if unit else key
+    (axes.set_xlabel if which == "x" else axes.set_ylabel)(label, fontsize=9, color=SOFT_INK)
+    if _is_log(values):
+        (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+
+
+def _short(key: str) -> str:
+    """Return the last word of a key."""
+    return key.rpartition(".")[2]
+
+
+def _with_unit(value: float, unit: str) -> str:
+    if unit == "1":
+        return f"{value:g}"
+    factor, name = prefix_for(abs(value), unit)
+    return f"{value * factor:.3g} {name}"

@@ -1,0 +1,231 @@
+"""The definition of a sweep: its file (TOML), the options of `--vary`, or the arguments of `thirdbody.sweep`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ValidationError
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.scene.field_types import Choice, Count, Seed, Text, Whole, listing
+from thirdbody.scene.overrides import toml_value
+from thirdbody.scene.read import Source, read_text, read_toml
+from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, wrongs_of
+from thirdbody.scene.toml_writer import toml_value_text
+from thirdbody.studies.sweep.axes import Axis, Column, lengths_fault, read_column
+from thirdbody.studies.sweep.design import SAMPLED, Settings, design_fault, settings_of_points
+from thirdbody.studies.sweep.results import DEFAULT
+
+VERSION = 1
+INTERVAL_KEYS = {"from", "to", "count", "scale"}
+SET_BY = ("vary", "together", "points")
+"""Keys that give the points: at least one of the first two, or the third."""
+
+
+class SweepFile(Part):
+    """All keys of a sweep file."""
+
+    later: ClassVar[dict[str, str]] = {}
+
+    sweep: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
+    """Version of the format; a file must give it. Example: 1."""
+    scene: Text
+    """Scene file, relative to the sweep file. Example: "three_spot.toml"."""
+    settings: dict[str, Any] = {}
+    """Values replaced in the scene for all points, by key. Example: {"solver.distance" = "2 um"}."""
+    vary: dict[str, Any] = {}
+    """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values."""
+    together: Annotated[tuple[dict[str, Any], ...], listing("a list of tables [[together]]")] = ()
+    """Tables like `vary` whose keys are one axis: they move together."""
+    points: Text | None = None
+    """CSV file of points, instead of axes: keys in its header, a row per point. Example: "points.csv"."""
+    design: Annotated[Literal["grid", "zip", "sobol", "latin_hypercube"], Choice()] = "grid"
+    """All combinations, values side by side, or samples. Example: "sobol"."""
+    samples: Count | None = None
+    """Number of points of a sampled design. Example: 64."""
+    seed: Seed = 1
+    """Seed of a sampled design. Example: 1."""
+    results: Annotated[tuple[Text, ...], listing("a list of names")] = DEFAULT
+    """Columns of the table. Example: ["friction_coefficient", "peak_pressure"]."""
+    keep: Annotated[Literal["all", "summary"], Choice()] = "all"
+    """What stays of each run: all of it, or its results only. Example: "summary"."""
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Return faults that follow from which keys are given."""
+        axes = [key for key in SET_BY[:2] if raw.get(key)]
+        if raw.get("points") is not None:
+            return [((key,), "points of a CSV file are given too: give one or the other") for key in axes]
+        return [] if axes else [((), "give the points: [vary], [[together]] or points")]
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A checked sweep file: its tables, its axes, the settings of all points as given, and where they come from."""
+
+    tables: SweepFile
+    axes: tuple[Axis, ...]
+    points: tuple[Settings, ...]
+    source: Source
+    folder: Path
+    from_file: bool
+    design: str
+
+    def setting(self, key: str, value: Any) -> Any:
+        """Return a value as `Scene.with_settings` takes it: in a file a bare number has no unit, in Python it is in SI."""
+        return toml_value_text(value, key) if self.from_file else value
+
+    def fault(self, location: Location, text: str) -> Fault:
+        """Return a fault with file, line and column."""
+        return self.source.fault(location, text)
+
+
+def read_sweep(path: Path) -> Definition:
+    """Return the sweep in a TOML file. Raises InputError with all faults of its own; the scene is not read."""
+    document, source = read_toml(read_text(path), str(path))
+    wrongs: list[Wrong] = []
+    if "sweep" not in document:
+        document["sweep"] = VERSION
+        wrongs.append((("sweep",), f"{MISSING}: write sweep = {VERSION}"))
+    return _definition(document, source, path.parent, wrongs, from_file=True)
+
+
+def is_sweep(path: Path) -> bool:
+    """Return whether a TOML file is that of a sweep: a scene gives its version as `scene`. Raises InputError."""
+    document, _ = read_toml(read_text(path), str(path))
+    return "sweep" in document or not isinstance(document.get("scene"), int)
+
+
+def sweep_of_options(scene: str, vary: Sequence[str], options: Mapping[str, Any]) -> Definition:
+    """Return the sweep of `--vary KEY=VALUES` options. Raises InputError."""
+    tables: dict[str, Any] = {}
+    wrongs: list[Wrong] = []
+    for text in vary:
+        key, sign, values = text.partition("=")
+        if not sign or not key.strip() or not values.strip():
+            wrongs.append((("--vary",), f"{text}: write KEY=FROM:TO:COUNT or KEY=A,B,C"))
+        elif key.strip() in tables:
+            wrongs.append((("--vary",), f"{text}: {key.strip()} is varied twice"))
+        else:
+            tables[key.strip()] = _option_values(values.strip())
+    document = {"scene": scene, "vary": tables} | dict(options)
+    return _definition(document, Source(), Path(), wrongs, from_file=True)
+
+
+def _option_values(text: str) -> Any:
+    """Return the values in `0.05:0.6:12`, `1 mN:10 mN:5:log` or `1,2,3` as a file would give them."""
+    parts = [part.strip() for part in text.split(":")]
+    if 1 < len(parts) <= 4 and not text.startswith(("[", "{", '"', "'")):
+        names = ("from", "to", "count", "scale")
+        return {name: toml_value(part) for name, part in zip(names, parts, strict=False)}
+    whole = toml_value(f"[{text}]")
+    return whole if isinstance(whole, list) else [toml_value(part.strip()) for part in text.split(",")]
+
+
+def sweep_of_python(vary: Any, options: Mapping[str, Any]) -> Definition:
+    """Return the sweep of Python arguments: axes by key or by tuple of keys, or a list of points. Raises InputError."""
+    document: dict[str, Any] = {"scene": "the scene"} | dict(options)
+    if not isinstance(vary, Mapping):
+        points = tuple(dict(point) for point in vary)
+        return _definition(document | {"points": "the points"}, Source(), Path(), [], False, points)
+    document["vary"] = {key: values for key, values in vary.items() if isinstance(key, str)}
+    groups = {key: list(values) for key, values in vary.items() if not isinstance(key, str)}
+    document["together"] = [{key: [row[k] for row in rows] for k, key in enumerate(keys)} for keys, rows in groups.items()]
+    return _definition(document, Source(), Path(), [], from_file=False)
+
+
+def saved_definition(document: Mapping[str, Any]) -> Definition:
+    """Return the sweep whose plan `sweep_folder.save_plan` has saved: its points with the axes that they came from."""
+    keys = {"results": list(document["results"]), "keep": document["keep"]}
+    points = tuple(dict(point["settings"]) for point in document["points"])
+    design, lengths = document["design"], document["lengths"]
+    saved = _definition({"scene": "scene.toml", "points": "points.csv"} | keys, Source(), Path(), [], False, points)
+    axes: dict[int, list[Column]] = {}
+    for entry in document["columns"]:
+        count = lengths[entry["axis"]] if lengths else 0
+        axes.setdefault(entry["axis"], []).append(Column(entry["key"], (None,) * count))
+    return replace(saved, axes=tuple(map(tuple, axes.values())), design=design)
+
+
+def _definition(
+    document: dict[str, Any], source: Source, folder: Path, wrongs: list[Wrong], from_file: bool,
+    points: tuple[Settings, ...] = (),
+) -> Definition:  # fmt: skip
+    """Return the checked sweep of a document. Raises InputError with all faults."""
+    try:
+        tables = SweepFile.model_validate(document, context={"file": from_file})
+    except ValidationError as error:
+        raise InputError(source.in_order([*wrongs, *wrongs_of(error)])) from None
+
+    def report(location: Location, text: str) -> None:
+        wrongs.append((location, text))
+
+    axes = tuple(_axes(tables, report))
+    if not wrongs and not tables.points and (lack := design_fault(tables.design, axes, tables.samples)):
+        key, _, text = lack.partition(": ")
+        report((key,), text)
+    if wrongs:
+        raise InputError(source.in_order(wrongs))
+    if tables.points and not points and from_file:
+        from thirdbody.studies.sweep.points_csv import read_points
+
+        points = tuple(read_points(folder / tables.points))
+    elif not tables.points:
+        points = tuple(settings_of_points(tables.design, axes, tables.samples, tables.seed))
+    if not points:
+        raise InputError(source.fault(("points",), "no points"))
+    design = "points" if tables.points else tables.design
+    return Definition(tables, axes or _axes_of_points(points), points, source, folder, from_file, design)
+
+
+def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
+    """Yield the axes of all tables, in the order of the file."""
+    sampled, used = tables.design in SAMPLED, set[str]()
+    for location, key, given in _leaves(tables.vary, ("vary",)):
+        names = [name.strip() for name in key.split(",")]
+        yield tuple(_once(read_column(name, given, location, report, sampled), used, report) for name in names)
+    for number, table in enumerate(tables.together):
+        place: Location = ("together", number)
+        columns = [
+            _once(read_column(name.strip(), given, location, report, sampled), used, report)
+            for location, key, given in _leaves(table, place)
+            for name in key.split(",")
+        ]
+        if not columns:
+            report(place, "expected keys that move together")
+            continue
+        if fault := lengths_fault([column for column in columns if column.values != ()]):
+            report(place, fault)
+        yield tuple(columns)
+
+
+def _once(column: Column, used: set[str], report: Any) -> Column:
+    """Return the column; a key that is varied twice is a fault."""
+    if column.key in used:
+        report(column.location, f"{column.key} is varied twice")
+    used.add(column.key)
+    return column
+
+
+def _leaves(table: Mapping[str, Any], location: Location, path: str = "") -> Iterator[tuple[Location, str, Any]]:
+    """Yield place, key and values: tables within tables are paths, as `pairs.0.friction = [0.1, 0.2]` gives them."""
+    for name, value in table.items():
+        key, place = (f"{path}.{name}" if path else str(name)), (*location, name)
+        if isinstance(value, Mapping) and value and not _is_interval(value):
+            yield from _leaves(value, place, key)
+        else:
+            yield place, key, value
+
+
+def _is_interval(table: Mapping[str, Any]) -> bool:
+    """Return whether a table gives an interval, not keys of the scene: it has an end, or no lists and tables inside."""
+    return bool({"from", "to"} & set(table)) or not any(isinstance(value, list | Mapping) for value in table.values())
+
+
+def _axes_of_points(points: Sequence[Settings]) -> tuple[Axis, ...]:
+    """Return the keys of a list of points as one axis, without values."""
+    keys = dict.fromkeys(key for point in points for key in point)
+    return tuple((Column(key, (), ("points",)),) for key in keys)
