@@ -123,7 +123,7 @@ def test_points_come_from_a_list():
     assert list(sweep_of_python(points, {}).points) == points
 
 
-def test_all_faults_of_a_file_are_told_at_once(tmp_path):
+def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     report = faults(
         lambda: of_file(
             tmp_path,

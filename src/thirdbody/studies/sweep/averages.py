@@ -39,8 +39,8 @@ def average(sweep: Sweep, x: str, y: str | None) -> Average:
     groups: dict[tuple[float, float], list[int]] = {}
     for point in sweep.points:
         if point.status == DONE:
-            place = float(point.values[x]), 0.0 if y is None else float(point.values[y])
-            groups.setdefault(place, []).append(point.number)
+            position = float(point.values[x]), 0.0 if y is None else float(point.values[y])
+            groups.setdefault(position, []).append(point.number)
     columns = {name: np.array(sweep.column(name), float) for name in sweep.results}
     values: dict[str, list[float]] = {name: [] for name in columns}
     errors: dict[str, list[float]] = {name: [] for name in columns}
@@ -51,9 +51,9 @@ def average(sweep: Sweep, x: str, y: str | None) -> Average:
                 error = float(np.nan_to_num(columns["friction_coefficient_error"][rows[0]]))
             values[name].append(mean)
             errors[name].append(error)
-    places = np.array(list(groups), float).reshape(-1, 2)
+    positions = np.array(list(groups), float).reshape(-1, 2)
     size = max(map(len, groups.values()), default=0)
-    return Average(x, y, places[:, 0], places[:, 1], {name: np.array(column) for name, column in values.items()},
+    return Average(x, y, positions[:, 0], positions[:, 1], {name: np.array(column) for name, column in values.items()},
                    {name: np.array(column) for name, column in errors.items()}, size, _averaged(sweep, x, y))  # fmt: skip
 
 

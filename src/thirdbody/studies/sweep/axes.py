@@ -123,11 +123,11 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
         for inner, text in wrongs_of(error):
             report((*location, *inner), text)
         return None
-    return _interval(getattr(table, "from"), table.to, table.count, table.scale == "log", _Place(location, report, sampled))
+    return _interval(getattr(table, "from"), table.to, table.count, table.scale == "log", _Given(location, report, sampled))
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Given:
     """Where an interval is given, where its faults go, and whether it is sampled."""
 
     location: Location
@@ -138,26 +138,26 @@ class _Place:
         self.report(self.location if key is None else (*self.location, key), text)
 
 
-def _interval(first: Any, last: Any, count: int | None, log: bool, place: _Place) -> Interval | None:
+def _interval(first: Any, last: Any, count: int | None, log: bool, given: _Given) -> Interval | None:
     """Return the interval between two values, or None after its faults are reported."""
-    if place.sampled and count is not None:
-        place.fault("a sampled design has no count of its own: `samples` gives the number of points", "count")
-    elif not place.sampled and count is None:
-        place.fault("required key is missing: the number of values, such as count = 5", "count")
-    low, high = _number(first, "from", place), _number(last, "to", place)
+    if given.sampled and count is not None:
+        given.fault("a sampled design has no count of its own: `samples` gives the number of points", "count")
+    elif not given.sampled and count is None:
+        given.fault("required key is missing: the number of values, such as count = 5", "count")
+    low, high = _number(first, "from", given), _number(last, "to", given)
     if low is None or high is None:
         return None
     if low[1] != high[1]:
         phrases = " and ".join(DIMENSIONS[name].phrase for name in (low[1], high[1]))
-        place.fault(f"{show(first)} and {show(last)} are {phrases}: give both in units of the same kind")
+        given.fault(f"{show(first)} and {show(last)} are {phrases}: give both in units of the same kind")
         return None
     if log and not (low[0] > 0.0 and high[0] > 0.0):
-        place.fault(f'scale = "log" needs ends above 0, got {show(first)} and {show(last)}')
+        given.fault(f'scale = "log" needs ends above 0, got {show(first)} and {show(last)}')
         return None
     return Interval(low[0], high[0], low[1], count, log, first, last)
 
 
-def _number(value: Any, key: str, place: _Place) -> tuple[float, str] | None:
+def _number(value: Any, key: str, given: _Given) -> tuple[float, str] | None:
     """Return the value in SI and its dimension, or None after its fault is reported."""
     try:
         if isinstance(value, str):
@@ -166,7 +166,7 @@ def _number(value: Any, key: str, place: _Place) -> tuple[float, str] | None:
             raise ValueError(f"expected a number or a quantity with its unit, got {show(value)}")
         return float(value), "dimensionless"
     except ValueError as error:
-        place.fault(str(error), key)
+        given.fault(str(error), key)
         return None
 
 
@@ -180,10 +180,10 @@ def lengths_fault(columns: Sequence[Column]) -> str:
 
 def fault_of_axis(axes: Sequence[Axis], fault: Fault, words: Callable[[str], tuple[str, ...]]) -> Column | None:
     """Return the column whose key contains the place of a fault of the scene; None where no axis is to blame."""
-    place = words(fault.key)
+    location = words(fault.key)
     for axis in axes:
         for column in axis:
             key = words(column.key)
-            if place[: len(key)] == key:
+            if location[: len(key)] == key:
                 return column
     return None

@@ -23,7 +23,7 @@ FILE_KEYS = ("file", "table")
 def code_version(plugins: tuple[Path, ...] = ()) -> str:
     """Return the hash of the source that decides on results: ours, that of installed plug-ins, and plug-in files."""
     root = Path(__file__).parents[2]
-    files = [file for room in ROOMS for file in sorted((root / room).rglob("*.py"))]
+    files = [file for name in ROOMS for file in sorted((root / name).rglob("*.py"))]
     for point in sorted(entry_points(group="thirdbody.plugins"), key=lambda point: point.name):
         spec = find_spec(point.module.partition(".")[0])
         if spec is not None and spec.origin:

@@ -49,8 +49,8 @@ def estimate(plan: Plan, workers: int | None) -> Estimate:
     chosen = missing[:: max(1, math.ceil(len(missing) / TRIALS))]
     trials, failures = _trials(chosen)
     each = statistics.fmean(seconds) if seconds else _mean([float(trial["estimated_wall_time"]) for trial in trials])
-    kept = 1 if plan.points[0].keep == "all" else 0
-    disk = statistics.fmean(sizes) if sizes else kept * _mean([float(trial["disk"]) for trial in trials])
+    stored = 1 if plan.points[0].keep == "all" else 0
+    disk = statistics.fmean(sizes) if sizes else stored * _mean([float(trial["disk"]) for trial in trials])
     count = max(1, min(workers or cores(), len(missing)))
     total = each * len(missing) if missing else 0.0
     memory = max((int(trial["memory"]) for trial in trials), default=0)

@@ -73,10 +73,10 @@ class Sweep:
 
     def _point(self, number: int, folder: str) -> SweepPoint:
         values = {column.key: column.values[number] for column in self.columns}
-        place = self.path / POINTS / folder
-        saved = read_result(Point(number, place, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
+        own = self.path / POINTS / folder
+        saved = read_result(Point(number, own, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
         return SweepPoint(
-            number, place, values, saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
+            number, own, values, saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
         )  # fmt: skip
 
     def __len__(self) -> int:

@@ -188,17 +188,17 @@ def _axes(tables: SweepFile, report: Any) -> Iterator[Axis]:
         names = [name.strip() for name in key.split(",")]
         yield tuple(_once(read_column(name, given, location, report, sampled), used, report) for name in names)
     for number, table in enumerate(tables.together):
-        place: Location = ("together", number)
+        group: Location = ("together", number)
         columns = [
             _once(read_column(name.strip(), given, location, report, sampled), used, report)
-            for location, key, given in _leaves(table, place)
+            for location, key, given in _leaves(table, group)
             for name in key.split(",")
         ]
         if not columns:
-            report(place, "expected keys that move together")
+            report(group, "expected keys that move together")
             continue
         if fault := lengths_fault([column for column in columns if column.values != ()]):
-            report(place, fault)
+            report(group, fault)
         yield tuple(columns)
 
 
@@ -213,11 +213,11 @@ def _once(column: Column, used: set[str], report: Any) -> Column:
 def _leaves(table: Mapping[str, Any], location: Location, path: str = "") -> Iterator[tuple[Location, str, Any]]:
     """Yield place, key and values: tables within tables are paths, as `pairs.0.friction = [0.1, 0.2]` gives them."""
     for name, value in table.items():
-        key, place = (f"{path}.{name}" if path else str(name)), (*location, name)
+        key, inner = (f"{path}.{name}" if path else str(name)), (*location, name)
         if isinstance(value, Mapping) and value and not _is_interval(value):
-            yield from _leaves(value, place, key)
+            yield from _leaves(value, inner, key)
         else:
-            yield place, key, value
+            yield inner, key, value
 
 
 def _is_interval(table: Mapping[str, Any]) -> bool:
