@@ -116,6 +116,8 @@ def test_a_run_is_stopped_by_its_energy_and_keeps_its_frames(tmp_path, monkeypat
     def leaky(*arguments, **keys):
         advance(*arguments, **keys)
         simulation.state.A[run_totals.FRICTION_WORK] += 0.3 * max(simulation.state.A[run_totals.PLATE_WORK_SIZE], 1e-12)
+        if hasattr(simulation.integrator, "ledgers"):
+            simulation.integrator.ledgers[:1, run_totals.FRICTION_WORK] = simulation.state.A[run_totals.FRICTION_WORK]
         if hasattr(simulation.integrator, "totals"):
             simulation.integrator.totals[0, run_totals.FRICTION_WORK] = simulation.state.A[run_totals.FRICTION_WORK]
 

@@ -79,6 +79,7 @@ def run(
     plugin: Plugins = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
+    parts: Annotated[int, typer.Option("--parts", min=1, help="processes that share the bodies of an ensemble (same bits)")] = 1,
     *,
     execution: Execution,
 ) -> None:
@@ -88,14 +89,18 @@ def run(
     times = _wall_times(execution)
     start_compiling()
     from thirdbody.report.tables import print_warnings
+    from thirdbody.runner.parts.joined import cut
+    from thirdbody.runner.parts.workers import workers_of
+    from thirdbody.runner.prepare import check_threads, prepare
     from thirdbody.runner.run_folder import refuse_existing
-    from thirdbody.runner.simulate import check_threads, default_folder, prepare
+    from thirdbody.runner.simulate import default_folder
 
     loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
     notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
+    cut(built, *workers_of(parts, execution.threads), plugin or ())
     print_warnings([*notes, *built.warnings])
     _execute(built, folder, execution, overwrite=overwrite, times=times)
 
@@ -111,12 +116,15 @@ def resume(
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
+    from thirdbody.runner.parts.joined import cut, unfinished_parts
+    from thirdbody.runner.parts.workers import workers_of
+    from thirdbody.runner.prepare import check_threads
     from thirdbody.runner.resume import prepare_resume
-    from thirdbody.runner.simulate import check_threads
 
     times = _wall_times(execution)
     notes = check_threads(execution.threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
+    cut(built, *workers_of(unfinished_parts(run), execution.threads), plugin or ())
     print_warnings([*notes, *built.warnings])
     _execute(built, run, execution, checkpoint=saved, times=times)
 

@@ -81,7 +81,7 @@ class Ledger:
         upper = state.world.upper
         return lines if upper is None or upper.foundation is None else lines | {"foundation": springs}
 
-    def relative_residual(self, state: State, residual: float) -> float:
-        """Return |residual| over the scale defined in the class docstring."""
-        scale = max(float(state.A[run_totals.PLATE_WORK_SIZE]), self.peak)
+    def relative_residual(self, state: State, residual: float, energy: float = 0.0) -> float:
+        """Return |residual| over the scale defined in the class docstring; `energy`: present energy [J] if `watch` missed it."""
+        scale = max(float(state.A[run_totals.PLATE_WORK_SIZE]), self.peak, energy)
         return abs(residual) / scale if scale > 0.0 else 0.0

@@ -8,8 +8,9 @@ import numba
 import numpy as np
 
 from thirdbody.engine.guards import Guards
+from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
-from thirdbody.engine.neighbours import search
+from thirdbody.engine.neighbours import plate_pairs, search
 from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
@@ -33,6 +34,15 @@ CALL = 1.0
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
 only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
+
+
+LEDGER = (
+    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.PLATE_WORK_SIZE, run_totals.EFFECT_WORK,
+    run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
+    run_totals.STORED_TANGENTIAL, *(first + k for first in (run_totals.UPPER_IMPULSE, run_totals.LOWER_IMPULSE,
+    run_totals.UPPER_FORCE, run_totals.LOWER_FORCE) for k in range(3)),
+)  # fmt: skip
+"""Totals that are summed over groups of bodies where these do not influence each other."""
 
 
 class Explicit:
@@ -61,11 +71,16 @@ class Explicit:
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
         self.packer = Packer(KINDS)
+        self.agree: Callable[[Bound], Bound] = lambda bound: bound  # of the parts of a run on their bound of the time step
+        self.independent = not coupling(state, True)
+        groups = -(-state.n_bodies // (body_pass.BODIES * contact_pass.GROUP)) if self.independent else 0
+        self.ledgers = np.zeros((groups, run_totals.WIDTH))
 
     def start(self) -> None:
         """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
+        self.pairs = plate_pairs(self.state) if self.independent else None
         self._advance(1, math.inf, math.inf, 0.0)
         self.state.A[run_totals.STEPS] = self.state.A[run_totals.ELAPSED] = 0.0
         self._choose_step()
@@ -104,13 +119,24 @@ class Explicit:
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays and notes with the integrator's own state."""
         bound, tightest = (None if bound is None else dict(vars(bound)) for bound in (self.bound, self.tightest))
-        return {}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
+        return {"ledgers": self.ledgers}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
         """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
+        self.ledgers[:] = arrays["ledgers"]
         bounds = {name: None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest")}
         self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
         self._tables()
+
+    def restrict(self, first: int, last: int) -> None:
+        """Keep the ledgers of bodies `first` to `last` - 1, which are whole groups, before the first step (`engine.parts`)."""
+        size = body_pass.BODIES * contact_pass.GROUP
+        self.ledgers, self.pairs = self.ledgers[first // size : -(-last // size)].copy(), plate_pairs(self.state)
+
+    def sum_up(self) -> None:
+        """Update the totals of the run from the ledgers of its groups."""
+        for column in LEDGER if len(self.ledgers) else ():
+            self.state.A[column] = self.ledgers[:, column].sum()
 
     def _tables(self) -> None:
         chunks = -(-self.state.n_bodies // body_pass.BODIES)
@@ -138,6 +164,7 @@ class Explicit:
         if len(self.scratch) < step_loop.PARTS_PER_THREAD * threads:
             self._scratch(threads)
         answer = step_loop.advance(budget, time, distance, dt, threads, self._context())
+        self.sum_up()
         now, busy = clocks()
         done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
@@ -152,7 +179,7 @@ class Explicit:
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
             slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
+            physics.pairs, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
@@ -163,7 +190,8 @@ class Explicit:
     def _choose_step(self) -> None:
         # a fixed step is compared with the bound of the present contacts
         steps = BUDGET if self.fixed is None else 0
-        self.bound = bound(self.state, self.materials, steps, float(self.state.D[domain.OVERLAP_GUARD]))
+        largest = float(self.state.D[domain.OVERLAP_GUARD])
+        self.bound = self.agree(bound(self.state, self.materials, steps, largest, self.pairs))
         if self.tightest is None or self.bound.step < self.tightest.step:
             self.tightest = self.bound
         if self.fixed is not None:

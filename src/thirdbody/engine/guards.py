@@ -54,7 +54,8 @@ class EnergyGuard:
     def check(self, state: State, result: Stored | None = None) -> None:
         """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
         _check_norms(state, self.norm)
-        off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])
+        energy = 0.0 if result is None else sum(result)
+        off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"], energy)
         self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above
         if self.above >= self.patience:
             raise GuardStop(

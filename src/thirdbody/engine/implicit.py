@@ -216,6 +216,15 @@ class Implicit:
         for name, table in Implicit.export_state(self)[0].items():
             table[:] = arrays[name]
 
+    def restrict(self, first: int, last: int) -> None:
+        """Keep the rows of bodies `first` to `last` - 1 before the first step; the state is restricted by `engine.parts`."""
+        self.totals, self.memory = self.totals[first:last].copy(), self.memory[first:last].copy()
+        self._reported = self.memory.copy()
+
+    def sum_up(self) -> None:
+        """Update the totals of the run from those of its bodies, at a stop that all bodies have reached."""
+        self._sum_up(self.state.time, self.state.distance)
+
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each.
 

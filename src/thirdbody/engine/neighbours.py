@@ -48,6 +48,17 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
     )  # fmt: skip
 
 
+def plate_pairs(state: State) -> Candidates:
+    """Return all pairs of a sphere and a plate, without history.
+
+    Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
+    when other bodies made it due.
+    """
+    n, own, partner = _plate_candidates(state, np.inf, 2 * state.n_spheres)
+    none = np.zeros((n, contact_state.LAW))
+    return slots_of(state, own[:n].copy(), partner[:n].copy(), n, none, none)
+
+
 def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner).
 
@@ -76,15 +87,20 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
     world, distance = state.world, state.skin + state.reach
     capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
     while True:
-        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-        plates = world.lower is not None, world.upper is not None
-        n = passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, distance, own, partner)
-        n_plates = n
+        n_plates, own, partner = _plate_candidates(state, distance, capacity)
+        n = n_plates
         if world.debris_meets:
             n = passes.pair_candidates(state.S, state.body, distance, grid(state, distance), n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)
+
+
+def _plate_candidates(state: State, distance: float, capacity: int) -> tuple[int, Numbers, Numbers]:
+    """Return the number of candidates with plates, and tables of `capacity` rows that begin with them."""
+    own, partner, world = np.empty(capacity, np.int32), np.empty(capacity, np.int32), state.world
+    plates = world.lower is not None, world.upper is not None
+    return passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, distance, own, partner), own, partner
 
 
 def grid(state: State, skin: float) -> passes.Grid:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Ints, State
+from thirdbody.engine.state import Array, Candidates, Ints, State
 from thirdbody.kernels.columns import patch
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
@@ -43,15 +43,18 @@ def rayleigh_time(radius: float, material: Material) -> float:
     return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
-def bound(state: State, materials: list[Material], steps: int, max_overlap: float) -> Bound:
-    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii."""
+def bound(state: State, materials: list[Material], steps: int, max_overlap: float, candidates: Candidates | None = None) -> Bound:
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `max_overlap` radii.
+
+    `candidates`: contacts that are or may come; None: those of the last search.
+    """
     times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
     best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
     if state.physics.stiffness is None:
         return best
-    numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap)
+    numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap, candidates)
     of_bodies, of_patches = _steps(bodies), _steps(patches)
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
     limit = float(min(bodies[:, 3].min(), patches[:, 3].min()))
@@ -66,9 +69,11 @@ def bound(state: State, materials: list[Material], steps: int, max_overlap: floa
     return Bound(step, mechanism, int(state.order[numbers[body]]), limit, rayleigh)
 
 
-def _contact_bounds(state: State, horizon: float, max_overlap: float) -> tuple[Ints, Array, Array]:
+def _contact_bounds(
+    state: State, horizon: float, max_overlap: float, candidates: Candidates | None = None
+) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
-    slots, physics = state.slots, state.physics
+    slots, physics = candidates or state.slots, state.physics
     context = critical_time_step.Assembly(
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, _pressed(state, horizon), state.D, physics.pairs,

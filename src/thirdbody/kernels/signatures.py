@@ -32,7 +32,7 @@ KINDS: Kinds = {
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
     **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
-    "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
+    "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 7
+VERSION = 8
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 THE_VERSION = "the version"

@@ -6,15 +6,19 @@ import math
 import os
 import warnings
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
+from thirdbody.runner.parts.joined import cut, unfinished_parts
+from thirdbody.runner.parts.workers import workers_of
+from thirdbody.runner.prepare import check_threads, prepare
 from thirdbody.runner.progress import Reporter, reporting
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
-from thirdbody.runner.simulate import check_threads, execute, prepare
+from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
 from thirdbody.scene.read import read_text
 from thirdbody.scene.tables import Solver
@@ -35,6 +39,7 @@ def resume(
     *,
     settings: Mapping[str, Any] | None = None,
     plugins: Iterable[str | Path] = (),
+    executor: Executor | None = None,
 ) -> Run:
     """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
 
@@ -49,6 +54,8 @@ def resume(
         steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
     plugins : iterable of str or Path
         Python files that the run was started with.
+    executor : concurrent.futures.Executor or dask.distributed.Client, optional
+        Where the parts are computed, if the run was computed in parts; None: in processes of this machine.
 
     Returns
     -------
@@ -71,6 +78,7 @@ def resume(
     for warning in check_threads(threads):
         warnings.warn(warning, stacklevel=2)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
+    cut(simulation, *workers_of((unfinished_parts(folder), executor), threads), plugins)
     with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
     return open_run(folder)

@@ -16,6 +16,8 @@ from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.runner.parts.files import FOLDER as PARTS_FOLDER
+from thirdbody.runner.parts.files import JOB, remove_parts
 from thirdbody.trajectory.reader import FILE_NAME
 from thirdbody.trajectory.schema import BLOCKS
 
@@ -105,6 +107,7 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
 def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
     """Yield the folder as `new_run_folder` does; it exists and is locked."""
     _remove_leftovers(path)
+    remove_parts(path / PARTS_FOLDER)
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
     if replaced:
@@ -190,7 +193,7 @@ def _refuse_other_files(folder: Path) -> None:
     if not folder.is_dir():
         raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
     names = _names(folder)
-    others = [name for name in names if not (_is_ours(folder / name) or name == REPLACEMENT and _is_replacement(folder / name))]
+    others = [name for name in names if not (_is_ours(folder / name) or _is_own_folder(folder / name))]
     run = FILE_NAME in names or CHECKPOINT in names
     if others:
         what = "holds other files" if run else "is not the folder of a run: it holds other files"
@@ -209,6 +212,13 @@ def _names(folder: Path) -> list[str]:
 def _is_ours(path: Path) -> bool:
     """Return whether it is a file that a run writes: by its name, and neither link nor folder."""
     return bool(path.name in FILES or PARTS.fullmatch(path.name)) and _is_plain(path)
+
+
+def _is_own_folder(folder: Path) -> bool:
+    """Return whether it is a folder that a run makes in its own: of a replacement, or of its parts."""
+    if folder.name == PARTS_FOLDER:
+        return folder.is_dir() and not folder.is_symlink() and (folder / JOB).is_file()
+    return folder.name == REPLACEMENT and _is_replacement(folder)
 
 
 def _is_replacement(folder: Path) -> bool:

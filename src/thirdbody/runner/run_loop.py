@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
@@ -115,7 +115,9 @@ class RunLoop:
     def _watch(self) -> None:
         """Check the energy, at instants independent of the wall time since it belongs to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
-        if integrator.divisible:
+        if integrator.divisible and getattr(integrator, "independent", False):  # its parts meet at outputs only
+            self.energy_guard.check(state, stored_energies(state))
+        elif integrator.divisible:
             self.energy_guard.check(state, self.ledger.watch(state))
         elif getattr(integrator, "together", False):  # totals are summed at stops only
             self.ledger.watch(state)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
-import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.errors import GuardStop, Interrupted, OutputError, UsageError
+from thirdbody.errors import GuardStop, Interrupted, OutputError
 from thirdbody.export.paraview import write_paraview_files
-from thirdbody.jit.gc_pause import paused
 from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
+from thirdbody.runner.parts.joined import cut, parts_at_work
+from thirdbody.runner.parts.workers import workers_of
+from thirdbody.runner.prepare import check_threads, prepare, set_threads
 from thirdbody.runner.progress import Reporter, reporting
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
@@ -31,9 +33,6 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
-_preparing = threading.Lock()
-"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
-
 
 def run(
     scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
@@ -44,6 +43,7 @@ def run(
     overwrite: bool = False,
     plugins: tuple[str | Path, ...] = (),
     force: bool = False,
+    parts: int | tuple[int, Executor] = 1,
 ) -> Run:
     """Simulate a scene and return the opened result.
 
@@ -63,6 +63,9 @@ def run(
         Python files with a `PLUGIN` or `DEBRIS_KINDS`.
     force : bool
         Accept a time step above its bound.
+    parts : int or (int, executor)
+        Number of processes that share the bodies, where these do not influence each other (same bits for any number): of this
+        machine, or on the workers of an executor of `concurrent.futures` or a Dask client.
 
     Returns
     -------
@@ -78,9 +81,8 @@ def run(
 
     Examples
     --------
-    >>> run = thirdbody.run("example.toml", out="runs/again", progress=False)
-    >>> run.frames > 1, run.summary()["finished"]
-    (True, True)
+    >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
+    True
     """
     scene = Scene.of(scene, plugins)
     folder = Path(out) if out is not None else default_folder(scene)
@@ -88,23 +90,10 @@ def run(
     for warning in check_threads(threads):
         warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
+    cut(simulation, *workers_of(parts, threads), plugins)
     with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, overwrite, stop)
     return open_run(folder)
-
-
-def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
-    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError."""
-    from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
-    from thirdbody.laws.registry import discover
-
-    with _preparing, paused("simulation"):
-        start_compiling()
-        report_compilation()
-        registry = discover(tuple(plugins))
-        from thirdbody.assembly.simulation import build
-
-        return build(scene, registry, force, warm_up)
 
 
 def default_folder(scene: Scene) -> Path:
@@ -132,15 +121,14 @@ def execute(
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        return _execute(simulation, files, report, stop, times or WallTimes(), checkpoint)
+        loop = RunLoop(simulation, files, report, stop, times or WallTimes())
+        with parts_at_work(simulation, folder, checkpoint.stop if checkpoint else 0, loop.prints):
+            return _execute(simulation, loop, checkpoint)
 
 
-def _execute(
-    simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], times: WallTimes,
-    checkpoint: Checkpoint | None,
-) -> dict[str, Any]:  # fmt: skip
+def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
     """`execute` in an existing, locked folder."""
-    loop = RunLoop(simulation, files, report, stop, times)
+    files = loop.files
     problem: GuardStop | Interrupted | None = None
     if checkpoint is not None:
         loop.restore(checkpoint)
@@ -181,31 +169,6 @@ def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
     return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on)
-
-
-def check_threads(threads: int | None) -> list[str]:
-    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
-    maximum = _max_threads()
-    if threads is not None and threads < 1:
-        raise UsageError(f"threads = {threads}: must be at least 1")
-    if threads is not None and threads > maximum:
-        return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"]
-    return []
-
-
-def set_threads(threads: int | None) -> None:
-    """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
-    import numba
-
-    maximum = _max_threads()
-    numba.set_num_threads(maximum if threads is None else min(threads, maximum))
-
-
-def _max_threads() -> int:
-    """Return the number of threads that numba was started with: one per core available to this process."""
-    import numba
-
-    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
 def run_header(simulation: Simulation) -> dict[str, Any]:

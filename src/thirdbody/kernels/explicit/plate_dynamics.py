@@ -69,25 +69,27 @@ def press_patches(P, E, patch_of, push):
 
 @njit(**BARE)
 def kick_patches(P, E, patch_of, push, dt):
-    """Apply the closing half kick, implicit in the dashpots: no overshoot. Returns the powers of load and dashpot [W]."""
+    """Apply the closing half kick, implicit in the dashpots: no overshoot."""
     press_patches(P, E, patch_of, push)
-    load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] != 0.0:
             half = 0.5 * dt / P[p, patch.MASS]
             P[p, patch.VELOCITY] = (P[p, patch.VELOCITY] + half * (P[p, patch.FORCE] - P[p, patch.LOAD])) / (
                 1.0 + half * P[p, patch.DAMPING]
             )
-            load -= P[p, patch.LOAD] * P[p, patch.VELOCITY]
-            damping += P[p, patch.DAMPING] * P[p, patch.VELOCITY] * P[p, patch.VELOCITY]
-    return load, damping
 
 
 @njit(**BARE)
-def patch_power(P):
-    """Return the power that moves patches or a plate of prescribed height [W]: minus force times velocity."""
-    power = 0.0
-    for p in range(P.shape[0]):
-        if P[p, patch.FREE] == 0.0:
+def patch_powers(P, first, last):
+    """Return the power that moves patches first to last - 1 and that of their dashpots [W].
+
+    The former is that of the loads of free patches, and minus force times velocity of those of prescribed height.
+    """
+    load, damping, power = 0.0, 0.0, 0.0
+    for p in range(first, last):
+        if P[p, patch.FREE] != 0.0:
+            load -= P[p, patch.LOAD] * P[p, patch.VELOCITY]
+            damping += P[p, patch.DAMPING] * P[p, patch.VELOCITY] * P[p, patch.VELOCITY]
+        else:
             power -= P[p, patch.FORCE] * P[p, patch.VELOCITY]
-    return power
+    return load + power, damping

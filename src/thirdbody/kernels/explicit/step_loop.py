@@ -13,10 +13,11 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, run_totals
+from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, patch, run_totals
+from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.gather_forces import closing_kick
-from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
-from thirdbody.kernels.rigid_body import largest_displacement
+from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_powers
+from thirdbody.kernels.rigid_body import BODIES, largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, LATE, OBSERVATION, WORK, context_of
 
@@ -55,28 +56,50 @@ FEW = 2
 
 
 @njit(**BARE)
-def update_ledger(context, step, lifted, patch_damping):
+def update_ledger(context, step):
     """Add the step to the energy ledger, to impulses and distances, in a fixed order.
 
-    Contacts supply energies; other powers are integrated by the trapezoidal rule. In a recorded step also sum the elastic energy
-    of the contacts. `lifted`, `patch_damping`: powers of loads and of the dashpots of patches [W].
+    Where bodies do not influence each other there is a ledger for each group of them, else one for all.
     """
-    A, sums, moves, dt, v_x, v_y = context.A, context.sums, context.moves, step.dt, step.v_x, step.v_y
+    A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
+    if ledgers.shape[0] == 0:
+        book_step(
+            A, np.int64(0), np.int64(context.lowest.shape[0]), patch_powers(P, np.int64(0), np.int64(P.shape[0])), context, step
+        )
+    for g in range(ledgers.shape[0]):
+        first, last = g * GROUP * BODIES, min((g + 1) * GROUP * BODIES, n)
+        if P.shape[0] == n:
+            powers = patch_powers(P, first, last)
+        else:  # a plate of prescribed height, or none
+            powers = -patch_forces(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
+        book_step(ledgers[g], g, g + 1, powers, context, step)
+    pass_time(A, step.dt, step.v_x, step.v_y)
+
+
+@njit(**BARE_CHUNK)
+def book_step(A, begin, end, powers, context, step):
+    """Add the step of groups begin to end to their ledger, the row A.
+
+    Contacts supply energies; other powers are integrated by the trapezoidal rule. In a recorded step also sum the elastic energy
+    of the contacts. `powers`: of what moves the patches, and of their dashpots [W].
+    """
+    sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
     work, damped = 0.0, 0.0
-    for c in range(sums.shape[0]):
+    for c in range(2 * begin, 2 * end):
         work += sums[c, contact_sums.FRICTION_WORK]
         damped += sums[c, contact_sums.DAMPING_WORK]
     upper, lower, effects = broadcast(0.0), broadcast(0.0), 0.0
-    for c in range(sums.shape[0]):
+    for c in range(2 * begin, 2 * end):
         upper, lower = upper - load(sums, c, contact_sums.UPPER_FORCE), lower - load(sums, c, contact_sums.LOWER_FORCE)
-    for c in range(moves.shape[0]):
+    for c in range(GROUP * begin, min(GROUP * end, moves.shape[0])):
         effects += moves[c, chunk_motion.EFFECT_POWER]
-    half = 0.5 * dt
+    half = 0.5 * step.dt
     A[run_totals.FRICTION_WORK] += work
     A[run_totals.DAMPING_WORK] += damped + half * (A[run_totals.PATCH_POWER] + patch_damping)
     A[run_totals.EFFECT_WORK] += half * (A[run_totals.EFFECT_POWER] + effects)
     drag = -half * (
-        (A[run_totals.UPPER_FORCE] + extract(upper, 0)) * v_x + (A[run_totals.UPPER_FORCE + 1] + extract(upper, 1)) * v_y
+        (A[run_totals.UPPER_FORCE] + extract(upper, 0)) * step.v_x
+        + (A[run_totals.UPPER_FORCE + 1] + extract(upper, 1)) * step.v_y
     )
     plate = drag + half * (A[run_totals.LOAD_POWER] + lifted)
     A[run_totals.PLATE_WORK] += plate
@@ -87,12 +110,20 @@ def update_ledger(context, step, lifted, patch_damping):
         A[run_totals.LOWER_IMPULSE + k] += half * (A[run_totals.LOWER_FORCE + k] + low[k])
         A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = up[k], low[k]
     A[run_totals.PATCH_POWER], A[run_totals.EFFECT_POWER], A[run_totals.LOAD_POWER] = patch_damping, effects, lifted
-    pass_time(A, dt, v_x, v_y)
     if step.record:
         A[run_totals.STORED_NORMAL] = A[run_totals.STORED_TANGENTIAL] = 0.0
-        for c in range(sums.shape[0]):
+        for c in range(2 * begin, 2 * end):
             A[run_totals.STORED_NORMAL] += sums[c, contact_sums.STORED_NORMAL]
             A[run_totals.STORED_TANGENTIAL] += sums[c, contact_sums.STORED_TANGENTIAL]
+
+
+@njit(**BARE)
+def patch_forces(sums):
+    """Return the upward force of all debris on the upper plate [N]."""
+    push = 0.0
+    for c in range(sums.shape[0]):
+        push -= sums[c, contact_sums.UPPER_FORCE + 2]
+    return push
 
 
 @njit(**BARE)
@@ -134,15 +165,6 @@ def rebuild_needed(context, patch_path):
     return False
 
 
-@njit(**BARE)
-def patch_forces(sums):
-    """Return the upward force of all debris on the upper plate [N]."""
-    push = 0.0
-    for c in range(sums.shape[0]):
-        push -= sums[c, contact_sums.UPPER_FORCE + 2]
-    return push
-
-
 work_at = function_at(WORK)
 
 _I, _F = types.int64, types.float64
@@ -181,8 +203,8 @@ def run(budget, until, distance, dt, threads, packed):
         for task in range(EARLY, OBSERVATION + 1):
             if task == OBSERVATION:
                 load_patches(P, schedule, first, step.time)
-                lifted, damping = kick_patches(P, context.E, context.patch, patch_forces(context.sums), dt)
-                update_ledger(context, step, lifted + patch_power(P), damping)
+                kick_patches(P, context.E, context.patch, patch_forces(context.sums), dt)
+                update_ledger(context, step)
             if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             if parts == 1:

@@ -1,0 +1,1 @@
+"""One run on many processes: parts of its bodies, integrated separately, and joined output by output."""

@@ -1,0 +1,57 @@
+"""A scene made ready to run: built, compiled, and the number of threads."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from thirdbody.errors import UsageError
+from thirdbody.jit.gc_pause import paused
+from thirdbody.scene.model import Scene
+
+if TYPE_CHECKING:
+    from thirdbody.assembly.simulation import Simulation
+
+_preparing = threading.Lock()
+"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
+
+
+def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
+    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError."""
+    from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
+    from thirdbody.laws.registry import discover
+
+    with _preparing, paused("simulation"):
+        start_compiling()
+        report_compilation()
+        registry = discover(tuple(plugins))
+        from thirdbody.assembly.simulation import build
+
+        return build(scene, registry, force, warm_up)
+
+
+def check_threads(threads: int | None) -> list[str]:
+    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
+    maximum = _max_threads()
+    if threads is not None and threads < 1:
+        raise UsageError(f"threads = {threads}: must be at least 1")
+    if threads is not None and threads > maximum:
+        return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"]
+    return []
+
+
+def set_threads(threads: int | None) -> None:
+    """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
+    import numba
+
+    maximum = _max_threads()
+    numba.set_num_threads(maximum if threads is None else min(threads, maximum))
+
+
+def _max_threads() -> int:
+    """Return the number of threads that numba was started with: one per core available to this process."""
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
