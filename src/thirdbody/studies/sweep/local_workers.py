@@ -97,11 +97,14 @@ class _Worker:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._interrupted = False
 
     def call(self, request: bytes) -> tuple[Any, BaseException | None]:
         """Return the answer to a request, and the exception it raised. Raises EOFError or OSError if the process died."""
         process = self._process or self._start()
         assert process.stdin is not None and process.stdout is not None
+        if self._interrupted:  # while it started
+            self.interrupt()
         process.stdin.write(request)
         process.stdin.flush()
         answer: tuple[Any, BaseException | None] = pickle.load(process.stdout)
@@ -109,6 +112,7 @@ class _Worker:
 
     def interrupt(self) -> None:
         """Ask the process to end its call with a checkpoint."""
+        self._interrupted = True
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
 

@@ -1,0 +1,240 @@
+"""Sweeps as a user runs them: the table, the folders, resume, retry, executors, lost workers."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import threading
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from balls import BALLS
+
+import thirdbody
+from thirdbody.errors import InputError, Interrupted, OutputError
+from thirdbody.studies.sweep.execution import Execution, execute_sweep
+from thirdbody.studies.sweep.local_workers import LocalWorkers, WorkerDied
+from thirdbody.studies.sweep.plan import make_plan
+from thirdbody.studies.sweep.point import RESULT_FILE
+from thirdbody.studies.sweep.results import TIMES
+from thirdbody.studies.sweep.run_point import run_point
+from thirdbody.studies.sweep.sweep_file import sweep_of_python
+
+MU, COUNT = "pairs.0.friction", "debris.0.count"
+VARY = {MU: [0.1, 0.2, 0.3], COUNT: [3, 4, 4000]}
+"""A third of the points fails: 4000 balls have no space in the domain."""
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    """The rows of a sweep without the columns of times."""
+    rows = list(csv.DictReader((folder / "points.csv").open(encoding="utf-8")))
+    return [{name: cell for name, cell in row.items() if name.partition(" ")[0] not in TIMES} for row in rows]
+
+
+def plan_in(folder: Path, vary: object = VARY, **options: object):
+    return make_plan(thirdbody.Scene.parse(BALLS), sweep_of_python(vary, options), folder)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> thirdbody.Sweep:
+    """The sweep, by one process."""
+    folder = tmp_path_factory.mktemp("sweep") / "whole"
+    return thirdbody.sweep(thirdbody.Scene.parse(BALLS), VARY, folder, progress=False, workers=1)
+
+
+def test_every_point_is_a_row_and_failed_ones_say_why(whole):
+    rows = table(whole.path)
+    assert [(float(row[MU]), int(row[COUNT])) for row in rows] == [
+        (mu, count) for mu in (0.1, 0.2, 0.3) for count in (3, 4, 4000)
+    ]
+    for row, point in zip(rows, whole.points, strict=True):
+        if point.values[COUNT] == 4000:
+            assert (point.status, row["status"], row["exit_code"]) == ("failed", "failed", "3")
+            assert "debris[0]" in point.reason and row["reason"] == point.reason and row["load [N]"] == ""
+        else:
+            assert (row["status"], row["exit_code"], row["reason"]) == ("done", "0", "")
+            assert float(row["load [N]"]) == point.results["load"]
+            # each ball carries its patch of 0.1 mN; settling ends within a thousandth
+            assert point.results["load"] == pytest.approx(1e-4 * point.values[COUNT], rel=1e-3)
+
+
+def test_results_are_those_of_the_run(whole):
+    point = whole.points[4]
+    with point.run as run:
+        assert point.folder.name in str(run.path)
+        assert point.results["friction_coefficient"] == run.friction.value
+        assert point.results["fraction_rolling"] == run.series["fraction_rolling"][-1]
+        rolled = (run.states == run.state_names.index("rolling")).any(axis=0).mean()
+        assert point.results["fraction_ever_rolling"] == rolled
+        assert point.results["energy_residual"] == run.summary()["energy_residual"]
+        scene = thirdbody.Scene.parse(run.scene_text)
+    assert (scene.pairs[0].friction, scene.debris[0].count) == (0.2, 4)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_table_is_the_same_for_any_number_of_workers(whole, tmp_path, count):
+    execute_sweep(plan_in(tmp_path / "again"), tmp_path / "again", Execution(workers=count))
+    assert table(tmp_path / "again") == table(whole.path)
+
+
+def test_any_executor_will_do_and_the_summary_alone_may_stay(whole, tmp_path):
+    with ThreadPoolExecutor(1) as executor:
+        sweep = thirdbody.sweep(
+            thirdbody.Scene.parse(BALLS), VARY, tmp_path / "threads", executor, progress=False, keep="summary"
+        )
+    assert table(sweep.path) == table(whole.path)
+    assert {path.name for path in sweep.points[0].folder.iterdir()} == {RESULT_FILE}
+    with pytest.raises(InputError, match="only its results were kept"):
+        _ = sweep.points[0].run
+
+
+class Count:
+    """An executor that computes at once, and counts."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def submit(self, function, /, *arguments):
+        self.calls += 1
+        future: Future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+
+def test_a_sweep_goes_on_with_what_is_missing_and_retries_on_request(whole, tmp_path):
+    folder = tmp_path / "part"
+    first = {MU: [0.1, 0.2], COUNT: [4, 4000]}
+    execute_sweep(plan_in(folder, first), folder, Execution(Count()))
+    with pytest.raises(OutputError, match="exists already; resume=True goes on"):
+        thirdbody.sweep(thirdbody.Scene.parse(BALLS), VARY, folder, progress=False)
+    executor = Count()
+    execute_sweep(plan_in(folder), folder, Execution(executor, resume=True))  # a larger plan: its new points
+    assert executor.calls == 9 - 4 and table(folder) == table(whole.path)
+    sweep = thirdbody.sweep(folder, resume=True, executor=Count(), progress=False)  # its folder is enough
+    assert table(folder) == table(whole.path) and list(sweep.axes) == [MU, COUNT]
+    executor = Count()
+    thirdbody.sweep(folder, resume="failed", executor=executor, progress=False)
+    assert executor.calls == 3 and table(folder) == table(whole.path)
+
+
+def test_points_with_the_same_scene_have_one_run(tmp_path):
+    executor = Count()
+    execute_sweep(plan_in(tmp_path, {MU: [0.1, 0.2, 0.1]}), tmp_path, Execution(executor, resume=True))
+    rows = table(tmp_path)
+    assert executor.calls == 2 and {**rows[0], "point": "2"} == rows[2]
+
+
+def test_an_interrupted_point_goes_on_from_its_checkpoint_to_the_same_row(whole, tmp_path):
+    plan, folder = plan_in(tmp_path / "cut"), tmp_path / "cut"
+    calls = [0]
+
+    def stop() -> bool:  # within the first run, some steps after its start
+        calls[0] += 1
+        return calls[0] > 3
+
+    stopped = run_point(plan.points[1], stop)
+    assert stopped.status == "interrupted" and (plan.points[1].folder / "checkpoint.npz").is_file()
+    with pytest.raises(Interrupted, match="0 of 9 points are done.*resume=True"):
+        execute_sweep(plan, folder, Execution(workers=1, resume=True, stop=lambda: True))
+    assert {row["status"] for row in table(folder)} <= {"waiting", "interrupted"}
+    execute_sweep(plan, folder, Execution(workers=2, resume=True))
+    assert table(folder) == table(whole.path)
+
+
+def test_a_worker_that_dies_costs_its_point_nothing_but_time(whole, tmp_path):
+    plan, folder = plan_in(tmp_path / "killed"), tmp_path / "killed"
+    workers, ended = LocalWorkers(2), threading.Event()
+
+    def kill() -> None:
+        killed = 0
+        while not ended.wait(0.05) and killed < 2:
+            for worker in list(workers._workers):
+                process = worker._process
+                if process is not None and any((folder / "points").glob("*/run.vtkhdf")) and killed < 2:
+                    process.send_signal(signal.SIGKILL)
+                    killed += 1
+                    time.sleep(0.3)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        execute_sweep(plan, folder, Execution(workers))
+    finally:
+        ended.set()
+        killer.join()
+        workers.shutdown()
+    assert table(folder) == table(whole.path)
+
+
+DEADLY = """\
+import os, sys
+if os.path.join("sweep", "worker") in sys.argv[0]:
+    print("no more memory", file=sys.stderr, flush=True)
+    os._exit(7)
+DEBRIS_KINDS = ()
+"""
+
+
+def test_a_point_that_kills_its_process_every_time_has_failed(tmp_path):
+    plugin = tmp_path / "deadly.py"
+    plugin.write_text(DEADLY)
+    plan = make_plan(thirdbody.Scene.parse(BALLS), sweep_of_python({MU: [0.1]}, {}), tmp_path / "dead", [plugin])
+    execute_sweep(plan, tmp_path / "dead", Execution())
+    [row] = table(tmp_path / "dead")
+    assert (row["status"], row["exit_code"]) == ("failed", "7")
+    assert row["reason"] == "no answer: its process ended 3 times (exit code 7: no more memory)"
+    executor = Count()
+    execute_sweep(plan, tmp_path / "dead", Execution(executor, resume=True))
+    assert executor.calls == 0  # a failed row stays one
+
+
+def test_what_a_function_raises_in_a_worker_is_raised_here():
+    with LocalWorkers(1) as workers:
+        with pytest.raises(TypeError):
+            workers.submit(len, 5).result()
+        assert issubclass(WorkerDied, thirdbody.errors.ThirdbodyError)
+
+
+def test_a_full_disk_ends_the_sweep_with_one_message(tmp_path, monkeypatch):
+    from thirdbody.studies.sweep import point
+
+    def full(path: Path, content: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    plan, folder = plan_in(tmp_path / "full"), tmp_path / "full"
+    with monkeypatch.context() as patch:
+        patch.setattr(point, "write_whole", full)
+        executor = Count()
+        with pytest.raises(OutputError, match="point.json: cannot be written .No space left on device"):
+            execute_sweep(plan, folder, Execution(executor))
+    assert not [row for row in table(folder) if row["status"] in ("done", "failed")]
+    execute_sweep(plan, folder, Execution(workers=2, resume=True))  # there is space again
+    assert {row["status"] for row in table(folder)} == {"done", "failed"}
+
+
+def test_another_version_of_the_source_computes_its_own_points(tmp_path, monkeypatch):
+    from thirdbody.studies.sweep import plan as plans
+
+    names = [point.folder for point in plan_in(tmp_path).points]
+    assert names == [point.folder for point in plan_in(tmp_path).points] and len(set(names)) == 9
+    monkeypatch.setattr(plans, "code_version", lambda files: "another")
+    assert not set(names) & {point.folder for point in plan_in(tmp_path).points}
+
+
+def test_the_command_prints_the_table_and_its_dry_run_writes_nothing(command, tmp_path):
+    (tmp_path / "balls.toml").write_text(BALLS, encoding="utf-8")
+    vary = ("--vary", f"{MU}=0.1:0.2:2", "-o", "out")
+    report = command("sweep", "balls.toml", *vary, "--dry-run", "--json")
+    cost = json.loads(report.out)
+    assert report.code == 0 and cost["points"] == 2 and cost["core_seconds"] > 0.0 and cost["disk"] > 1000
+    assert cost["axes"] == [{"key": MU, "unit": "1", "values": [0.1, 0.2]}] and not (tmp_path / "out").exists()
+    report = command("sweep", "balls.toml", *vary, "--json", "--quiet", "--workers", 1)
+    points = json.loads(report.out)["points"]
+    assert report.code == 0 and [point["status"] for point in points] == ["done", "done"]
+    report = command("sweep", "out", "--resume")
+    assert report.code == 0 and report.out == "2 of 2 points done: out/points.csv\n"
+    assert command("plot", "out", "-o", "curve.svg").code == 0 and (tmp_path / "curve.svg").stat().st_size > 5000
+    assert "measured" in command("sweep", "out", "--dry-run", "--json").out
