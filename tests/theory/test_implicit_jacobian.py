@@ -85,7 +85,7 @@ def tangents(I, K, n, _):  # noqa: E741
             K[k * TILE + q] = values[k]
 
 
-def replace_flat_plates(first_body: ModuleType, predicates: ModuleType) -> None:
+def replace_flat_plates(surface: ModuleType, first_body: ModuleType, predicates: ModuleType) -> None:
     """Replace the flat plates by planes or spheres that the table of patches describes."""
     is_upper, patch_of_partner = predicates.is_upper, predicates.patch_of_partner
 
@@ -113,14 +113,14 @@ def replace_flat_plates(first_body: ModuleType, predicates: ModuleType) -> None:
     first_body.overlap = njit(**BARE)(lambda j, x, radius, P: radius - from_surface(j, x, P)[0])
     first_body.normal = njit(**BARE)(lambda j, x, P: from_surface(j, x, P)[1])
     first_body.curvature = njit(**BARE)(lambda j, x, P: P[row_of(j, P), BEND])
-    first_body.FLAT = False
+    surface.FLAT = False
 
 
-def fresh_kernels(change: Callable[[ModuleType, ModuleType], None]) -> tuple[ModuleType, ...]:
+def fresh_kernels(change: Callable[[ModuleType, ModuleType, ModuleType], None]) -> tuple[ModuleType, ...]:
     """Import the kernels anew, with first bodies changed before others use them: bundles, residual, jacobian."""
     saved = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[:2] == ["thirdbody", "kernels"]}
     try:
-        change(*(importlib.import_module(f"thirdbody.kernels.{name}") for name in ("first_body", "predicates")))
+        change(*(importlib.import_module(f"thirdbody.kernels.{name}") for name in ("surface", "first_body", "predicates")))
         names = ("bundles", "residual", "jacobian")
         return tuple(importlib.import_module(f"thirdbody.kernels.implicit.{name}") for name in names)
     finally:
@@ -163,7 +163,7 @@ def on_any_surface():
 
 @pytest.fixture(scope="module")
 def on_plates():
-    return compiled(fresh_kernels(lambda first_body, predicates: None))
+    return compiled(fresh_kernels(lambda surface, first_body, predicates: None))
 
 
 # -- a body of four spheres between two surfaces --

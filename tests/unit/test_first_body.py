@@ -24,6 +24,11 @@ def normal(partner, x, P):
 
 
 @njit
+def to_surface(partner, x, P):
+    return first_body.to_surface(partner, x, P)
+
+
+@njit
 def velocity(partner, P, motion):
     return first_body.velocity(partner, P, motion)
 
@@ -36,7 +41,7 @@ def effective_radius(radius, curvature):
 @pytest.fixture
 def patches():
     P = np.zeros((2, patch.WIDTH))
-    P[:, patch.HEIGHT], P[:, patch.VELOCITY] = (9.0, 1.8), (7.0, 0.5)
+    P[:, patch.HEIGHT], P[:, patch.VELOCITY], P[:, patch.DISPLACEMENT2] = (9.0, 1.8), (7.0, 0.5), ((5.0, 6.0), (0.1, 0.4))
     return P
 
 
@@ -54,6 +59,11 @@ def test_the_normal_points_where_the_overlap_decreases_fastest(patches, partner)
 def test_a_sphere_between_two_plates_overlaps_with_each(patches):
     assert overlap(LOWER, CENTRE, patches) == pytest.approx(0.1, rel=1e-12)
     assert overlap(UPPER, CENTRE, patches) == pytest.approx(0.1, rel=1e-12)
+
+
+def test_a_surface_moves_with_its_plate_and_has_the_debris_above_it(patches):
+    assert to_surface(LOWER, CENTRE, patches) == CENTRE
+    assert to_surface(UPPER, CENTRE, patches) == pytest.approx((0.3 - 0.1, -0.2 - 0.4, 1.8 - 0.9))
 
 
 def test_only_the_upper_plate_moves(patches):

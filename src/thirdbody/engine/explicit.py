@@ -19,6 +19,7 @@ from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
+from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
@@ -262,9 +263,8 @@ class Explicit:
 
     def _who(self, slot: int) -> tuple[str, str]:
         s, slots = self.state, self.state.slots
-        j = int(slots.partner[slot])
-        names = {-1: "the lower plate"}
-        other = names.get(j, "the upper plate") if j < 0 else f"body {s.order[s.body[j]]}"
+        names, side = {LOWER: "the lower plate", UPPER: "the upper plate"}, int(slots.sides[slot])
+        other = names.get(side) or f"body {s.order[s.body[slots.partner[slot]]]}"
         b = int(s.body[slots.own[slot]])
         where = ", ".join(f"{x:.4g}" for x in s.bodies.position[b])
         return f"body {s.order[b]} at ({where}) m", other

@@ -36,6 +36,7 @@ from thirdbody.kernels.columns import (
     step_settings,
     step_start,
 )
+from thirdbody.kernels.columns.sides import LOWER
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
@@ -358,7 +359,7 @@ class Implicit:
         who = self._who(body)
         if code == Stop.OVERLAP:
             slot = int(self.memory[body, step_memory.SLOT])
-            plate = "lower" if s.slots.partner[slot] == -1 else "upper"
+            plate = "lower" if s.slots.sides[slot] == LOWER else "upper"
             ratio = s.slots.records.overlap[slot] / s.spheres.radius[s.slots.own[slot]]
             limit = s.D[domain.OVERLAP_GUARD]
             text = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
@@ -383,7 +384,7 @@ class Implicit:
         report = []
         for k in range(slots.edges[body], slots.edges[body + 1]):
             if slots.histories.slip[k] > 0.0:
-                plate = "lower" if slots.partner[k] == -1 else "upper"
+                plate = "lower" if slots.sides[k] == LOWER else "upper"
                 sphere = int(slots.own[k] - self.state.start[body])
                 force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
                 report.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")

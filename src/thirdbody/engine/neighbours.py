@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, table
+from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, sides_of, table
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.columns import contact_state, domain, remote_force, run_totals, sphere
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 
@@ -127,7 +128,7 @@ def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     world = state.world
     lower = -1 if world.lower is None else world.lower
     upper = -1 if world.upper is None else world.upper.material
-    other = np.where(partner == -1, lower, upper)
-    with_sphere = partner >= 0
+    sides = sides_of(partner)
+    other, with_sphere = np.where(sides == LOWER, lower, upper), sides == DEBRIS
     other[with_sphere] = material[partner[with_sphere]]
     return state.physics.kinds[material[own], other].astype(np.int32)

@@ -15,6 +15,7 @@ from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
 from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels import surface
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -27,6 +28,7 @@ from thirdbody.kernels.columns import (
     search_pose,
     sphere,
 )
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.signatures import LAW
 
@@ -167,6 +169,16 @@ class Candidates:
         return len(self.own)
 
     @property
+    def sides(self) -> Ints:
+        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`columns.sides`)."""
+        return sides_of(self.partner)
+
+    @property
+    def patches(self) -> Ints:
+        """Patch of the upper plate (n,) that is the partner of each candidate; negative for any other partner."""
+        return (-1 - self.partner.astype(np.int64)) // surface.BASINS - 1
+
+    @property
     def histories(self) -> Rows:
         """Contact histories by name (`kernels.columns.contact_state`)."""
         return Rows((self.H, contact_state.table))
@@ -274,6 +286,11 @@ class State:
     def distance(self) -> float:
         """Path length [m] of the upper plate relative to the lower one since the start."""
         return float(self.A[run_totals.DISTANCE])
+
+
+def sides_of(partner: Numbers) -> Ints:
+    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.predicates`)."""
+    return np.where(partner >= 0, DEBRIS, np.where(partner < -surface.BASINS, UPPER, LOWER))
 
 
 def empty_slots(memory: int, record: int) -> Candidates:

@@ -1,38 +1,46 @@
-"""First bodies, between which the debris is: all that kernels know of their surfaces.
+"""First bodies, between which the debris is: all that kernels know of them. Their shape is in `surface`.
 
-A first body is named by the partner code of a candidate (`predicates`): the lower one, or a patch of the upper one. For a sphere
-at x (3,) [m] it has an overlap, a unit normal from the first body to the sphere, a curvature and a surface velocity. This is
-the flat plate: the lower one is the plane z = 0 at rest, a patch of the upper one a plane at its height. (A surface that is not
-flat also needs `patch.DISPLACEMENT`.) Functions are inlined, so constants, like the x of a normal, cost nothing.
+A first body is named by the partner code of a candidate (`predicates`), and with it the basin of the contact. For a sphere at x
+(3,) [m] it has an overlap, a unit normal from the first body to the sphere, a curvature and a surface velocity. The plane of the
+lower one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down.
 """
 
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.kernels import surface
 from thirdbody.kernels.columns import patch, sphere
-from thirdbody.kernels.predicates import is_upper, patch_of_partner
+from thirdbody.kernels.predicates import basin_of_partner, is_upper, patch_of_partner
 
-FLAT = True
-"""Whether all first bodies are planes: the implicit Jacobian is then compiled without the turning of normals (`jacobian`)."""
+
+@njit(**BARE)
+def to_surface(partner, x, P):
+    """Return a point in the coordinates of a first body (`surface`) [m]."""
+    p, upper = patch_of_partner(partner), is_upper(partner)
+    along = x[0] - P[p, patch.DISPLACEMENT] if upper else x[0]
+    across = x[1] - P[p, patch.DISPLACEMENT + 1] if upper else x[1]
+    top = P[p, patch.HEIGHT]
+    return along, across, top - x[2] if upper else x[2]
 
 
 @njit(**BARE)
 def overlap(partner, x, radius, P):
     """Return the overlap of a sphere with a first body [m]; <= 0 if apart."""
-    top = P[patch_of_partner(partner), patch.HEIGHT]
-    return radius - (top - x[2] if is_upper(partner) else x[2])
+    return radius - surface.distance(is_upper(partner), basin_of_partner(partner), to_surface(partner, x, P))
 
 
 @njit(**BARE)
 def normal(partner, x, P):
     """Return the unit normal from a first body to a sphere."""
-    return 0.0, 0.0, -1.0 if is_upper(partner) else 1.0
+    upper = is_upper(partner)
+    n_x, n_y, n_z = surface.normal(upper, basin_of_partner(partner), to_surface(partner, x, P))
+    return n_x, n_y, -n_z if upper else n_z
 
 
 @njit(**BARE)
 def curvature(partner, x, P):
     """Return the curvature of a first body next to a sphere [1/m]: 0 for a plane, positive where it bulges."""
-    return 0.0
+    return surface.curvature(is_upper(partner), basin_of_partner(partner), to_surface(partner, x, P))
 
 
 @njit(**BARE)

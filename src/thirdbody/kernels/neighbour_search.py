@@ -1,7 +1,7 @@
 """Search for candidates: pairs of sphere and plate, or of spheres, that may touch before the next search.
 
-Candidates come out sorted (plates by sphere, then pairs by owner and partner; the sphere with the lower number owns a pair), so
-history is carried over by one merge and nothing depends on threads.
+Candidates come out sorted (plates by sphere, side and basin, then pairs by owner and partner; the sphere with the lower number
+owns a pair), so history is carried over by one merge and nothing depends on threads.
 """
 
 from typing import NamedTuple
@@ -11,12 +11,12 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
-from thirdbody.kernels import first_body
+from thirdbody.kernels import first_body, surface
 from thirdbody.kernels.bundles import Box
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
 from thirdbody.kernels.periodic import images, inverse
-from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
+from thirdbody.kernels.predicates import is_sphere, order_on_sphere, partner_code
 
 Array = np.ndarray
 
@@ -64,25 +64,34 @@ class CandidateRows(NamedTuple):
     table: Array
 
 
+@njit(**BARE)
+def list_basins(i, p, S, P, skin, n, own, partner):
+    """List the basins of a plate within `skin` of sphere i after the first n candidates; return the new n.
+
+    `p`: patch of the upper plate; -1: the lower plate.
+    """
+    x, r = first_body.centre(i, S), S[i, sphere.RADIUS]
+    for basin in range(surface.BASINS):
+        j = partner_code(p, basin)
+        if -first_body.overlap(j, x, r, P) < skin:
+            if n < own.shape[0]:
+                own[n], partner[n] = i, j
+            n += 1
+    return n
+
+
 @njit(**DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, body, patch_of, plates, skin, own, partner):
     """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity.
 
     `plates`: whether there is a lower one, and an upper one.
     """
-    n, (has_lower, has_upper) = 0, plates
+    n, (has_lower, has_upper) = np.int64(0), plates
     for i in range(S.shape[0]):
-        x, r = first_body.centre(i, S), S[i, sphere.RADIUS]
-        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and -first_body.overlap(-1, x, r, P) < skin:
-            if n < own.shape[0]:
-                own[n], partner[n] = i, -1
-            n += 1
+        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER:
+            n = list_basins(i, np.int64(-1), S, P, skin, n, own, partner)
         if has_upper and S[i, sphere.SIDE] != ONLY_LOWER:
-            p = patch_of[body[i]]
-            if -first_body.overlap(partner_of_patch(p), x, r, P) < skin:
-                if n < own.shape[0]:
-                    own[n], partner[n] = i, partner_of_patch(p)
-                n += 1
+            n = list_basins(i, patch_of[body[i]], S, P, skin, n, own, partner)
     return n
 
 
@@ -249,7 +258,7 @@ def pair_candidates(S, body, skin, grid, n, own, partner):
 @njit(**BARE)
 def rank(j):
     """Return the order of partners of one owner within the plates' or the pairs' part."""
-    return j if is_sphere(j) else (0 if is_lower(j) else 1)
+    return j if is_sphere(j) else order_on_sphere(j)
 
 
 @njit(**DIRECT, **NO_COUNTS)

@@ -83,8 +83,8 @@ def _damping_fraction(simulation: Simulation, lines: Mapping[str, float]) -> flo
 def patches_not_carried(simulation: Simulation) -> int:
     """Return the number of patches that carry less than the fraction `CARRIED` of their load."""
     P, slots = simulation.state.P, simulation.state.slots
-    upper = (slots.partner < -1) & (slots.histories.slip > 0.0)
-    carried = np.bincount(-slots.partner[upper] - 2, slots.records.normal_force[upper], len(P))
+    upper = (slots.patches >= 0) & (slots.histories.slip > 0.0)
+    carried = np.bincount(slots.patches[upper], slots.records.normal_force[upper], len(P))
     alone = (P[:, patch.FREE] > 0.0) & (P[:, patch.SPRING] == 0.0)
     return int(np.count_nonzero(alone & (carried < CARRIED * P[:, patch.LOAD])))
 

@@ -7,7 +7,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.schema import Frame
 
@@ -54,9 +54,8 @@ class FrameMaker:
     def _contacts(self) -> dict[str, np.ndarray]:
         s, slots = self.state, self.state.slots
         on = np.flatnonzero(slots.histories.slip > 0.0)
-        R, owner, partner = slots.R[on], s.body[slots.own[on]], slots.partner[on]
-        plate = partner < 0
-        other = np.where(plate, np.maximum(partner, -2), s.order[s.body[np.where(plate, 0, partner)]])
+        R, owner, partner, sides = slots.R[on], s.body[slots.own[on]], slots.partner[on], slots.sides[on]
+        other = np.where(sides == DEBRIS, s.order[s.body[np.maximum(partner, 0)]], np.where(sides == LOWER, -1, -2))
         tangential = R[:, record.TANGENTIAL_FORCE3]
         size, limit = np.linalg.norm(tangential, axis=1), R[:, record.FRICTION_LIMIT]
         eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
@@ -64,7 +63,7 @@ class FrameMaker:
             "points": s.bodies.position[owner] + R[:, record.POINT3],
             "body": s.order[owner],
             "partner": other,
-            "side": np.where(partner == -1, LOWER, np.where(plate, UPPER, DEBRIS)).astype(np.uint8),
+            "side": sides.astype(np.uint8),
             "normal": R[:, record.NORMAL3],
             "normal_force": R[:, record.NORMAL_FORCE],
             "tangential_force": tangential,

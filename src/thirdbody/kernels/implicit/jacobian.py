@@ -24,7 +24,7 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import first_body
+from thirdbody.kernels import first_body, surface
 from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, patch, sphere, step_start
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
@@ -230,7 +230,7 @@ def add_column(column, contact, J):
     n, e, g = contact.frame
     d, s_1, s_2 = column.strain
     dn, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if not first_body.FLAT:
+    if not surface.FLAT:
         dn, w, more_1, more_2 = frame_change(column, contact)
         s_1, s_2 = s_1 + more_1, s_2 + more_2
     k_n, xx, xy, yx, yy, xd, yd = contact.tangent
@@ -238,7 +238,7 @@ def add_column(column, contact, J):
     df = t_1 * e[0] + t_2 * g[0] + f_n * n[0], t_1 * e[1] + t_2 * g[1] + f_n * n[1], t_1 * e[2] + t_2 * g[2] + f_n * n[2]
     swing = column.swing
     dr = swing[0] + 0.5 * n[0] * d, swing[1] + 0.5 * n[1] * d, swing[2] + 0.5 * n[2] * d
-    if not first_body.FLAT:
+    if not surface.FLAT:
         rotated, arm = cross(w, contact.force), contact.arm
         df = df[0] + rotated[0], df[1] + rotated[1], df[2] + rotated[2]
         dr = dr[0] - arm * dn[0], dr[1] - arm * dn[1], dr[2] - arm * dn[2]
@@ -276,7 +276,7 @@ def add_moment(column, w, contact, J):
     m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
     m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
     dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
-    if not first_body.FLAT:
+    if not surface.FLAT:
         rotated = cross(w, contact.moment)
         dm = dm[0] + rotated[0], dm[1] + rotated[1], dm[2] + rotated[2]
     J[3, c] += dm[0]

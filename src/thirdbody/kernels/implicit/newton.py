@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels import first_body
+from thirdbody.kernels import first_body, surface
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -138,7 +138,7 @@ def rounding_force(context, active, diagnostics):
         return 0.0
     b, B = active.number, context.B
     radius = abs(B[b, body.POSITION + 2])
-    if not first_body.FLAT:
+    if not surface.FLAT:
         radius = max(radius, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
     radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     return (
