@@ -104,8 +104,35 @@ def _first_sentence(docstring: str | None) -> str:
     return re.split(r"(?<=\.)\s", " ".join((docstring or "").split()))[0]
 
 
+def sweep_keys() -> str:
+    """Return the table of the keys of a sweep file."""
+    from thirdbody.scene.keys import table_keys
+    from thirdbody.studies.sweep.sweep_file import SweepFile
+
+    lines = ["| key | value | default | meaning | example |", "|---|---|---|---|---|"]
+    for key in table_keys(SweepFile.model_json_schema()):
+        default = f"`{key.default}`" if key.default not in ("", "required") and len(key.default) < 40 else key.default
+        shown = default if len(default) < 40 else "below"
+        lines.append(f"| `{key.path}` | {key.value} | {shown} | {key.meaning} | `{key.example}` |")
+    return "\n".join(lines)
+
+
+def sweep_results() -> str:
+    """Return the table of the results that a sweep can put into its table."""
+    from thirdbody.studies.sweep.results import DEFAULT, RESULTS, result
+
+    states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}
+    lines = ["| result | unit | default | meaning |", "|---|---|---|---|"]
+    for name, entry in sorted((RESULTS | states).items()):
+        usual = name in DEFAULT or name == "fraction_STATE"
+        usual_word = "rolling" if name == "fraction_ever_STATE" else "yes" if usual else ""
+        lines.append(f"| `{name}` | {'' if entry.unit == '1' else entry.unit} | {usual_word} | {entry.meaning} |")
+    return "\n".join(lines)
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "kinds": kinds,
+    "sweep_keys": sweep_keys, "sweep_results": sweep_results,
 }  # fmt: skip
 PARTS |= REFERENCE | {"gallery": gallery}
 

@@ -35,10 +35,10 @@ def code_version(plugins: tuple[Path, ...] = ()) -> str:
     return digest.hexdigest()
 
 
-def point_name(text: str, scene: Scene, version: str) -> str:
-    """Return the name of the folder of a point: 16 hexadecimal digits."""
+def point_name(text: str, document: Mapping[str, Any], scene: Scene, version: str) -> str:
+    """Return the name of the folder of a point, whose scene is `document`, as TOML `text`: 16 hexadecimal digits."""
     digest = hashlib.sha256(f"{version}\n{text}".encode())
-    for name in _named_files(scene.document()):
+    for name in _named_files(document):
         path = scene.beside(name)
         if path.is_file():
             digest.update(_digest(path.absolute(), path.stat().st_mtime_ns))

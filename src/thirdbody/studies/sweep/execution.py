@@ -73,7 +73,7 @@ def _missing(plan: Plan, table: Table, retry: bool) -> list[Point]:
         if saved is None:
             missing.append(point)
         else:
-            table.rows[point.number] = saved
+            table.enter(saved)
     return missing
 
 
@@ -87,8 +87,7 @@ def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
     def record(result: PointResult) -> None:
         for point in same[table.plan.points[result.number].folder]:  # points with the same scene have one run
             table.record(replace(result, number=point.number))
-        counts = table.counts()
-        done, failed = counts.get(DONE, 0), counts.get(FAILED, 0)
+        done, failed = table.counts.get(DONE, 0), table.counts.get(FAILED, 0)
         progress = SweepProgress(done + failed, failed, len(table.rows), earlier, time.perf_counter() - began)
         execution.report(progress)
 
@@ -134,7 +133,7 @@ def _interrupted(table: Table, folder: Path) -> Interrupted:
     """Return the error whose message explains how to continue."""
     from shlex import quote
 
-    done = table.counts().get(DONE, 0)
+    done = table.counts.get(DONE, 0)
     text = os.fspath(folder)
     words = f"interrupted; {done} of {len(table.rows)} points are done"
     return Interrupted(

@@ -77,7 +77,7 @@ def make_plan(base: Scene, definition: Definition, folder: Path, plugins: Iterab
     for number, scene in enumerate(scenes):
         document = scene.document()
         text = toml_text(document)
-        name = point_name(text, scene, version)
+        name = point_name(text, document, scene, version)
         points.append(
             Point(number, folder.absolute() / POINTS / name, text, scene_folder, names, files, definition.tables.keep)
         )  # fmt: skip

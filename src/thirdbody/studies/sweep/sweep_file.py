@@ -37,9 +37,15 @@ class SweepFile(Part):
     settings: dict[str, Any] = {}
     """Values replaced in the scene for all points, by key. Example: {"solver.distance" = "2 um"}."""
     vary: dict[str, Any] = {}
-    """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values."""
+    """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values.
+
+    Example: {"pairs.0.friction" = {from = 0.1, to = 0.5, count = 5}}.
+    """
     together: Annotated[tuple[dict[str, Any], ...], listing("a list of tables [[together]]")] = ()
-    """Tables like `vary` whose keys are one axis: they move together."""
+    """Tables like `vary` whose keys are one axis: they move together.
+
+    Example: [{"debris.0.seed" = [1, 2], "plates.upper.load" = ["1 mN", "2 mN"]}].
+    """
     points: Text | None = None
     """CSV file of points, instead of axes: keys in its header, a row per point. Example: "points.csv"."""
     design: Annotated[Literal["grid", "zip", "sobol", "latin_hypercube"], Choice()] = "grid"

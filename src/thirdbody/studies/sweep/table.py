@@ -35,13 +35,20 @@ class Table:
     def __init__(self, plan: Plan, folder: Path) -> None:
         self.plan, self.path = plan, folder / FILE
         self.rows = [PointResult(point.number, WAITING) for point in plan.points]
+        self.counts = {WAITING: len(self.rows)}
         self._written, self._cost = 0.0, 0.0
 
     def record(self, row: PointResult) -> None:
-        """Take the result of a point, and replace the file unless that was done a moment ago. Raises OutputError."""
-        self.rows[row.number] = row
+        """Enter the result of a point, and replace the file unless that was done a moment ago. Raises OutputError."""
+        self.enter(row)
         if time.perf_counter() - self._written > self._cost / FRACTION_OF_TIME:
             self.write()
+
+    def enter(self, row: PointResult) -> None:
+        """Put the result of a point into its row; `counts` are the numbers of points by status."""
+        self.counts[self.rows[row.number].status] -= 1
+        self.counts[row.status] = self.counts.get(row.status, 0) + 1
+        self.rows[row.number] = row
 
     def write(self) -> None:
         """Replace the file. Raises OutputError and leaves the one before."""
@@ -67,10 +74,3 @@ class Table:
             outcome = [row.status, as_text(row.reason), code, row.seconds or ""]
             writer.writerow([point.number, point.folder.name, *cells, *outcome, *(row.results.get(n, "") for n in plan.results)])
         return text.getvalue()
-
-    def counts(self) -> dict[str, int]:
-        """Return the number of points by status."""
-        counts: dict[str, int] = {}
-        for row in self.rows:
-            counts[row.status] = counts.get(row.status, 0) + 1
-        return counts
