@@ -9,11 +9,12 @@ import typer
 from thirdbody.cli.command_group import Command, Group
 from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
-from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
+from thirdbody.cli.option_groups import Cluster, Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
 from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
+from thirdbody.system.dask_client import dask_client
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.standard_streams import guarded_streams
 from thirdbody.system.terminal import print_line, printable_output
@@ -82,6 +83,7 @@ def run(
     parts: Annotated[int, typer.Option("--parts", min=1, help="processes that share the bodies of an ensemble (same bits)")] = 1,
     *,
     execution: Execution,
+    cluster: Cluster,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
     from thirdbody.engine.precompile import start_compiling
@@ -100,9 +102,10 @@ def run(
     refuse_existing(folder, overwrite)
     notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
-    cut(built, *workers_of(parts, execution.threads), plugin or ())
     print_warnings([*notes, *built.warnings])
-    _execute(built, folder, execution, overwrite=overwrite, times=times)
+    with dask_client(cluster.dask, cluster.cluster) as client:
+        cut(built, *workers_of((parts, client), execution.threads), plugin or ())
+        _execute(built, folder, execution, overwrite=overwrite, times=times)
 
 
 @app.command(cls=Command)
@@ -113,6 +116,7 @@ def resume(
     plugin: Plugins = None,
     *,
     execution: Execution,
+    cluster: Cluster,
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
@@ -124,9 +128,10 @@ def resume(
     times = _wall_times(execution)
     notes = check_threads(execution.threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
-    cut(built, *workers_of(unfinished_parts(run), execution.threads), plugin or ())
     print_warnings([*notes, *built.warnings])
-    _execute(built, run, execution, checkpoint=saved, times=times)
+    with dask_client(cluster.dask, cluster.cluster) as client:
+        cut(built, *workers_of((unfinished_parts(run), client), execution.threads), plugin or ())
+        _execute(built, run, execution, checkpoint=saved, times=times)
 
 
 @app.command(cls=Command)

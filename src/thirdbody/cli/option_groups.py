@@ -59,6 +59,16 @@ class Execution:
 
 
 @dataclass(frozen=True)
+class Cluster:
+    """Workers of Dask that compute the points of a sweep, or the parts of a run."""
+
+    dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786")] = None
+    cluster: Annotated[
+        Path | None, typer.Option("--cluster", metavar="FILE", help="TOML file of a queue whose jobs are the workers, as [slurm]")
+    ] = None
+
+
+@dataclass(frozen=True)
 class MeshFit:
     """How a surface mesh becomes a clump."""
 

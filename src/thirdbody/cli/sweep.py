@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from thirdbody.cli.option_groups import Json, Plugins, Quiet, Settings, grouped
+from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings, grouped
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,14 @@ def sweep(
     *,
     points: Points,
     continuation: Continuation,
+    cluster: Cluster,
 ) -> None:
     """Run a scene at many points: a table of results, a folder per point; failed points are rows too."""
     from thirdbody.cli.overrides import override_pairs
     from thirdbody.errors import UsageError
     from thirdbody.studies.sweep.command import SweepArguments, sweep_command
     from thirdbody.studies.sweep.execution import Execution
+    from thirdbody.system.dask_client import dask_client
 
     if continuation.retry not in (None, "failed"):
         raise UsageError(f"--retry {continuation.retry}: write --retry failed")
@@ -62,5 +64,6 @@ def sweep(
     options = {name: value for name, value in given.items() if value is not None}
     arguments = SweepArguments(path, out, points.vary or (), override_pairs(points.settings), options, plugin or ())
     resume, retry = continuation.resume or continuation.retry is not None, continuation.retry is not None
-    execution = Execution(workers=continuation.workers, resume=resume, retry=retry)
-    sweep_command(arguments, execution, continuation.dry_run, continuation.quiet, continuation.json)
+    with dask_client(cluster.dask, cluster.cluster) as client:
+        execution = Execution(client, continuation.workers, resume, retry)
+        sweep_command(arguments, execution, continuation.dry_run, continuation.quiet, continuation.json)

@@ -6,10 +6,11 @@ import subprocess
 import tempfile
 from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from thirdbody.system.child_process import python_command, python_environment
 from thirdbody.system.cpu_count import cores
+from thirdbody.system.dask_client import is_dask_client, thread_count
 
 MODULE = "thirdbody.runner.parts.part"
 
@@ -61,13 +62,21 @@ class LocalProcesses:
                 process.wait()
 
 
+def executor_of(given: Any) -> tuple[Executor, int | None]:
+    """Return an executor, for a Dask client that of its workers, and how many calls it computes at the same time, if known."""
+    if is_dask_client(given):
+        return given.get_executor(pure=False), thread_count(given)
+    return given, getattr(given, "_max_workers", None)
+
+
 class OnExecutor:
     """Parts on the workers of an executor (`concurrent.futures`, Dask), which see the folder of the run."""
 
     local = False
 
-    def __init__(self, executor: Executor, at_once: int) -> None:
-        self.executor, self.at_once = executor, at_once
+    def __init__(self, executor: Any, parts: int) -> None:
+        self.executor, number = executor_of(executor)
+        self.at_once = parts if number is None else min(number, parts)
         self._futures: dict[int, Future[str]] = {}
 
     def start(self, folder: Path, number: int) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError
 from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.studies.sweep.dask_points import DaskPoints
 from thirdbody.studies.sweep.driver import run_points
 from thirdbody.studies.sweep.local_workers import LocalWorkers
 from thirdbody.studies.sweep.plan import Plan
@@ -21,6 +22,7 @@ from thirdbody.studies.sweep.sweep_folder import refuse_existing_sweep, save_pla
 from thirdbody.studies.sweep.table import Table
 from thirdbody.studies.sweep.warm_up import warm_up
 from thirdbody.system.cpu_count import cores
+from thirdbody.system.dask_client import is_dask_client
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,9 @@ def _count(points: int, execution: Execution) -> int:
 @contextmanager
 def _executor(points: int, execution: Execution) -> Iterator[Any]:
     """Yield the executor given, or local workers, which end with the sweep."""
+    if is_dask_client(execution.executor):
+        yield DaskPoints(execution.executor)
+        return
     if execution.executor is not None:
         yield execution.executor
         return

@@ -44,8 +44,8 @@ def sweep(
     out : str or Path, optional
         Folder of the sweep; None: `sweeps/<name of the scene or sweep file>`.
     executor : optional
-        Anything with the `submit` of `concurrent.futures`: a pool, or `client.get_executor()` of Dask, whose workers can reach
-        `out`. None: local processes with one thread each.
+        A Dask client, or anything with the `submit` of `concurrent.futures`; its workers must reach `out`. None: local processes
+        with one thread each.
     resume : bool or str
         True: do what is missing in the folder, within a point from its checkpoint. "failed": run failed points again too.
     progress : bool or callable

@@ -1,0 +1,75 @@
+"""An ensemble of bodies that do not influence each other, and what two of its runs have in common."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+import thirdbody
+
+SCENE = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+[[debris]]
+material = "steel"
+kind = "irregular"
+count = 7
+size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
+spheres = [4, 8]
+aspect = [1.0, 0.8, 0.6]
+[domain]
+size = ["300 um", "200 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {x = {velocity = "10 mm/s"}}
+[contact]
+debris_contact = "none"
+[solver]
+distance = "0.1 um"
+[output]
+every = "0.05 um"
+"""
+
+EXPLICIT = {
+    "debris.0.count": 520, "debris.0.spheres": [3, 3], "domain.size": ["2.5 mm", "2 mm"], "solver.integrator": "explicit",
+    "solver.settle": "10 ns", "solver.distance": "0.3 um", "plates.upper.motion.x.velocity": "10 m/s", "output.every": "0.1 um",
+}  # fmt: skip
+"""More than a group of 512 bodies, in a few hundred steps."""
+
+GAP = {"plates.upper": {"material": "steel", "gap": "30 um", "motion": {"x": {"velocity": "10 mm/s"}}}, "solver.settle": "0 s"}
+
+VARYING = {"wall_time", "sphere_steps_per_second", "searches"}
+"""Entries of the summary that may differ: times, and how often a part lists its candidates."""
+
+
+def scene(**changes: object) -> thirdbody.Scene:
+    given = thirdbody.Scene.parse(SCENE)
+    return given.with_settings(changes) if changes else given
+
+
+def arrays(run: Path) -> dict[str, object]:
+    """All data sets of a run, as bytes; of the summary what may not differ."""
+    content: dict[str, object] = {}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            content[name] = item[()] if item.dtype == object else np.asarray(item[()]).tobytes()
+
+    with h5py.File(run / "run.vtkhdf") as file:
+        file.visititems(keep)
+    summary = json.loads(content.pop("scene/summary"))  # type: ignore[arg-type]
+    return content | {"summary": {name: value for name, value in summary.items() if name not in VARYING}}

@@ -1,0 +1,151 @@
+"""Sweeps and parts on Dask: the same results as on local processes; a queue by a fake `sbatch`; one message per fault."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ensembles import EXPLICIT, arrays, scene
+
+import thirdbody
+from thirdbody.errors import InputError, MissingLibrary, UsageError
+from thirdbody.system.dask_client import dask_client, is_dask_client
+
+VARY = [{"pairs.0.friction": 0.1}, {"pairs.0.friction": 0.3, "debris.0.seed": 2}, {"plates.upper.load": "1 kN"}]
+SMALL = {"debris.0.count": 2, "debris.0.spheres": [3, 3], "solver.distance": "20 nm", "output.every": "10 nm"}
+
+SBATCH = """\
+#!/bin/sh
+cp "$1" "{folder}/job.sh"
+(. "$1") > "{folder}/job.log" 2>&1 &
+echo $! > "{folder}/pid"
+echo "Submitted batch job 4711"
+"""
+
+SCANCEL = """\
+#!/bin/sh
+kill $(cat "{folder}/pid")
+"""
+
+CLUSTER = """\
+[slurm]
+jobs = 1
+queue = "normal"
+account = "debris"
+cores = 1
+processes = 1
+memory = "1 GB"
+walltime = "00:10:00"
+interface = "lo"
+"""
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """Two workers, processes of this machine."""
+    import distributed
+
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def rows(sweep: Any) -> list[tuple[Any, ...]]:
+    """What a table says of each point but times; NaN is equal to itself as text."""
+    return [
+        (point.status, point.exit_code, {name: repr(value) for name, value in point.results.items() if "time" not in name})
+        for point in sweep.points
+    ]
+
+
+def test_sweep_on_dask_has_the_table_of_local_processes(client: Any, tmp_path: Path) -> None:
+    """One point fails: it is a row in both."""
+    base = scene(**SMALL)
+    local = thirdbody.sweep(base, VARY, tmp_path / "local", progress=False)
+    there = thirdbody.sweep(base, VARY, tmp_path / "dask", executor=client, progress=False)
+    assert rows(local) == rows(there) and [point.status for point in there.points] == ["done", "done", "failed"]
+
+
+@pytest.mark.parametrize("changes", [{}, EXPLICIT], ids=["implicit", "explicit"])
+def test_parts_on_dask_have_the_bits_of_the_whole(changes: dict[str, object], client: Any, tmp_path: Path) -> None:
+    assert is_dask_client(client)
+    given = scene(**changes)
+    thirdbody.run(given, tmp_path / "whole", 1, False)
+    thirdbody.run(given, tmp_path / "parts", 1, False, parts=(2, client))
+    assert arrays(tmp_path / "whole") == arrays(tmp_path / "parts")
+
+
+def test_explicit_parts_need_as_many_workers(client: Any, tmp_path: Path) -> None:
+    """They agree on their time step at every bound."""
+    given = scene(**EXPLICIT | {"debris.0.count": 1100, "domain.size": ["4 mm", "3 mm"]})
+    with pytest.raises(UsageError, match="work at the same time, and 2 can here"):
+        thirdbody.run(given, tmp_path / "run", 1, False, parts=(3, client))
+
+
+def test_fake_slurm_runs_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The job script asks for what the file says and starts a worker of this Python; the job ends with the sweep."""
+    commands = tmp_path / "bin"
+    commands.mkdir()
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (commands / name).write_text(text.format(folder=tmp_path))
+        (commands / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cluster.toml").write_text(CLUSTER)
+    with dask_client(None, tmp_path / "cluster.toml") as client:
+        sweep = thirdbody.sweep(scene(**SMALL), {"debris.0.seed": [1, 2]}, tmp_path / "sweep", executor=client, progress=False)
+    assert [point.status for point in sweep.points] == ["done", "done"]
+    script = (tmp_path / "job.sh").read_text()
+    for line in ("#SBATCH -p normal", "#SBATCH -A debris", "#SBATCH --cpus-per-task=1", "#SBATCH -t 00:10:00"):
+        assert line in script
+    assert f"{sys.executable} -m distributed.cli.dask_worker tcp://" in script and "--nthreads 1" in script
+
+
+def test_address_that_nobody_answers_is_one_message_within_seconds() -> None:
+    began = time.monotonic()
+    with (
+        pytest.raises(UsageError, match="--dask tcp://127.0.0.1:9: no scheduler answers there"),
+        dask_client("tcp://127.0.0.1:9", None),
+    ):
+        pass
+    assert time.monotonic() - began < 30.0  # 4 s, and the import of Dask on a busy machine
+
+
+@pytest.mark.parametrize(
+    ("text", "messages"),
+    [
+        ("[slrum]\ncores = 1\n", ["slrum: is no queue, did you mean 'slurm'?"]),
+        (
+            "[slurm]\nqueu = 'a'\nmemry = '1 GB'\n",
+            ["slurm.queu: is no argument", "did you mean 'queue'?", "did you mean 'memory'?"],
+        ),
+        ("[slurm]\njobs = 0\n", ["slurm.jobs: 0 must be a whole number of at least 1"]),
+        ("[slurm]\n[pbs]\n", ["needs one table, such as [slurm]; it has 2"]),
+        ("[slurm]\ncores = 1\n", ["slurm: the cluster cannot be started"]),
+        ("[slurm\n", ["cannot be read"]),
+    ],
+)
+def test_faults_of_a_cluster_file_are_told_together(text: str, messages: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "cluster.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as refused, dask_client(None, path):
+        pass
+    assert all(message in str(refused.value) and str(path) in str(refused.value) for message in messages)
+
+
+def test_without_dask_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingLibrary, match=r"thirdbody\[cluster\]"), dask_client("tcp://127.0.0.1:9", None):
+        pass
+
+
+def test_address_and_file_together_are_refused() -> None:
+    with pytest.raises(UsageError, match="not both"), dask_client("tcp://127.0.0.1:9", Path("cluster.toml")):
+        pass
