@@ -132,7 +132,7 @@ def test_address_that_nobody_answers_is_one_message_within_seconds() -> None:
         ("[slurm\n", ["cannot be read"]),
     ],
 )
-def test_faults_of_a_cluster_file_are_told_together(text: str, messages: list[str], tmp_path: Path) -> None:
+def test_faults_of_a_cluster_file_come_in_one_message(text: str, messages: list[str], tmp_path: Path) -> None:
     path = tmp_path / "cluster.toml"
     path.write_text(text)
     with pytest.raises(InputError) as refused, dask_client(None, path):

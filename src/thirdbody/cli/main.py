@@ -9,7 +9,7 @@ import typer
 from thirdbody.cli.command_group import Command, Group
 from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
-from thirdbody.cli.option_groups import Cluster, Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
+from thirdbody.cli.option_groups import Cluster, Execution, Film, Image, Json, MeshFit, Parts, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
 from thirdbody.cli.sweep import sweep
@@ -80,10 +80,9 @@ def run(
     plugin: Plugins = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
-    parts: Annotated[int, typer.Option("--parts", min=1, help="processes that share the bodies of an ensemble (same bits)")] = 1,
     *,
     execution: Execution,
-    cluster: Cluster,
+    shared: Parts,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
     from thirdbody.engine.precompile import start_compiling
@@ -103,8 +102,8 @@ def run(
     notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
     print_warnings([*notes, *built.warnings])
-    with dask_client(cluster.dask, cluster.cluster) as client:
-        cut(built, *workers_of((parts, client), execution.threads), plugin or ())
+    with dask_client(shared.dask, shared.cluster) as client:
+        cut(built, *workers_of((shared.parts, client), execution.threads), plugin or ())
         _execute(built, folder, execution, overwrite=overwrite, times=times)
 
 

@@ -69,6 +69,13 @@ class Cluster:
 
 
 @dataclass(frozen=True)
+class Parts(Cluster):
+    """Processes that share a run, and where they are."""
+
+    parts: Annotated[int, typer.Option("--parts", min=1, help="processes that share the bodies of an ensemble (same bits)")] = 1
+
+
+@dataclass(frozen=True)
 class MeshFit:
     """How a surface mesh becomes a clump."""
 
