@@ -18,6 +18,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import shape_map
 from pages import ROOT
 from PIL import Image, PngImagePlugin
 
@@ -50,6 +51,10 @@ ENTRIES = {
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
     "balance/three_spot": Entry("balance SCENE -o PICTURE"),
+    "sweeps/long_particle": Entry(f"{RENDER} --view side"),
+    "sweeps/shape_against_friction": Entry("python tests/shape_map.py SWEEP -o PICTURE"),
+    "sweeps/angular_debris": Entry(),
+    "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE"),
 }
 """Scenes in the order of the page."""
 
@@ -73,22 +78,30 @@ def digest(name: str) -> str:
 def commands(name: str) -> list[str]:
     """Return the commands that run and draw a scene, from the top of the project."""
     entry, file = ENTRIES[name], scene_file(name).relative_to(ROOT).as_posix()
-    drawn = entry.draw.replace("SCENE", file).replace("PICTURE", picture(name).name).replace("RUN", f"runs/{Path(name).name}")
-    run = [f"thirdbody run {file} {entry.settings}".rstrip()] if "RUN" in entry.draw else []
-    return [*run, f"thirdbody {drawn}"]
+    words = {"SCENE": file, "PICTURE": picture(name).name, "RUN": f"runs/{Path(name).name}", "SWEEP": f"sweeps/{Path(name).name}"}
+    drawn, verb = entry.draw, next((verb for verb in ("run", "sweep") if verb.upper() in entry.draw), "")
+    for word, text in words.items():
+        drawn = drawn.replace(word, text)
+    run = [f"thirdbody {verb} {file} {entry.settings}".rstrip()] if verb else []
+    return [*run, drawn if drawn.startswith("python ") else f"thirdbody {drawn}"]
 
 
 def measure(name: str) -> dict[str, Any]:
     """Run and draw a scene; return what it gave."""
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "scenes").symlink_to(SCENES)
+        for part in ("scenes", "tests"):
+            (Path(folder) / part).symlink_to(ROOT / part)
         start, seconds = _processor_time(), 0.0
         for command in commands(name):
-            words = [sys.executable, "-m", *shlex.split(command), *(["--threads", "1", "-q"] if " run " in command else [])]
-            subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+            quiet = ["-q"] if " run " in command or " sweep " in command else []
+            words = [*shlex.split(command), *(["--threads", "1"] if " run " in command else []), *quiet]
+            words = words[1:] if words[0] == "python" else ["-m", *words]
+            subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
             seconds = seconds or _processor_time() - start  # of the first command; drawing is not counted
         shrink(Path(folder) / picture(name).name, picture(name))
-        return {"scene": digest(name), "seconds": round(seconds, 1)} | results(Path(folder) / "runs" / Path(name).name)
+        measured = {"scene": digest(name), "seconds": round(seconds, 1)}
+        end = Path(name).name
+        return measured | results(Path(folder) / "runs" / end) | sweep_results(Path(folder) / "sweeps" / end)
 
 
 def _processor_time() -> float:
@@ -115,6 +128,26 @@ def results(folder: Path) -> dict[str, Any]:
             "energy residual": f"{report['energy_residual']:.0e} of the work".replace("e-0", "e-"),
         }
         return {name: text.replace(GLUE, " ").replace(MINUS, "-") for name, text in texts.items() if text}
+
+
+def sweep_results(folder: Path) -> dict[str, Any]:
+    """Return the numbers of a sweep that the page shows; none without a sweep."""
+    if not folder.is_dir():
+        return {}
+    sweep = thirdbody.Sweep(folder)
+    table = sweep.to_pandas()
+    done = int((table["status"] == "done").sum())
+    texts = {"points": f"{len(table)}, {'all' if done == len(table) else done} done"}
+    if Path(folder).name == "shape_against_friction":
+        found = shape_map.read_map(folder)
+        off = abs(shape_map.boundary(found) / shape_map.closed_form(found.friction) - 1.0).max()
+        texts["boundary"] = f"within {100.0 * off:.1f} % of the closed form at every friction; points are 2 % apart"
+        texts["corrugation"] = shape_map.corrugation_text(found)
+    else:
+        groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
+        shares = [f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.0f} % at {mu:g}" for mu, row in groups.iterrows()]
+        texts["rolling at the end, by friction"] = ", ".join(shares)
+    return texts | {"energy residual": f"at most {table['energy_residual'].max():.0e} of the work".replace("e-0", "e-")}
 
 
 def shrink(source: Path, target: Path) -> None:

@@ -28,8 +28,10 @@ def executed(path: Path, folder: Path, then: str = "") -> Any:
     """Return a notebook after it ran in a copy of the scenes in `folder`, and after it a cell with the code `then`."""
     place = folder / "scenes" / "tutorials"
     place.mkdir(parents=True)
-    for file in (*SCENES.glob("*.toml"), *SCENES.glob("*.stl")):
-        shutil.copy(file, place.parent)
+    for file in (*SCENES.glob("*.toml"), *SCENES.glob("*.stl"), *SCENES.glob("sweeps/*.toml")):
+        target = place.parent / file.relative_to(SCENES)
+        target.parent.mkdir(exist_ok=True)
+        shutil.copy(file, target)
     notebook = nbformat.read(path, as_version=4)
     if then:
         notebook.cells.append(nbformat.v4.new_code_cell(then))

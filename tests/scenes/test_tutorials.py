@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("nbclient")
 pytest.importorskip("pandas")
+pytest.importorskip("SALib")
 
 from pages import ROOT
 from tutorials import NOTEBOOKS, PNG, executed
@@ -50,6 +51,21 @@ CLAIMS = {
         assert errors["mdr, 8 springs"] < 0.05 * errors["mindlin"] and errors["mindlin"] < errors["coulomb"]
         steps, values = zip(*mean.values(), strict=True)
         assert sorted(steps) == list(steps) and abs(values[2] / values[-1] - 1.0) < 1e-3
+    """,
+    "7_a_sweep": """
+        assert (table["status"] == "done").all() and np.all(rolls == (ratio > np.sqrt(1.0 + friction**2) - friction))
+        low, _, high = rolling["mean"].groupby(level=1).mean()
+        assert low < 0.45 and high > 0.9 and (seeds.to_pandas()["status"] == "done").all()
+    """,
+    "8_which_input_matters": """
+        size = {result: frame["mu_star"].astype(float) for result, frame in effects.items()}
+        for decides in ("pairs.0.friction", "debris.0.aspect.2"):
+            assert size["friction_coefficient"][decides] > 2.0 * size["friction_coefficient"]["debris.0.angularity"]
+            assert size["fraction_rolling"][decides] > 2.0 * size["fraction_rolling"]["debris.0.angularity"]
+        assert size["friction_coefficient"]["plates.upper.load"] < 0.02
+    """,
+    "9_calibration": """
+        assert abs(fit.x - 0.37) < 0.06 and fit.fun < 0.04 and len(tried) <= 12
     """,
 }
 
