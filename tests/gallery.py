@@ -54,7 +54,7 @@ ENTRIES = {
     "sweeps/long_particle": Entry(f"{RENDER} --view side"),
     "sweeps/shape_against_friction": Entry("python tests/shape_map.py SWEEP -o PICTURE"),
     "sweeps/angular_debris": Entry(),
-    "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE"),
+    "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE --panel friction_coefficient --panel fraction_rolling"),
 }
 """Scenes in the order of the page."""
 
