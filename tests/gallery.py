@@ -145,8 +145,10 @@ def sweep_results(folder: Path) -> dict[str, Any]:
         texts["corrugation"] = shape_map.corrugation_text(found)
     else:
         groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
-        shares = [f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.0f} % at {mu:g}" for mu, row in groups.iterrows()]
-        texts["rolling at the end, by friction"] = ", ".join(shares)
+        texts |= {
+            f"rolling at friction {mu:g}": f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
+            for mu, row in groups.iterrows()
+        }
     return texts | {"energy residual": f"at most {table['energy_residual'].max():.0e} of the work".replace("e-0", "e-")}
 
 

@@ -39,6 +39,10 @@ def test_a_copy_has_all_that_the_scene_needs(name, command, tmp_path):
     if name.startswith("balance/"):
         assert "next: thirdbody balance mine.toml" in report.out
         return
+    if "sweep" in tomllib.loads(SCENES[name].read_text(encoding="utf-8")):
+        assert "next: thirdbody sweep --dry-run mine.toml" in report.out
+        assert command("sweep", "--dry-run", "mine.toml").code == 0
+        return
     assert "next: thirdbody check mine.toml" in report.out
     scene = Scene.load("mine.toml")
     for debris in scene.debris:

@@ -26,7 +26,7 @@ def new(
     json: Annotated[bool, typer.Option("--json", help="print the list as JSON")] = False,
 ) -> None:
     """Write a small scene to start from, a copy of a shipped one, or a plug-in."""
-    from thirdbody.cli.starter_files import copy_scene, copy_template, write_new
+    from thirdbody.cli.starter_files import copy_scene, copy_template, next_command, write_new
     from thirdbody.scene.template import TEMPLATE
 
     if listed:
@@ -41,7 +41,7 @@ def new(
     elif source is not None:
         name = source.removesuffix(".toml")
         written = copy_scene(name, path or Path(f"{Path(name).name}.toml"))
-        then = "balance" if name.startswith("balance/") else "check"
+        then = next_command(name)
     else:
         written, then = write_new({path or Path("scene.toml"): TEMPLATE.encode()}), "check"
     print_line(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")

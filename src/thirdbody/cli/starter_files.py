@@ -38,6 +38,14 @@ def copy_scene(name: str, path: Path) -> list[Path]:
     return write_new(copies)
 
 
+def next_command(name: str) -> str:
+    """Return the command to start with, for a shipped file of this name."""
+    if name.startswith("balance/"):
+        return "balance"
+    document = tomllib.loads((_folder(SCENES) / f"{name}.toml").read_text(encoding="utf-8"))
+    return "sweep --dry-run" if "sweep" in document else "check"
+
+
 def copy_template(path: Path) -> list[Path]:
     """Copy the plug-in template to `path`. Raises OutputError."""
     return write_new({path: (_folder(TEMPLATE) / TEMPLATE_FILE).read_bytes()})
