@@ -66,7 +66,7 @@ def kill(folder: Path, out: str, which: str, rng: random.Random) -> bool:
     until = time.monotonic() + PATIENCE
     while process.poll() is None and not children(process.pid) and time.monotonic() < until:
         time.sleep(0.02)
-    time.sleep(rng.uniform(0.0, 2.5))
+    time.sleep(rng.uniform(0.0, 5.0))
     victims = [process.pid] if which == "main" else children(process.pid)
     if process.poll() is not None or not victims:
         process.communicate()

@@ -94,9 +94,9 @@ def _run(missing: list[Point], table: Table, execution: Execution) -> bool:
         execution.report(progress)
 
     unique = [points[0] for points in same.values()]
-    execution.log(_words(unique, table, execution))
-    began = time.perf_counter()
     with _executor(len(unique), execution) as executor:
+        execution.log(_words(unique, table, execution))
+        began = time.perf_counter()
         return run_points(unique, executor, record, execution.stop)
 
 

@@ -1,8 +1,8 @@
 """An executor of local processes, one thread each, that outlives the death of any of them.
 
-Each process serves one thread of this one, so the death of a process is known to belong to the point that it computed, and the
-others compute on (those of `ProcessPoolExecutor` all end with one of them). A process is started again at the next point. It is
-no child of `multiprocessing`: it neither imports the caller's script nor looks into the current folder.
+Each process computes one call at a time, so its death is known to belong to the point that it computed, and the others compute on
+(those of `ProcessPoolExecutor` all end with one of them). A process is started again at the next point. It is no child of
+`multiprocessing`: it neither imports the caller's script nor looks into the current folder.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import pickle
 import signal
 import subprocess
 import tempfile
-import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any
 
 from thirdbody.errors import ThirdbodyError
@@ -33,7 +33,7 @@ class WorkerDied(ThirdbodyError):
 
 
 class LocalWorkers(Executor):
-    """Executor of `count` local processes (None: as many as cores), each with one thread, started when first needed.
+    """Executor of `count` local processes (None: as many as cores), each with one thread, started at once.
 
     `submit(function, *arguments)` calls `function(*arguments, stop)` in one of them; `stop` returns True after `interrupt`.
     """
@@ -41,9 +41,12 @@ class LocalWorkers(Executor):
     def __init__(self, count: int | None = None) -> None:
         self.count = count or cores()
         self._threads = ThreadPoolExecutor(self.count)
-        self._own = threading.local()
-        self._workers: list[_Worker] = []
+        self._workers = [_Worker() for _ in range(self.count)]
+        self._idle: SimpleQueue[_Worker] = SimpleQueue()
         self._interrupted = False
+        for worker in self._workers:
+            worker.start()
+            self._idle.put(worker)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
         """Return the future of `function(*arguments, stop, **options)` in a worker process."""
@@ -71,16 +74,19 @@ class LocalWorkers(Executor):
             worker.close()
 
     def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
-        """Return the answer of this thread's process. Raises WorkerDied, or what the function raised."""
-        if not hasattr(self._own, "worker"):
-            self._own.worker = _Worker()
-            self._workers.append(self._own.worker)
-        worker: _Worker = self._own.worker
+        """Return the answer of a process that is idle. Raises WorkerDied, or what the function raised."""
+        worker = self._idle.get()
+        try:
+            return self._answer(worker, pickle.dumps((function, arguments, options)))
+        finally:
+            self._idle.put(worker)
+
+    def _answer(self, worker: _Worker, request: bytes) -> Any:
         for _ in range(TRIES):
             if self._interrupted:
                 raise CancelledError
             try:
-                answer, failure = worker.call(pickle.dumps((function, arguments, options)))
+                answer, failure = worker.call(request)
             except (EOFError, OSError, pickle.UnpicklingError):
                 reason, code = worker.ended()
                 continue
@@ -101,7 +107,7 @@ class _Worker:
 
     def call(self, request: bytes) -> tuple[Any, BaseException | None]:
         """Return the answer to a request, and the exception it raised. Raises EOFError or OSError if the process died."""
-        process = self._process or self._start()
+        process = self._process or self.start()
         assert process.stdin is not None and process.stdout is not None
         if self._interrupted:  # while it started
             self.interrupt()
@@ -145,7 +151,8 @@ class _Worker:
             self._process.wait()
         self._process = None
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def start(self) -> subprocess.Popen[bytes]:
+        """Start the process, which imports what it needs before its first call."""
         self._errors = tempfile.TemporaryFile()
         variables = python_environment() | {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         self._process = subprocess.Popen(

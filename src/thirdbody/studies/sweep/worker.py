@@ -24,6 +24,8 @@ def serve(parent: int) -> None:
 
     signal.signal(signal.SIGTERM, note)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal's: the process that started this one decides
+    import thirdbody.runner.simulate  # noqa: F401  (before the first call: the start is what takes long)
+
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     while True:
