@@ -17,6 +17,7 @@ from ribbed_surface import AXIS, BASINS, PITCH
 from ribbed_surface import RADIUS as RIB
 from trajectories import contents
 
+import thirdbody
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import search
@@ -119,6 +120,12 @@ def in_pieces(integrator: str, folder: Path) -> list[str]:
     return [name for name in whole.keys() | joined.keys() if whole.get(name) != joined.get(name)]
 
 
+def in_file(folder: Path) -> dict[str, Any]:
+    """Partners of the contacts in the last frame of a run, and the number of contacts of each body."""
+    run = thirdbody.open(folder)
+    return {"partner": run.contacts(-1)["partner"].tolist(), "contacts": run.bodies(-1)["contacts"].tolist()}
+
+
 def after(watches: int):
     """Says stop from the so-manieth question on."""
     counter = itertools.count(1)
@@ -182,6 +189,7 @@ def main(folder: Path) -> None:
     report: dict[str, Any] = {"listed": listed(), "thrown": thrown()}
     for integrator in ("explicit", "implicit"):
         report[integrator] = pulled(integrator) | {"differ": in_pieces(integrator, folder / integrator)}
+        report[integrator]["file"] = in_file(folder / integrator / "whole")
     print(json.dumps(report))
 
 

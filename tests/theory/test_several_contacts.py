@@ -97,6 +97,12 @@ def test_each_contact_has_its_own_history(run):
     assert [one["slip"] for one in run["contacts"]] == pytest.approx([1e-6] * len(run["contacts"]), rel=0.02)
 
 
+def test_the_file_names_plates_as_it_does_without_basins(run):
+    partners = run["file"]["partner"]
+    assert partners.count(-1) == BODIES * SPHERES * WALLS and partners.count(-2) == BODIES * SPHERES
+    assert run["file"]["contacts"] == [SPHERES * (WALLS + 1)] * BODIES
+
+
 def test_energies_balance(run):
     # truncation error of velocity Verlet at a fifth of the stable step; the implicit integrator books what it loses
     assert run["residual"] < 1e-4

@@ -4,6 +4,7 @@ import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, sides_of, table
 from thirdbody.kernels import neighbour_search as passes
+from thirdbody.kernels import surface
 from thirdbody.kernels.columns import contact_state, domain, remote_force, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.explicit.contact_forces import GROUP
@@ -55,7 +56,7 @@ def plate_pairs(state: State) -> Candidates:
     Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
     when other bodies made it due.
     """
-    n, own, partner = _plate_candidates(state, np.inf, 2 * state.n_spheres)
+    n, own, partner = _plate_candidates(state, np.inf, 2 * surface.BASINS * state.n_spheres)
     none = np.zeros((n, contact_state.LAW))
     return slots_of(state, own[:n].copy(), partner[:n].copy(), n, none, none)
 
