@@ -106,6 +106,12 @@ def test_samples_fill_the_space_of_the_axes(design):
     assert again != sweep_of_python({"mu": {"from": 0.1, "to": 0.9}}, {"design": design, "samples": 16, "seed": 3}).points
 
 
+def test_options_give_sampled_intervals_too():
+    points = of_options("mu=0.1:10:log", "x=0:1", design="sobol", samples=8)
+    assert sorted(int(4 * (math.log10(point["mu"]) + 1.0)) for point in points) == list(range(8))
+    assert sorted(int(8 * point["x"]) for point in points) == list(range(8))
+
+
 def test_points_come_from_a_table(tmp_path):
     (tmp_path / "points.csv").write_text("plates.upper.load [mN],pairs[0].friction,name\n1,0.2,first\n2,0.3,second\n")
     definition = of_file(tmp_path, 'points = "points.csv"')

@@ -122,10 +122,10 @@ def sweep_of_options(scene: str, vary: Sequence[str], options: Mapping[str, Any]
 
 
 def _option_values(text: str) -> Any:
-    """Return the values in `0.05:0.6:12`, `1 mN:10 mN:5:log` or `1,2,3` as a file would give them."""
+    """Return the values in `0.05:0.6:12`, `1 mN:10 mN:5:log`, `0.1:10:log` or `1,2,3` as a file would give them."""
     parts = [part.strip() for part in text.split(":")]
     if 1 < len(parts) <= 4 and not text.startswith(("[", "{", '"', "'")):
-        names = ("from", "to", "count", "scale")
+        names = ("from", "to", "scale") if parts[2:] in (["log"], ["linear"]) else ("from", "to", "count", "scale")
         return {name: toml_value(part) for name, part in zip(names, parts, strict=False)}
     whole = toml_value(f"[{text}]")
     return whole if isinstance(whole, list) else [toml_value(part.strip()) for part in text.split(",")]
