@@ -26,7 +26,7 @@ def vary(*values: str) -> list[str]:
         (vary("pairs.0.frction=0.1,0.2"), 3, ["pairs[0].frction: unknown key, did you mean 'friction'?"]),
         (vary(f"{MU}=0.1:0.5"), 3, [".count: required key is missing: the number of values"]),
         (vary(f"{MU}=0.1:0.5:x"), 3, [".count: expected a whole number, got 'x'"]),
-        (vary(f"{MU}=0.1:0.5:4:loga"), 3, [".scale: 'loga' is not one of 'linear', 'log'"]),
+        (vary(f"{MU}=0.1:0.5:4:loga"), 3, [".scale: 'loga' is not one of 'linear', 'log', 'whole'"]),
         (vary("plates.upper.load=1 mN:2:3"), 3, ["'1 mN' and 2 are a force and a pure number"]),
         (vary("plates.upper.load=1,2"), 3, ["plates.upper.load: 1 has no unit, expected a unit of force"]),
         (vary("plates.upper.load=1 mM:2 mM:3"), 3, ["unknown unit 'mM'"]),

@@ -110,6 +110,10 @@ def test_options_give_sampled_intervals_too():
     points = of_options("mu=0.1:10:log", "x=0:1", design="sobol", samples=8)
     assert sorted(int(4 * (math.log10(point["mu"]) + 1.0)) for point in points) == list(range(8))
     assert sorted(int(8 * point["x"]) for point in points) == list(range(8))
+    counts = [point["count"] for point in of_options("count=3:6:whole", design="sobol", samples=8)]
+    assert sorted(counts) == [3, 3, 4, 4, 5, 5, 6, 6] and {type(count) for count in counts} == {int}
+    [fault] = faults(lambda: of_options("count=0.5:6:whole", design="sobol", samples=8))
+    assert 'scale = "whole" needs ends that are whole numbers' in fault
 
 
 def test_points_come_from_a_table(tmp_path):

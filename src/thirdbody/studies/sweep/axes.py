@@ -21,7 +21,7 @@ _FIELDS: dict[str, Any] = {
     "from": (Any, ...),
     "to": (Any, ...),
     "count": (Count | None, None),
-    "scale": (Annotated[Literal["linear", "log"], Choice()], "linear"),
+    "scale": (Annotated[Literal["linear", "log", "whole"], Choice()], "linear"),
 }
 IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)
 """Table `{from, to, count, scale}` of a key; `from` is no name in Python, hence the call."""
@@ -31,14 +31,14 @@ IntervalTable: Any = create_model("IntervalTable", __base__=Part, **_FIELDS)
 class Interval:
     """Values from `low` to `high` (SI) of a dimension, or of pure numbers: `count` of them, or sampled where that is None.
 
-    `first`, `last`: the ends as given. `whole`: both are whole numbers.
+    `first`, `last`: the ends as given. `scale`: linear, log, or whole for whole numbers only.
     """
 
     low: float
     high: float
     dimension: str
     count: int | None
-    log: bool
+    scale: str
     first: Any
     last: Any
 
@@ -50,18 +50,20 @@ class Interval:
 
     def at(self, fraction: float) -> Any:
         """Return the value at a fraction, at least 0 and below 1, of the interval."""
-        if isinstance(self.first, int) and isinstance(self.last, int):
-            return min(self.first + int(fraction * (self.last - self.first + 1)), self.last)
+        if self.scale == "whole":  # each as often as the others
+            return int(self.low + math.floor(fraction * (self.high - self.low + 1.0)))
         return self._between(Fraction(fraction))
 
     def _between(self, fraction: Fraction) -> Any:
-        if self.log:
+        if self.scale == "log":
             value = self.low * (self.high / self.low) ** float(fraction)
         else:
             low, high = (Fraction(Decimal(repr(end))) for end in (self.low, self.high))
             value = float(low + (high - low) * fraction)
         if self.dimension != "dimensionless":
             return units.format_si(value, self.dimension)
+        if self.scale == "whole":
+            return round(value)
         whole = isinstance(self.first, int) and isinstance(self.last, int) and value.is_integer()
         return int(value) if whole else value
 
@@ -123,7 +125,7 @@ def _read_interval(given: Mapping[str, Any], location: Location, report: Report,
         for inner, text in wrongs_of(error):
             report((*location, *inner), text)
         return None
-    return _interval(getattr(table, "from"), table.to, table.count, table.scale == "log", _Given(location, report, sampled))
+    return _interval(getattr(table, "from"), table.to, table.count, table.scale, _Given(location, report, sampled))
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class _Given:
         self.report(self.location if key is None else (*self.location, key), text)
 
 
-def _interval(first: Any, last: Any, count: int | None, log: bool, given: _Given) -> Interval | None:
+def _interval(first: Any, last: Any, count: int | None, scale: str, given: _Given) -> Interval | None:
     """Return the interval between two values, or None after its faults are reported."""
     if given.sampled and count is not None:
         given.fault("a sampled design has no count of its own: `samples` gives the number of points", "count")
@@ -151,10 +153,13 @@ def _interval(first: Any, last: Any, count: int | None, log: bool, given: _Given
         phrases = " and ".join(DIMENSIONS[name].phrase for name in (low[1], high[1]))
         given.fault(f"{show(first)} and {show(last)} are {phrases}: give both in units of the same kind")
         return None
-    if log and not (low[0] > 0.0 and high[0] > 0.0):
+    if scale == "whole" and not (isinstance(first, int) and isinstance(last, int) and first <= last):
+        given.fault(f'scale = "whole" needs ends that are whole numbers, the lower one first, got {show(first)} and {show(last)}')
+        return None
+    if scale == "log" and not (low[0] > 0.0 and high[0] > 0.0):
         given.fault(f'scale = "log" needs ends above 0, got {show(first)} and {show(last)}')
         return None
-    return Interval(low[0], high[0], low[1], count, log, first, last)
+    return Interval(low[0], high[0], low[1], count, scale, first, last)
 
 
 def _number(value: Any, key: str, given: _Given) -> tuple[float, str] | None:

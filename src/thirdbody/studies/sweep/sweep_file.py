@@ -38,6 +38,7 @@ class SweepFile(Part):
     """Values replaced in the scene for all points, by key. Example: {"solver.distance" = "2 um"}."""
     vary: dict[str, Any] = {}
     """Values by key: a list, or {from, to, count, scale}; keys joined by a comma get the same values.
+    The scale is linear, log, or whole: whole numbers only.
 
     Example: {"pairs.0.friction" = {from = 0.1, to = 0.5, count = 5}}.
     """
@@ -125,7 +126,7 @@ def _option_values(text: str) -> Any:
     """Return the values in `0.05:0.6:12`, `1 mN:10 mN:5:log`, `0.1:10:log` or `1,2,3` as a file would give them."""
     parts = [part.strip() for part in text.split(":")]
     if 1 < len(parts) <= 4 and not text.startswith(("[", "{", '"', "'")):
-        names = ("from", "to", "scale") if parts[2:] in (["log"], ["linear"]) else ("from", "to", "count", "scale")
+        names = ("from", "to", "scale") if parts[2:] in (["log"], ["linear"], ["whole"]) else ("from", "to", "count", "scale")
         return {name: toml_value(part) for name, part in zip(names, parts, strict=False)}
     whole = toml_value(f"[{text}]")
     return whole if isinstance(whole, list) else [toml_value(part.strip()) for part in text.split(",")]
