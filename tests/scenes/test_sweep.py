@@ -14,7 +14,7 @@ import pytest
 from balls import BALLS
 
 import thirdbody
-from thirdbody.errors import InputError, Interrupted, OutputError
+from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.local_workers import LocalWorkers, WorkerDied
 from thirdbody.studies.sweep.plan import make_plan
@@ -118,6 +118,21 @@ def test_a_sweep_goes_on_with_what_is_missing_and_retries_on_request(whole, tmp_
     executor = Count()
     thirdbody.sweep(folder, resume="failed", executor=executor, progress=False)
     assert executor.calls == 3 and table(folder) == table(whole.path)
+
+
+def test_wrong_calls_are_named(tmp_path):
+    (tmp_path / "balls.toml").write_text(BALLS, encoding="utf-8")
+    scene = thirdbody.Scene.parse(BALLS)
+    for arguments, options, text in (
+        ((tmp_path / "balls.toml",), {}, "is a scene; give `vary`"), ((scene,), {}, "give `vary`"),
+        ((scene, {MU: [0.1]}), {"workers": 0}, "workers = 0: must be at least 1"),
+        ((scene, {MU: [0.1]}), {"resume": "all"}, "resume = 'all': must be"),
+    ):  # fmt: skip
+        with pytest.raises(UsageError, match=text):
+            thirdbody.sweep(*arguments, out=tmp_path / "out", **options)
+    with pytest.raises(InputError, match="desing: unknown key, did you mean 'design'"):
+        thirdbody.sweep(scene, {MU: [0.1]}, tmp_path / "out", desing="zip")
+    assert not (tmp_path / "out").exists()
 
 
 def test_points_with_the_same_scene_have_one_run(tmp_path):

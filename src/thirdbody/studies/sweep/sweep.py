@@ -13,7 +13,7 @@ from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.plan import Plan, make_plan
 from thirdbody.studies.sweep.progress import SweepReporter, reporting
 from thirdbody.studies.sweep.reader import Sweep
-from thirdbody.studies.sweep.sweep_file import Definition, read_sweep, saved_definition, sweep_of_python
+from thirdbody.studies.sweep.sweep_file import Definition, is_sweep, read_sweep, saved_definition, sweep_of_python
 from thirdbody.studies.sweep.sweep_folder import is_sweep_folder, read_document, saved_scene, sweep_folder
 from thirdbody.system.signals import stop_on_ctrl_c
 
@@ -103,7 +103,10 @@ def _plan_of_python(
         raise UsageError(f"{', '.join(options)}: options of a sweep go with `vary`; in a sweep file they are keys")
     if isinstance(scene, Scene | Mapping):
         raise UsageError("give `vary`, or a sweep file instead of a scene")
-    return plan_of_path(Path(scene), out, plugins)
+    path = Path(scene)
+    if path.is_file() and not is_sweep_folder(path) and not is_sweep(path):
+        raise UsageError(f"{path}: is a scene; give `vary`, or a sweep file")
+    return plan_of_path(path, out, plugins)
 
 
 def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = ()) -> tuple[Plan, Path]:
