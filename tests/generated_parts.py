@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import pkgutil
 import re
 from collections.abc import Callable
@@ -80,6 +81,20 @@ def kinds() -> str:
     return "\n".join(lines)
 
 
+def law_data() -> str:
+    """Return a table of what kernels receive and return: the fields of the contract's named tuples, from their docstrings."""
+    from thirdbody import plugin
+
+    lines = ["| tuple | field | meaning |", "|---|---|---|"]
+    for name in ("Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Body", "Wrench"):
+        docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
+        fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
+        for k, (names, meaning) in enumerate(fields):
+            first = f"`{name}`: {_first_sentence(docstring).rstrip('.').lower()}" if k == 0 else ""
+            lines.append(f"| {first} | {', '.join(f'`{one}`' for one in names.split(', '))} | {meaning} |")
+    return "\n".join(lines)
+
+
 def _registry():
     """Return the registry of installed laws, and of the template plug-in."""
     from thirdbody.laws.registry import discover
@@ -133,6 +148,7 @@ def sweep_results() -> str:
 PARTS: dict[str, Callable[[], str]] = {
     "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "kinds": kinds,
     "sweep_keys": sweep_keys, "sweep_results": sweep_results,
+    "law-data": law_data,
 }  # fmt: skip
 PARTS |= REFERENCE | {"gallery": gallery}
 
