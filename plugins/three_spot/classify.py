@@ -45,12 +45,12 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import loaded_contact, observed_body
+from thirdbody.plugin import NO_FORECAST, loaded_contact, observed_body
 
 from . import body_memory, contact_memory, label_output
 from .body_memory import CHANGE, CHANGE_X, CHANGE_Y, LIFTED, PIVOTED, REFERENCE, ROLL_RATIO, SLIP_RATIO, TRAVEL, WINDOWS
 from .contact_memory import SLIP_LAST, SLIP_REFERENCE
-from .forecast_output import UNTOLD, write_outlook, write_plain_outlook
+from .forecast_output import write_outlook, write_plain_outlook
 from .label_output import CODES, EXTRAS, MARGINS
 from .motion_history import EPS_ROLL, MIN_TRAVEL, update_history
 from .support_geometry import (
@@ -243,7 +243,7 @@ def clear(m: Array, out: Array) -> None:
     """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
     for k in range(OUTPUTS):
         out[k] = 1.0 if label_output.FRICTION <= k < label_output.SIDE else 0.0
-    out[label_output.ROLLED], out[label_output.FORECAST] = m[body_memory.ROLLED], UNTOLD
+    out[label_output.ROLLED], out[label_output.FORECAST] = m[body_memory.ROLLED], NO_FORECAST
 
 
 @njit(error_model="numpy")

@@ -11,14 +11,11 @@ import math
 
 import numpy as np
 
-from thirdbody.plugin import loaded_contact, observed_body
+from thirdbody.plugin import CAN_SLIDE, CAN_STICK, NO_FORECAST, loaded_contact, observed_body
 
 from .forecast import forecast
 from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, is_plain, load_mean, only_plates, side_of
 from .weighted_forecast import body_size, weighted_forecast
-
-CAN_STICK, CAN_SLIDE, UNTOLD = 1.0, 2.0, 4.0
-"""Bits of `forecast`; UNTOLD: no forecast, the body is not held from both plates."""
 
 FARTHEST = 1e9
 """Finite value for an infinite ratio in outputs."""
@@ -91,7 +88,7 @@ def write_ratios(C: Array, n: int, required: float, low: float, high: float, out
 @helper
 def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
     """`write_outlook` of a body without body forces."""
-    out[first] = UNTOLD
+    out[first] = NO_FORECAST
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
@@ -103,8 +100,8 @@ def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: A
 
 @helper
 def write_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
-    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and UNTOLD where the theory does not apply."""
-    out[first] = UNTOLD
+    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and NO_FORECAST where the theory does not apply."""
+    out[first] = NO_FORECAST
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)

@@ -1,4 +1,4 @@
-"""Closed forms: references for every law and solver. Imports nothing of thirdbody, shares no code with a law.
+"""Equations of the three-spot theory, references for laws and solvers. Imports nothing of thirdbody, shares no code with a law.
 
 Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consistency conditions in static three-body elastic
 tangential contact, with its misprints corrected: R_i for R_1 in Eq. 5, the bracket of Eqs. 7 and 8, mu_1/mu_2 in Eq. 20. Its
@@ -54,22 +54,12 @@ def contact_radius(radius: float, overlap: float) -> float:
     return math.sqrt(radius * max(overlap, 0.0))
 
 
-def hertz_stiffness(e: float, radius: float, overlap: float) -> float:
-    """Tangent stiffness dN/dd = 2 E* a [N/m]."""
-    return 2.0 * e * contact_radius(radius, overlap)
-
-
-def hertz_energy(e: float, radius: float, overlap: float) -> float:
-    """Elastic energy (8/15) E* sqrt(R) d^2.5 [J]."""
-    return 8.0 / 15.0 * e * math.sqrt(radius) * max(overlap, 0.0) ** 2.5
-
-
 def peak_pressure(force: float, patch_radius: float) -> float:
     """Peak pressure p0 = 3 N/(2 pi a^2) [Pa]; first yield at p0 = 1.6 Y."""
     return 1.5 * force / (math.pi * patch_radius**2)
 
 
-# -- tangential, constant N --
+# -- tangential --
 
 
 def critical_displacement(mu: float, e: float, g: float, overlap: float) -> float:
@@ -77,37 +67,9 @@ def critical_displacement(mu: float, e: float, g: float, overlap: float) -> floa
     return mu * e / g * overlap
 
 
-def mindlin_loading(s: float, limit: float, s_c: float) -> float:
-    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5] [N]; `limit` = mu N.
-
-    For s >= 0; mu N beyond s_c. Source: Cattaneo 1938, Mindlin 1949.
-    """
-    return limit * (1.0 - max(1.0 - s / s_c, 0.0) ** 1.5)
-
-
-def mindlin_reversal(s: float, s_reversal: float, limit: float, s_c: float) -> float:
-    """T [N] after reversal at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5].
-
-    For s* - 2 s_c <= s <= s* <= s_c. Source: Mindlin and Deresiewicz 1953.
-    """
-    return mindlin_loading(s_reversal, limit, s_c) - 2.0 * mindlin_loading((s_reversal - s) / 2.0, limit, s_c)
-
-
 def stick_ratio(force_ratio: float) -> float:
     """Stick radius over contact radius c/a = (1 - T/(mu N))^(1/3) on first loading (Eq. 18 at dN = 0)."""
     return max(1.0 - force_ratio, 0.0) ** (1.0 / 3.0)
-
-
-def mindlin_loop_work(force_ratio: float) -> float:
-    """Work lost in a loop between +-T* over mu N s_c, for tau = T*/(mu N) in [0, 1].
-
-    (24/5) {1 - (1-tau)^(5/3) - (5 tau/6) [1 + (1-tau)^(2/3)]} (Mindlin and Deresiewicz 1953).
-    """
-    tau, stick = force_ratio, 1.0 - force_ratio
-    return 24.0 / 5.0 * (1.0 - stick ** (5.0 / 3.0) - 5.0 * tau / 6.0 * (1.0 + stick ** (2.0 / 3.0)))
-
-
-# -- tangential, varying N --
 
 
 def oblique_loading(mu: float, slope: float, force_from: float, force_to: float) -> float:
@@ -116,15 +78,6 @@ def oblique_loading(mu: float, slope: float, force_from: float, force_to: float)
     Source: memory diagrams, Aleshin et al. 2015; proportional loading of Eqs. 17 to 19 is the case N_0 = 0.
     """
     return mu * slope * (force_to - force_from)
-
-
-def closed_cycle_work(overlap_low: float, overlap_high: float) -> float:
-    """Work over k_1 U^2/2 lost by a contact in a rectangle of overlap and shear, no slip: 1 - sqrt(d_0/d_1).
-
-    Press and lift alternate with shear by U and back; k_1 = 2 G* a_1. The annulus between both contact areas carries (k_1 - k_0)
-    U when it loses contact (Elata and Berryman 1996).
-    """
-    return 1.0 - math.sqrt(overlap_low / overlap_high)
 
 
 # -- three spots, normal load --
@@ -239,125 +192,3 @@ def tilted_state(
     scale = closing / (c[0] + sink + tilt * x[0])  # N_1^(2/3)
     force = scale**1.5
     return scale * sink, scale * tilt, (force, fraction * force, (1.0 - fraction) * force)
-
-
-# -- impact --
-
-
-def impact_overlap(mass: float, radius: float, e: float, speed: float) -> float:
-    """Maximum overlap of an elastic Hertz impact [m]: (15 m v^2/(16 E* sqrt R))^(2/5); reduced m, R."""
-    return (15.0 * mass * speed**2 / (16.0 * e * math.sqrt(radius))) ** 0.4
-
-
-def impact_force(mass: float, radius: float, e: float, speed: float) -> float:
-    """Maximum force of an elastic Hertz impact [N] (Chung and Ooi 2011)."""
-    return hertz_force(e, radius, impact_overlap(mass, radius, e, speed))
-
-
-def impact_duration(mass: float, radius: float, e: float, speed: float) -> float:
-    """Contact time t_c [s]: 2 sqrt(pi) Gamma(7/5)/Gamma(9/10) d_max/v = 2.868 (m^2/(R E*^2 v))^(1/5)."""
-    shape = 2.0 * math.sqrt(math.pi) * math.gamma(1.4) / math.gamma(0.9)
-    return shape * impact_overlap(mass, radius, e, speed) / speed
-
-
-def damping_with_tension(restitution: float) -> float:
-    """alpha of m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 for a given e, if the contact may pull at the end.
-
-    -sqrt(5) ln e/sqrt(ln^2 e + pi^2) (Antypov and Elliott 2011). With the force clipped at zero e is higher.
-    """
-    log = math.log(restitution)
-    return -math.sqrt(5.0) * log / math.sqrt(log**2 + math.pi**2)
-
-
-def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float:
-    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal.
-
-    Source: Chung and Ooi 2011, test 4.
-    """
-    return 1.0 - mu * (1.0 + restitution) / math.tan(angle)
-
-
-def gross_slip_spin(mu: float, restitution: float, angle: float, speed: float, radius: float) -> float:
-    """Spin after a gross-slip impact, zero before [rad/s]: -(5/2) mu (1+e) V cos(angle)/R.
-
-    Source: Chung and Ooi 2011, test 4.
-    """
-    return -2.5 * mu * (1.0 + restitution) * speed * math.cos(angle) / radius
-
-
-def gross_slip_tangential_restitution(mu: float, restitution: float, v_n: float, v_slip: float) -> float:
-    """beta = -1 + 3.5 mu (1+e) v_n/v_st of a solid sphere in gross slip (Chung and Ooi 2011, test 6)."""
-    return -1.0 + 3.5 * mu * (1.0 + restitution) * v_n / v_slip
-
-
-def maw_chi(nu: float) -> float:
-    """chi = 7 (1-nu)/(2 (2-nu)) of a solid sphere of like material (Maw, Barber and Fawcett 1976)."""
-    return 3.5 * (1.0 - nu) / (2.0 - nu)
-
-
-def maw_gross_slip(psi: float, chi: float) -> float:
-    """Rebound angle psi_2 = psi_1 - 4 chi for psi_1 >= 4 chi - 1, where the whole impact slips.
-
-    Raises ValueError below, where there is no closed form.
-    """
-    if psi < 4.0 * chi - 1.0:
-        raise ValueError(f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while")
-    return psi - 4.0 * chi
-
-
-# -- motion --
-
-
-def slope_sphere_rolls(mu: float, g_t: float, g_n: float) -> bool:
-    """Return whether a solid sphere released on a slope rolls without slip: mu >= (2/7) g_t/g_n."""
-    return mu >= 2.0 / 7.0 * g_t / g_n
-
-
-def sliding_sphere(mu: float, g_t: float, g_n: float, radius: float, time: float) -> tuple[float, float]:
-    """(speed [m/s], spin [rad/s]) of a sphere slipping down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R.
-
-    Holds where `slope_sphere_rolls` is false.
-    """
-    return (g_t - mu * g_n) * time, 2.5 * mu * g_n * time / radius
-
-
-def pinched_sphere_slip_time(mass: float, mu: float, force: float, plate_speed: float) -> float:
-    """Time for which a sphere between plates slips on the upper one, suddenly at V [s]: 7 m V/(20 mu N)."""
-    return 7.0 * mass * plate_speed / (20.0 * mu * force)
-
-
-def pinched_sphere_rolling(plate_speed: float, radius: float) -> tuple[float, float]:
-    """(speed V/2, spin V/(2 R)) of a sphere that rolls between a resting plate and one at V; T = 0."""
-    return plate_speed / 2.0, plate_speed / (2.0 * radius)
-
-
-def _arithmetic_geometric_mean(a: float, b: float) -> float:
-    """Common limit of the arithmetic and geometric means of a and b."""
-    while abs(a - b) > 4e-16 * a:
-        a, b = 0.5 * (a + b), math.sqrt(a * b)
-    return 0.5 * (a + b)
-
-
-def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
-    """Period of the body-frame angular velocity of a torque-free top [s] (Landau and Lifshitz I, section 37).
-
-    `moments` I_1 < I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by the
-    arithmetic-geometric mean. Raises ValueError on the separatrix (and for a top at rest), where the period is infinite.
-    """
-    square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
-    twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))
-    i_1, i_2, i_3 = moments
-    if square < twice_energy * i_2:  # circles the axis of least inertia: the formulas hold with 1 and 3 exchanged
-        i_1, i_3 = i_3, i_1
-    fast = (i_3 - i_2) * (square - twice_energy * i_1)
-    slow = (i_2 - i_1) * (twice_energy * i_3 - square)
-    if fast * slow < 0.0 or fast == slow:
-        raise ValueError("the top is at rest or on its separatrix: no finite period")
-    rate = math.sqrt(fast / (i_1 * i_2 * i_3))
-    quarter = math.pi / (2.0 * _arithmetic_geometric_mean(1.0, math.sqrt(1.0 - slow / fast)))
-    return 4.0 * quarter / rate
-
-
-def rayleigh_time_step(radius: float, density: float, g: float, nu: float) -> float:
-    """Rayleigh time of a sphere [s]: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
-    return math.pi * radius * math.sqrt(density / g) / (0.1631 * nu + 0.8766)

@@ -22,6 +22,7 @@ from thirdbody.engine.static_contacts import Contacts
 from thirdbody.engine.static_labels import StaticLabels
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
 from thirdbody.kernels.columns import loaded_contact, observed_body
+from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FORECAST
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.columns.table import Table
 from thirdbody.laws.contract import (
@@ -61,6 +62,8 @@ from thirdbody.scene.size_distributions import Size
 from thirdbody.units import pretty
 
 __all__ = [
+    "CAN_SLIDE",
+    "CAN_STICK",
     "COULOMB",
     "DEBRIS",
     "HERTZ",
@@ -87,6 +90,7 @@ __all__ = [
     "LawFamily",
     "Load",
     "Material",
+    "NO_FORECAST",
     "NoStaticState",
     "Normal",
     "Option",

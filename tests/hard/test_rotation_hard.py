@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+import closed_forms
 import numpy as np
 import pytest
-from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
@@ -104,7 +104,7 @@ def test_quaternion_and_momentum_over_many_steps(make, steps):
 
 
 def test_spinning_flake_keeps_its_period(make):
-    period = theory.top_period(FLAKE, WOBBLE)
+    period = closed_forms.top_period(FLAKE, WOBBLE)
     simulation = spinning_flake(make, 0.01)
     rows = []
     while simulation.state.time < 10.6 * period:

@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import mdr, theory
@@ -181,7 +182,7 @@ def springs_force(shares: tuple[float, ...]) -> list[float]:
     """T of the level `mdr` at these displacements over s_c, 256 springs."""
     p = mdr.SpringParameters(G_STAR, MU, MU * E_STAR / G_STAR, 0.0)  # nothing rolls, so nothing is renewed
     h, w = (0.0,) * 7, np.zeros(512)
-    load = Load(FORCE, FORCE, A, theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP), 0.0)
+    load = Load(FORCE, FORCE, A, closed_forms.hertz_stiffness(E_STAR, RADIUS, OVERLAP), 0.0)
     forces = []
     for slip in np.diff((0.0, 0.0, *shares)) * CRITICAL:  # the first step only presses
         w_new = np.empty_like(w)
@@ -195,7 +196,7 @@ def test_tangential_force(partial_slip):
     """Images act by (a/L)^3 beyond the offset, the mesh by about its square: measured 1.4e-3 mu N, then 1.9e-4."""
     coarse, fine = ([force for force, _ in grid] for grid in partial_slip)
     for share, rough, good, ours in zip(SHARES, coarse, fine, springs_force(SHARES), strict=True):
-        closed = theory.mindlin_loading(share * CRITICAL, LIMIT, CRITICAL)
+        closed = closed_forms.mindlin_loading(share * CRITICAL, LIMIT, CRITICAL)
         assert rough == pytest.approx(closed, abs=1.6e-3 * LIMIT)
         assert good == pytest.approx(closed, abs=2.5e-4 * LIMIT)
         assert good == pytest.approx(ours, abs=2.5e-4 * LIMIT)
@@ -205,7 +206,7 @@ def test_tangential_force(partial_slip):
 def test_stick_radius(partial_slip):
     """Half a cell, as for the contact radius, and the flat start of the slip beside the stick zone's edge."""
     for (_, rough), (_, good), share in zip(*partial_slip, SHARES, strict=True):
-        closed = A * theory.stick_ratio(theory.mindlin_loading(share * CRITICAL, LIMIT, CRITICAL) / LIMIT)
+        closed = A * theory.stick_ratio(closed_forms.mindlin_loading(share * CRITICAL, LIMIT, CRITICAL) / LIMIT)
         # measured .16 to .26 cells of a/16, .06 to .17 cells of a/32
         assert rough == pytest.approx(closed, abs=0.5 * A / 16.0)
         assert good == pytest.approx(closed, abs=0.5 * A / 32.0)
@@ -216,7 +217,7 @@ def test_slip_across_the_drag_matters_little(tm):
 
     T is given and s the answer; s/s_c with 8 cells over the radius and images at 8 radii; measured .5002 for .5.
     """
-    n, length, force = 64, 8.0 * A, theory.mindlin_loading(0.5 * CRITICAL, LIMIT, CRITICAL)
+    n, length, force = 64, 8.0 * A, closed_forms.mindlin_loading(0.5 * CRITICAL, LIMIT, CRITICAL)
     model = tm.Model(tm.model_type.surface_2d, [length, length], [n, n])
     model.E, model.nu = YOUNG, POISSON
     model.be_engine.registerNeumann()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+import closed_forms
 import numpy as np
 import pytest
 from numba import njit
@@ -96,7 +97,7 @@ def forces_of(law, p, h, width, overlaps, places):
     w, found = np.zeros(width), []
     for d, slip in zip(overlaps, np.diff(places, axis=0, prepend=places[:1]), strict=True):
         n, w_new = theory.hertz_force(E, R, d), np.zeros(width)
-        load = Load(n, n, theory.contact_radius(R, d), theory.hertz_stiffness(E, R, d), 0.0)
+        load = Load(n, n, theory.contact_radius(R, d), closed_forms.hertz_stiffness(E, R, d), 0.0)
         answer, h = law(Contact(d, R, 1.0, 0.0, slip[0], slip[1], 0.0, 0.0, 0.0, 0.0), load, p, h, w, w_new)
         w = w_new
         found.append((answer.x, answer.y))
@@ -146,7 +147,7 @@ def test_a_polygon_needs_no_more_steps_than_corners(share):
     for places in (corners, many):
         w, h = np.zeros(192), (0.0,) * 8
         n = theory.hertz_force(E, R, D0)
-        load = Load(n, n, theory.contact_radius(R, D0), theory.hertz_stiffness(E, R, D0), 0.0)
+        load = Load(n, n, theory.contact_radius(R, D0), closed_forms.hertz_stiffness(E, R, D0), 0.0)
         for slip in np.diff(places, axis=0, prepend=places[:1]):
             w_new, c = np.zeros(192), Contact(D0, R, 1.0, 0.0, slip[0], slip[1], 0.0, 0.0, 0.0, 0.0)
             answer, h = _exact(c, load, ExactParameters(G, MU, KAPPA, 0.0), h, w, w_new)

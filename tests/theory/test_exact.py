@@ -7,6 +7,7 @@ import math
 import sys
 from pathlib import Path
 
+import closed_forms
 import numpy as np
 import pytest
 from numba import njit
@@ -64,7 +65,7 @@ class Spot:
 
     def evaluate(self, overlap, slip, roll, damped):
         a, n = theory.contact_radius(R, overlap), theory.hertz_force(E, R, overlap)
-        stiffness = damped * theory.hertz_stiffness(E, R, overlap)
+        stiffness = damped * closed_forms.hertz_stiffness(E, R, overlap)
         touch = Contact(overlap, R, 1.0, 0.0, float(slip[0]), float(slip[1]), 0.0, 0.0, roll, 0.0)
         return touch, Load(damped * n, n, a, stiffness, 0.0)
 
@@ -157,7 +158,7 @@ def test_first_loading_is_cattaneo_and_mindlin():
         spot = Spot()
         spot.move(D0, 0.0)
         answer = spot.move(D0, s)
-        assert -answer.x == pytest.approx(theory.mindlin_loading(s, limit, s_c), abs=1e-14 * limit)  # rounding
+        assert -answer.x == pytest.approx(closed_forms.mindlin_loading(s, limit, s_c), abs=1e-14 * limit)  # rounding
         assert answer.critical == pytest.approx(s_c, rel=1e-15)
         assert answer.slip == pytest.approx(max(s - s_c, 0.0), abs=1e-15 * s_c)
 
@@ -171,16 +172,16 @@ def test_loop_of_mindlin_and_deresiewicz(tau):
     spot.move(D0, top)
     for s in np.linspace(1.0, -1.0, 9)[1:] * top:
         spot.move(D0, -0.25 * top)
-        assert -spot.force[0] == pytest.approx(theory.mindlin_reversal(s, top, limit, s_c), abs=1e-14 * limit)
+        assert -spot.force[0] == pytest.approx(closed_forms.mindlin_reversal(s, top, limit, s_c), abs=1e-14 * limit)
     lost = sum(spot.move(D0, path).dissipated for path in (2.0 * top, -2.0 * top))
     # at constant load the dissipation of a straight step of any length is exact
-    assert lost == pytest.approx(theory.mindlin_loop_work(tau) * limit * s_c, rel=1e-12)
+    assert lost == pytest.approx(closed_forms.mindlin_loop_work(tau) * limit * s_c, rel=1e-12)
 
 
 def test_load_that_varies():
     """Numbers from the closed forms of `theory`: T of Cattaneo and Mindlin, unchanged by more load, forgotten down to less."""
     n_0, n_1 = (theory.hertz_force(E, R, d) for d in (D0, D1))
-    at_half = theory.mindlin_loading(0.5 * KAPPA * D0, MU * n_0, KAPPA * D0)
+    at_half = closed_forms.mindlin_loading(0.5 * KAPPA * D0, MU * n_0, KAPPA * D0)
     spot = Spot()
     for overlap, slip in ((D0, 0.0), (D0, 0.5 * KAPPA * D0), (D1, 0.0)):
         spot.move(overlap, slip)
@@ -206,7 +207,7 @@ def test_closed_cycle_loses_what_the_annulus_carried(overlaps):
         work -= 0.5 * (start + spot.force[0]) * slip  # no slip: T is linear along a segment
     scale = G * theory.contact_radius(R, 0.01) * shear**2
     # 1 - sqrt(.4) = .36754; friction 1e9 slips in a margin of 1e-9 shares
-    assert work / scale == pytest.approx(theory.closed_cycle_work(0.004, 0.01), rel=1e-6)
+    assert work / scale == pytest.approx(closed_forms.closed_cycle_work(0.004, 0.01), rel=1e-6)
 
 
 # -- invariances --

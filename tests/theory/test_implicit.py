@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import theory
@@ -107,7 +108,7 @@ def pinched(make):
     one = make.ball(RADIUS, (5.0, 5.0, RADIUS))
     keys = {"friction": MU, "restitution": 0.3, "integrator": "implicit"}
     simulation = make.under_patches([one], {"ball": make.STEEL}, PRESS, drag(SPEED), **keys)
-    slip_time = theory.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), MU, PRESS, SPEED)
+    slip_time = closed_forms.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), MU, PRESS, SPEED)
     simulation.integrator.advance_to(time=simulation.settle)
     start, labels, rows = simulation.state.time, [make.label(simulation)], []
     for part in np.arange(0.05, 2.01, 0.05):
@@ -293,7 +294,7 @@ def test_fretting_stroke_has_its_plateau_and_its_slope(make, level):
         # partial slip: the loop is Mindlin's
         assert 0.5 * stiffness < slope < stiffness
         limit, forth = mu * load, force[turn:]
-        expected = [theory.mindlin_reversal(max(s, x[turn] - 2.0 * critical), x[turn], limit, critical) for s in x[turn:]]
+        expected = [closed_forms.mindlin_reversal(max(s, x[turn] - 2.0 * critical), x[turn], limit, critical) for s in x[turn:]]
         # the tilt yields by .1 % of the compliance; ten springs err by 7e-4 of each of the two limits between which T changes
         assert np.max(np.abs(forth - expected)) < (1e-3 if level == "exact" else 2.4e-3) * limit
     # nearly all of it, 1.4e-3, is lost while the flake is pressed; the strokes lose less than 5e-5

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import math
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import theory
@@ -57,7 +58,7 @@ def rebound(make, psi: float, nu: float, speed: float, level: str, **options) ->
     scale = 2.0 * (1.0 - nu) / (MU * (2.0 - nu))
     contact = Contact(law="three_spot", level=level, options=LEVELS[level] | options)
     ball = make.ball_on_plane(material, RADIUS, (psi / scale * speed, 0.0, -speed), friction=MU, contact=contact)
-    make.leave(ball, theory.impact_duration(make.ball_mass(material, RADIUS), RADIUS, e, speed))
+    make.leave(ball, closed_forms.impact_duration(make.ball_mass(material, RADIUS), RADIUS, e, speed))
     return (make.velocity(ball)[0] - RADIUS * make.spin(ball)[1]) * scale / speed
 
 

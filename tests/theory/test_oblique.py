@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import theory
@@ -29,7 +30,7 @@ def rebound(make, numbers, radius, velocity, spin=(0.0, 0.0, 0.0), **keys):
     """(velocity, spin) of a ball after an impact on a rigid plane."""
     material = make.solid(*numbers)
     e = theory.e_star(material.shear(), material.poisson_ratio, math.inf, 0.0)
-    duration = theory.impact_duration(make.ball_mass(material, radius), radius, e, -velocity[2])
+    duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, -velocity[2])
     simulation = make.ball_on_plane(material, radius, velocity, spin, time_step=duration / RESOLVED, **keys)
     make.leave(simulation, duration)
     return make.velocity(simulation), make.spin(simulation), simulation
@@ -45,9 +46,9 @@ def test_chung_ooi_4_oblique_impact(make, degrees):
     v, w, _ = rebound(make, OXIDE, radius, (along, 0.0, -normal), friction=mu, restitution=e)
     assert -v[2] / -normal == pytest.approx(e, rel=DAMPED)
     # errors of e enter the impulse as e/(1+e) of themselves; the overlap of 1e-2 R shortens friction's arm by half of that
-    lost = 1.0 - theory.gross_slip_speed_ratio(mu, e, angle)
+    lost = 1.0 - closed_forms.gross_slip_speed_ratio(mu, e, angle)
     assert 1.0 - v[0] / along == pytest.approx(lost, rel=DAMPED)
-    assert -w[1] == pytest.approx(theory.gross_slip_spin(mu, e, angle, SPEED, radius), rel=DAMPED + 6e-3)
+    assert -w[1] == pytest.approx(closed_forms.gross_slip_spin(mu, e, angle, SPEED, radius), rel=DAMPED + 6e-3)
 
 
 def spinning(make, name, surface_speed, **keys):
@@ -76,7 +77,7 @@ def test_chung_ooi_6_tangential_restitution(make, index, name):
     for x, digitised in points:
         slip = 3.5 * 0.4 * 1.5 * NORMAL / x
         beta, _ = spinning(make, name, slip)
-        closed = theory.gross_slip_tangential_restitution(0.4, 0.5, NORMAL, slip)
+        closed = closed_forms.gross_slip_tangential_restitution(0.4, 0.5, NORMAL, slip)
         # 1 + beta is friction's impulse; overlap/radius is 3e-3 (nylon) at most
         assert 1.0 + beta == pytest.approx(1.0 + closed, rel=DAMPED + 2e-3)
         # read off a figure: 1 % of the axis of beta (1.6 long), on a line that is 25 long in the other direction
@@ -112,13 +113,13 @@ def test_chung_ooi_7_opposite_spins_do_not_rub(make, name, index):
 def test_undamped_gross_slip(make, friction, excess):
     """Maw, Barber and Fawcett: psi_2 = psi_1 - 4 chi where the whole impact slips, psi = v_t/v_n 2 (1-nu)/(mu (2-nu))."""
     nu = 0.3
-    chi = theory.maw_chi(nu)
+    chi = closed_forms.maw_chi(nu)
     scale = 2.0 * (1.0 - nu) / (friction * (2.0 - nu))
     psi = excess * (4.0 * chi - 1.0)
     v, w, _ = rebound(make, (210e9, nu, 7850.0), 1e-3, (psi / scale * NORMAL, 0.0, -NORMAL), friction=friction)
     after = (v[0] - 1e-3 * w[1]) * scale / NORMAL
     # friction's impulse is 4 chi; undamped truncation is 1e-5, the overlap .2 % of the radius
-    assert psi - after == pytest.approx(psi - theory.maw_gross_slip(psi, chi), rel=3e-3)
+    assert psi - after == pytest.approx(psi - closed_forms.maw_gross_slip(psi, chi), rel=3e-3)
 
 
 def test_frictionless_impact_leaves_the_tangential_motion_alone(make):

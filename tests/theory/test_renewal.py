@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import exact, exact_rolling, exact_springs, mdr, mdr_rolling, theory
@@ -44,7 +45,7 @@ class Spot:
 
     def evaluate(self, slip=0.0, roll=0.0, across=0.0, overlap=OVERLAP, aside=0.0):
         force, a = theory.hertz_force(self.e_star, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
-        load = Load(force, force, a, theory.hertz_stiffness(self.e_star, RADIUS, overlap), RADIUS)
+        load = Load(force, force, a, closed_forms.hertz_stiffness(self.e_star, RADIUS, overlap), RADIUS)
         return Contact(overlap, RADIUS, 1.0, 0.0, slip, aside, 0.0, 0.0, roll, across), load, self.p, self.h
 
     def move(self, *step, **named):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import theory
@@ -28,7 +29,7 @@ def slope_ball(make, friction):
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.28])
 def test_ball_slides_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
-    speed, spin = theory.sliding_sphere(friction, 5.0, 5.0, RADIUS, simulation.state.time)
+    speed, spin = closed_forms.sliding_sphere(friction, 5.0, 5.0, RADIUS, simulation.state.time)
     # it lands with a bounce of some 1e-5 m/s: while that dies out friction is mu N at its mean only, and near 2/7 it sticks for
     # moments
     assert make.velocity(simulation)[0] == pytest.approx(speed, rel=1e-4)
@@ -39,7 +40,7 @@ def test_ball_slides_down_a_slope(make, friction):
 @pytest.mark.parametrize("friction", [0.29, 0.4, 1.0])
 def test_ball_rolls_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
-    assert theory.slope_sphere_rolls(friction, 5.0, 5.0)
+    assert closed_forms.slope_sphere_rolls(friction, 5.0, 5.0)
     # a rolling solid ball accelerates by 5/7 of the slope; friction needs 2/7 of it
     speed = 5.0 / 7.0 * 5.0 * simulation.state.time
     assert make.velocity(simulation)[0] == pytest.approx(speed, rel=1e-4)
@@ -75,7 +76,7 @@ def pinched(make):
     tables = make.scene(one, {"ball": make.STEEL}, lower="ball", upper=upper, friction=friction, restitution=0.3)
     # by explicit steps: the implicit ones are tested against the same forms elsewhere
     simulation = build(tables.with_settings({"solver.integrator": "explicit"}))
-    slip_time = theory.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), friction, load, speed)
+    slip_time = closed_forms.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), friction, load, speed)
     simulation.integrator.advance_to(time=simulation.settle)
     start, labels = simulation.state.time, [make.label(simulation)]
     rows = []
@@ -111,7 +112,7 @@ def test_pinched_ball_ends_rolling_without_force(pinched, make):
     time, v, omega, below, above = pinched[0].T
     after = time > 1.3
     # the tangential springs ring down within a few of their periods, 1/30 of the slip time each
-    half, _ = theory.pinched_sphere_rolling(1.0, 1.0)
+    half, _ = closed_forms.pinched_sphere_rolling(1.0, 1.0)
     assert v[after] == pytest.approx(half, abs=1e-9)
     assert omega[after] == pytest.approx(half, abs=1e-9)
     assert np.all(below[after] < 1e-9) and np.all(above[after] < 1e-9)

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+import closed_forms
 import numpy as np
 import pytest
 from numba import njit
@@ -33,7 +34,7 @@ class Driver:
 
     def move(self, overlap: float, slip: float = 0.0, across: float = 0.0, roll: float = 0.0):
         force, a = theory.hertz_force(E_STAR, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
-        load = Load(force, force, a, theory.hertz_stiffness(E_STAR, RADIUS, overlap), 0.0)
+        load = Load(force, force, a, closed_forms.hertz_stiffness(E_STAR, RADIUS, overlap), 0.0)
         w_new = np.full_like(self.w, np.nan)
         touch = Touch(overlap, RADIUS, 1.0, 0.0, slip, across, 0.0, 0.0, roll, 0.0)
         answer, self.h = mdr.springs(touch, load, self.p, self.h, self.w, w_new)
@@ -58,7 +59,7 @@ def test_the_virgin_curve(springs, error):
     driver.move(0.01)
     for k in range(1, 13):
         force = -driver.move(0.01, 0.1 * CRITICAL).x
-        expected = theory.mindlin_loading(min(0.1 * k, 1.0) * CRITICAL, LIMIT, CRITICAL)
+        expected = closed_forms.mindlin_loading(min(0.1 * k, 1.0) * CRITICAL, LIMIT, CRITICAL)
         assert force == pytest.approx(expected, abs=error * LIMIT)
     assert force <= LIMIT * (1.0 + 1e-12), "never beyond Coulomb's limit"
 
@@ -72,12 +73,12 @@ def test_reversal_and_loop():
         for k in range(1, 201):
             answer = driver.move(0.01, sign * 0.01 * turn)
             work += answer.dissipated
-            branch = theory.mindlin_reversal(turn - 0.01 * k * turn, turn, LIMIT, CRITICAL)
+            branch = closed_forms.mindlin_reversal(turn - 0.01 * k * turn, turn, LIMIT, CRITICAL)
             # 256 to 512 springs carry the patch: 2e-6
             assert -answer.x == pytest.approx(-sign * branch, abs=4e-6 * LIMIT)
     assert -answer.x == pytest.approx(top, abs=4e-6 * LIMIT)
     # the 256 springs and more that carry the patch miss 1e-5 of the small area that slips
-    assert work == pytest.approx(theory.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=1e-4)
+    assert work == pytest.approx(closed_forms.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=1e-4)
 
 
 def test_a_straight_step_is_a_hundred():
@@ -243,7 +244,7 @@ def impact(make, psi: float, level: str, nu: float = 0.3, **options) -> tuple[fl
     """psi_2 of an undamped oblique impact that starts with psi_1, without spin, and its kinetic energy over that before."""
     material, radius, mu = make.solid(210e9, nu, 7850.0), 1e-3, 0.3
     e = theory.e_star(material.shear(), nu, math.inf, 0.0)
-    duration = theory.impact_duration(make.ball_mass(material, radius), radius, e, SLOW)
+    duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, SLOW)
     scale = 2.0 * (1.0 - nu) / (mu * (2.0 - nu))
     simulation = make.ball_on_plane(
         material, radius, (psi / scale * SLOW, 0.0, -SLOW), friction=mu, time_step=duration / 1000.0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import mdr, theory
@@ -40,7 +41,7 @@ class Spot:
     def evaluate(self, step: Step):
         """Arguments of the law and of its tangent."""
         elastic = theory.hertz_force(E_STAR, RADIUS, step.overlap)
-        stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
+        stiffness = (1.0 + step.share) * closed_forms.hertz_stiffness(E_STAR, RADIUS, step.overlap)
         a, force = theory.contact_radius(RADIUS, step.overlap), (1.0 + step.share) * elastic + step.viscous
         contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll, 0.0)
         return contact, Load(force, elastic, a, stiffness, 0.0), self.p, self.h, self.w
@@ -180,7 +181,7 @@ def test_the_virgin_patch(share):
     assert tangent[0, 0] == pytest.approx(-2.0 * G_STAR * a * math.sqrt(1.0 - share), abs=2.0 * G_STAR * a / 256)
     # across it the springs turn, and the force with them: T_y = T_x s_y/s_x
     limit, slip = MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP), share * CRITICAL
-    secant = theory.mindlin_loading(slip, limit, CRITICAL) / slip
+    secant = closed_forms.mindlin_loading(slip, limit, CRITICAL) / slip
     assert tangent[1, 1] == pytest.approx(-secant, rel=1e-4)  # the force of 256 springs, 6e-6, and the edge of the patch
     assert tangent[0, 1] == tangent[1, 0] == 0.0
 
@@ -192,7 +193,7 @@ def test_full_sliding():
     e, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
     path = 50.0 * CRITICAL
     tangent = spot.tangent(Step(OVERLAP, *(path * e)))
-    slope, limit = MU * theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP), MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
+    slope, limit = MU * closed_forms.hertz_stiffness(E_STAR, RADIUS, OVERLAP), MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
     # every spring under the patch adds 2 G* kappa spacing: 128 springs and more, of which the last is in or out
     assert tangent[:, 2] @ e == pytest.approx(-slope, rel=0.5 / 128)
     # their sum falls short of mu N by 1.5 (spacing/2a)^2 < 3e-5

@@ -1,9 +1,18 @@
-"""Compiler options, chosen once: IEEE arithmetic everywhere, no fastmath that would hide a NaN."""
+"""Compiler options, chosen once: IEEE arithmetic everywhere, no fastmath that would hide a NaN.
+
+numba reads the folder of its cache when it decorates a function, so ours is set here first.
+"""
 
 from typing import Any
 
-import thirdbody.jit.numba_setup  # noqa: F401
-from thirdbody.jit.numba_pipeline import Inner, KernelOnly, Own, Whole, pipeline_options
+from thirdbody.jit import cache_dir
+
+cache_dir.folder()
+
+from thirdbody.jit import cache_files  # noqa: E402
+from thirdbody.jit.numba_pipeline import Inner, KernelOnly, Own, Whole, pipeline_options  # noqa: E402
+
+cache_files.install()
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Own)
 """Kernels that Python calls and that may be passed as pointers."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.errors import InputError
+from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, NO_FORECAST
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
 from thirdbody.report.forecast_conditions import conditions, touches_others
 from thirdbody.trajectory.reader import Run
@@ -15,8 +16,6 @@ WATCHED = 40.0
 """Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""
 
 ROLLING, SLIDING = "rolling", "sliding"
-CAN_SLIDE, NO_FORECAST = 2, 4
-"""Bits of `forecast` (the labeller's)."""
 
 
 def compare_forecast(run: Run) -> dict[str, Any]:

@@ -91,18 +91,18 @@ def key_location(path: str) -> Location:
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
 
 
-def union_by_key(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ...] = ()) -> WrapValidator:
+def union_by_key(key: str, kinds: Mapping[str, type[Part]]) -> WrapValidator:
     """Return a validator that selects the class of a table by one of its keys, so only faults of that class are reported."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, tuple(kinds.values())):
             return value
-        return chosen_kind(key, kinds, value, later).model_validate(value, context=info.context)
+        return chosen_kind(key, kinds, value).model_validate(value, context=info.context)
 
     return WrapValidator(read)
 
 
-def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tuple[str, ...] = ()) -> type[Part]:
+def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any) -> type[Part]:
     """Return the class of a table by the value of its key. Raises ValueError, or ValidationError with the fault at that key."""
     if not isinstance(value, Mapping):
         raise ValueError(f"expected a table, got {show(value)}")
@@ -110,7 +110,7 @@ def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tu
         listed = ", ".join(f"'{name}'" for name in kinds)
         raise bundle([((key,), f"{MISSING}: one of {listed}")])
     try:
-        return kinds[choose(value[key], kinds, later, key)]
+        return kinds[choose(value[key], kinds, (), key)]
     except ValueError as error:
         raise bundle([((key,), str(error))]) from None
 
@@ -140,7 +140,6 @@ class Part(BaseModel):
     """A table of the scene. Built in Python it raises InputError with all its faults."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    later: ClassVar[dict[str, str]] = {}  # keys of the file format that do not work yet: what works instead
     extra_keys: ClassVar[str] = ""  # the field for all further keys, in tables that plug-ins extend
 
     def __init__(self, /, **data: Any) -> None:
@@ -199,8 +198,6 @@ class Part(BaseModel):
         except ValidationError as error:
             report = {location for location, _ in faults}
             faults += [wrong for wrong in wrongs_of(error) if wrong[0] not in report]
-        if cls.later.keys() & data.keys():  # what the postponed key would have given is not missing
-            faults = [(location, text) for location, text in faults if location and text != MISSING]
         if faults:
             raise bundle((_rename(location, renamed), text) for location, text in faults)
         return part
@@ -225,10 +222,6 @@ class Part(BaseModel):
         faults: list[Wrong] = []
         strange = [key for key in raw if key not in saved]
         for key in strange[:MAX_UNKNOWN]:
-            if key in cls.later:
-                text = f"{key} = {show(raw[key])} is known but not available in this version"
-                faults.append(((key,), f"{text}; available: {cls.later[key]}"))
-                continue
             faults.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
             for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - saved.keys(), 1, 0.7):
                 saved[meant] = raw[key]

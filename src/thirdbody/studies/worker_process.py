@@ -117,12 +117,11 @@ class Worker:
 
 
 def in_process(
-    scene: Path, folder: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
-    limit: float = LIMIT,
+    scene: Path, folder: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run the variants of a scene, then time them alternately, in a separate process; return the results (see `worker`)."""
     with Worker() as worker:
-        jobs = [request(scene, folder / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
+        jobs = [request(scene, folder / str(k), changes, plugins, LIMIT) for k, changes in enumerate(variants)]
         result = [worker.request({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
         for report in (report for report in result if report["stable"] and report["cpu_s"] > LONG):
             report["wall"].append(report["wall_s"])
