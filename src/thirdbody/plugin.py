@@ -25,32 +25,12 @@ from thirdbody.kernels.columns import loaded_contact, observed_body
 from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FORECAST
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.columns.table import Table
-from thirdbody.laws.contract import (
-    Adhesion,
-    Body,
-    BodyEffect,
-    Contact,
-    Labeller,
-    Law,
-    LawFamily,
-    Load,
-    Material,
-    Normal,
-    Option,
-    Options,
-    Pair,
-    Plugin,
-    Rolling,
-    Tangential,
-    Turn,
-    Wrench,
-    helper,
-    kernel,
-)
+from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Options, Pair, Plugin, helper, kernel
 from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
 from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Wrench
 from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.patch_renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris

@@ -13,7 +13,7 @@ from scalar_bodies import Vector, added, arm_of, cross, dot, three
 from scalar_laws import Answer, Laws
 
 from thirdbody.kernels.columns import contact_state, patch, record, sphere
-from thirdbody.laws.contract import Contact, Turn
+from thirdbody.laws.kernel_data import Contact, Turn
 
 
 @dataclass

@@ -16,7 +16,8 @@ import numpy as np
 from scalar_bodies import INERTIA
 
 from thirdbody.kernels.columns import body, contact_state
-from thirdbody.laws.contract import Body, BodyEffect, Contact, Law, Load, Turn, Wrench
+from thirdbody.laws.contract import BodyEffect, Law
+from thirdbody.laws.kernel_data import Body, Contact, Load, Turn, Wrench
 
 
 def plain(function: Callable) -> Callable:

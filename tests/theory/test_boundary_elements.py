@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import mdr, theory
 
-from thirdbody.laws.contract import Contact, Load
 from thirdbody.laws.hertz import HERTZ, HertzParameters
+from thirdbody.laws.kernel_data import Contact, Load
 
 pytestmark = pytest.mark.bem
 

@@ -16,7 +16,7 @@ from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
 
-from thirdbody.laws.contract import Contact, Load
+from thirdbody.laws.kernel_data import Contact, Load
 
 E, G, R, MU = 1.0, 0.8, 1.0, 0.3
 D0 = 0.006

@@ -16,7 +16,7 @@ from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tang
 from thirdbody_three_spot.exact_springs import cells_of, gap_of
 from thirdbody_three_spot.spring_field import SPARE
 
-from thirdbody.laws.contract import Contact, Load
+from thirdbody.laws.kernel_data import Contact, Load
 
 E, G, R, MU = 1.0, 0.8, 1.0, 0.3
 D0, D1 = 0.006, 0.01

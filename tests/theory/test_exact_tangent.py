@@ -15,7 +15,7 @@ from numba import njit
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
 
-from thirdbody.laws.contract import Contact, Load
+from thirdbody.laws.kernel_data import Contact, Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 OVERLAP = 0.01

@@ -12,7 +12,7 @@ from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import EXACT, NODES, ExactParameters
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
-from thirdbody.laws.contract import Contact, Load
+from thirdbody.laws.kernel_data import Contact, Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 KAPPA = MU * E_STAR / G_STAR

@@ -11,8 +11,9 @@ import pytest
 from thirdbody_three_spot import exact, exact_rolling, exact_springs, mdr, mdr_rolling, theory
 
 from thirdbody.assembly.physics import _value
-from thirdbody.laws.contract import Contact, Load, Material, Pair
+from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
+from thirdbody.laws.kernel_data import Contact, Load
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
 from thirdbody.laws.patch_renewal import RENEWAL, moved_ground, renewed
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion

@@ -16,8 +16,8 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import geometry, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.rolling_kinematics import travel
-from thirdbody.laws.contract import Contact as Touch
-from thirdbody.laws.contract import Load
+from thirdbody.laws.kernel_data import Contact as Touch
+from thirdbody.laws.kernel_data import Load
 from thirdbody.scene.model import Contact
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import mdr, theory
 
-from thirdbody.laws.contract import Contact, Load
+from thirdbody.laws.kernel_data import Contact, Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 OVERLAP = 0.01

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
-from thirdbody.laws.contract import Contact, Load
 from thirdbody.laws.coulomb import COULOMB, CoulombParameters
+from thirdbody.laws.kernel_data import Contact, Load
 from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
 
 G_STAR = 0.5  # so that the stiffness 2 G* a is the contact radius

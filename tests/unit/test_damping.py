@@ -7,7 +7,7 @@ import math
 import pytest
 from scipy.integrate import solve_ivp
 
-from thirdbody.laws.contract import Contact, Load, Material, Normal, Pair
+from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import (
     HERTZ_DAMPING,
     TANGENTIAL_DAMPING,
@@ -18,6 +18,7 @@ from thirdbody.laws.damping import (
     mix_tangential_damping,
     restitution_of,
 )
+from thirdbody.laws.kernel_data import Contact, Load, Normal
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 

@@ -6,10 +6,11 @@ import math
 
 import pytest
 
-from thirdbody.laws.contract import Contact, Load, Material, Pair
+from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.elasticity import e_star, g_star
 from thirdbody.laws.hertz import HERTZ, HertzParameters
+from thirdbody.laws.kernel_data import Contact, Load
 from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
 
 DIGITS = 1e-13  # the numbers carry 15 digits; a few roundings of double precision come on top

@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
+from thirdbody.laws.contract import BodyEffect, Option, Options, kernel
+from thirdbody.laws.kernel_data import Wrench
 
 
 class GravityParameters(NamedTuple):

@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import Law, Normal, Options, Pair, kernel
+from thirdbody.laws.contract import Law, Options, Pair, kernel
 from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.kernel_data import Normal
 
 
 class HertzParameters(NamedTuple):

@@ -3,7 +3,8 @@
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
+from thirdbody.laws.contract import BodyEffect, Option, Options, kernel
+from thirdbody.laws.kernel_data import Wrench
 
 
 class LocalParameters(NamedTuple):

@@ -3,8 +3,9 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from thirdbody.laws.contract import Law, Options, Pair, Tangential, kernel
+from thirdbody.laws.contract import Law, Options, Pair, kernel
 from thirdbody.laws.elasticity import e_star, g_star
+from thirdbody.laws.kernel_data import Tangential
 from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, moved_ground, renewal_rate, renewed
 from thirdbody.laws.radial_return import (
     MEMORY,

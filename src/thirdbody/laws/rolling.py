@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import Law, Option, Options, Pair, Rolling, kernel
+from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
 from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.kernel_data import Rolling
 from thirdbody.laws.radial_return import friction_tangent
 
 STIFFNESS = 2.25

@@ -13,7 +13,7 @@ from numba import njit
 from thirdbody.jit.options import OPTIONS
 from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.kernels.signatures import EFFECTS, LAW
-from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
+from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
 from thirdbody.laws.codegen.module_cache import as_kernel
 {imports}
 

@@ -25,8 +25,9 @@ from thirdbody.laws.conformance.paths import (
     plain,
     random_paths,
 )
-from thirdbody.laws.contract import Contact, Law, Load, Normal, Turn
+from thirdbody.laws.contract import Law
 from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.kernel_data import Contact, Load, Normal, Turn
 
 Result = tuple[bool, str]
 
