@@ -30,10 +30,11 @@ from thirdbody.plugin import (
     nearest,
 )
 
-from . import LABELLER, THREE_SPOT, conditions, hull_conditions
+from . import LABELLER, THREE_SPOT, conditions
 from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
 from .balance_press import UNDECIDED, drag, press
+from .forecast import forecast
 
 NODES = 1024
 """Size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
@@ -276,8 +277,8 @@ def _forecast(report: BalanceFile, drag_run: _DragRun) -> Forecast:
         required = max(low, -high, 0.0)
     else:
         ratio = 0.0
-        low, high = hull_conditions.sliding_interval(above[:, :2], below[:, :2], h, heading)
-        required = hull_conditions.required_friction(above[:, :2], below[:, :2], h)
+        p, q = (np.ascontiguousarray(side[:, :2]) for side in (above, below))
+        required, low, high = forecast(p, len(p), q, len(q), h, heading[0], heading[1])
     limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
     slack = conditions.ROUND_OFF * float(np.ptp(position[:, :2], axis=0).max()) / h
     possible = ["sticking"] if required <= limit + slack else []

@@ -1,7 +1,11 @@
 """Forecast of a body, compiled: whether it can stick and slide.
 
-The conditions of `hull_conditions` without allocations, by another method: {q - p} meets the line of the drag where a slice of P
-and a slice of Q at the same distance across the drag face each other. The reach of the slices, max of Q minus min of P, is
+With one friction mu and no weight the particle is a strut: the upper resultant acts in the convex hull P of the horizontal
+positions of the upper spots, the lower one in Q below, and both lie on one line of action. So the force leans by q - p over the
+height h, and T/N = (q - p)/h for some point of the difference set {q - p}. Sticking needs a point within mu h of the origin;
+sliding along e needs the point mu h e itself, since every spot pulls the particle along e with mu N. Generalises E. Willert's
+Eqs. 16, 19 and 20. Without allocations: {q - p} meets the line of the drag where a slice of P and a slice of Q at the same
+distance across the drag face each other. The length of the slices, max of Q minus min of P, is
 concave and piecewise linear across, so its maximum is on the line of some spot. Cost grows as (n + m)(n^2 + m^2): a microsecond
 for six spots.
 """
@@ -16,7 +20,7 @@ from thirdbody.plugin import helper
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-12  # of the largest |q - p|, as in `hull_conditions`
+TOLERANCE = 1e-12  # of the largest |q - p|
 
 
 @helper
@@ -49,7 +53,9 @@ def slice_ends(spots: Array, n: int, x: float, y: float, ex: float, ey: float, n
 
 
 @helper
-def reach(upper: Array, n_upper: int, lower: Array, n_lower: int, ex: float, ey: float, near: float) -> tuple[float, float]:
+def drag_interval(
+    upper: Array, n_upper: int, lower: Array, n_lower: int, ex: float, ey: float, near: float
+) -> tuple[float, float]:
     """Minimum and maximum a with a e in {q - p} [m]; (inf, -inf) if there is none."""
     low, high = math.inf, -math.inf
     for k in range(n_upper + n_lower):
@@ -78,11 +84,11 @@ def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
     return minimum
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)  # `balance` calls it, too; all that it calls is in this file, which numba watches
 def forecast(
     upper: Array, n_upper: int, lower: Array, n_lower: int, h: float, ex: float, ey: float
 ) -> tuple[float, float, float]:
-    """(mu_required, t_min, t_max) of a body between parallel plates, no weight (`hull_conditions`).
+    """(mu_required, t_min, t_max) of a body between parallel plates, no weight.
 
     `upper`, `lower` (>= n, >= 2): x, y of the loaded spots in their first rows and columns [m]; `h` distance of the sides [m];
     (ex, ey) drag of the upper side, of any length. Sticking is possible iff mu >= mu_required, sliding along e iff t_min <= mu <=
@@ -96,7 +102,7 @@ def forecast(
     speed = math.hypot(ex, ey)
     dragged = speed > 0.0
     ux, uy = (ex / speed, ey / speed) if dragged else (1.0, 0.0)
-    low, high = reach(upper, n_upper, lower, n_lower, ux, uy, near)
+    low, high = drag_interval(upper, n_upper, lower, n_lower, ux, uy, near)
     apart = 0.0
     if not low <= 0.0 <= high:  # the hulls meet iff the origin lies in {q - p}
         apart = min(corner_distance(upper, n_upper, lower, n_lower), corner_distance(lower, n_lower, upper, n_upper))

@@ -1,8 +1,8 @@
 """Small dense linear programmes in compiled code: min c x with A x = b, x >= 0, by the simplex method in two phases.
 
-scipy's solver takes milliseconds a call and cannot be called from the labels' kernel; `friction_cones` uses it and verifies this
-one. Columns enter by the most negative reduced cost, after `QUICK` pivots by the lowest index (R. G. Bland 1977), which cannot
-cycle. Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile.
+scipy's solver takes milliseconds a call and cannot be called from the labels' kernel; `tests/friction_cones.py` verifies this one
+with it. Columns enter by the most negative reduced cost, after `QUICK` pivots by the lowest index (R. G. Bland 1977), which
+cannot cycle. Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile.
 """
 
 import math

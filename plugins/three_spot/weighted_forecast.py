@@ -8,7 +8,7 @@ inside its cones. Cones are inscribed pyramids of `EDGES` edges, one of them alo
 
 Sides are (n, 2) arrays: x, y of the loaded spots from the centre of mass [m]. `heights`: of the upper and the lower spots above
 the centre of mass [m]. `wrench` (6,): body force [N] and its moment about the centre of mass [N m]. `load`: normal force of the
-upper side [N]. `frictions`: upper, lower. A "scale" s multiplies both frictions. Verified against `friction_cones`.
+upper side [N]. `frictions`: upper, lower. A "scale" s multiplies both frictions. Verified against `tests/friction_cones.py`.
 """
 
 import math

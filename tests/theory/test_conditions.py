@@ -9,9 +9,11 @@ import ast
 import math
 from pathlib import Path
 
+import friction_cones
+import hull_conditions
 import numpy as np
 import pytest
-from thirdbody_three_spot import conditions, friction_cones, hull_conditions, theory
+from thirdbody_three_spot import conditions, theory
 
 ROUND = {"rel": 1e-13, "abs": 1e-14}  # closed forms of a few operations on numbers of order 1
 SOLVER = 1e-6  # the residual of 1e-8 that counts as balance, times the ratio of arms that occur below

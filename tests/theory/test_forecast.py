@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+import hull_conditions
 import numpy as np
 import pytest
-from thirdbody_three_spot import hull_conditions
 from thirdbody_three_spot.forecast import forecast
 
 # differences of places of order 1, divided by crossing angles that may be small; h is .3 or more

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import friction_cones
 import numpy as np
 import pytest
-from thirdbody_three_spot import classify, conditions, friction_cones
+from thirdbody_three_spot import classify, conditions
 
 from thirdbody import plugin as k
 
