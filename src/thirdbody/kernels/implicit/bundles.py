@@ -90,7 +90,9 @@ class Workspace(NamedTuple):
     correction: Array
     """Correction of the coordinates, or solution of another linear system."""
     jacobian: Array
-    """Derivative of the residual (7, 7) [N/m]."""
+    """Derivative of the residual (7, 7) [N/m], or its factors."""
+    pivots: Array
+    """Rows (7,) that the factors were exchanged with."""
     diagnostics: Array
     """`columns.step_contacts`"""
     sums: Array
@@ -113,7 +115,7 @@ def make_workspace(context):
     )
     return Workspace(
         tile, np.zeros(TILE, np.int64), np.zeros(context.max_per_body), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
-        np.zeros(FREEDOMS),
-        np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)), np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)),
-        np.zeros(observed_body.WIDTH), np.empty((context.max_per_body, context.width)),
+        np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)), np.zeros(FREEDOMS, np.int64),
+        np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)), np.zeros(observed_body.WIDTH),
+        np.empty((context.max_per_body, context.width)),
     )  # fmt: skip

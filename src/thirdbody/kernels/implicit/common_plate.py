@@ -14,7 +14,7 @@ from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.newton import Outcome, newton, solve_linear
+from thirdbody.kernels.implicit.newton import Outcome, factorise, newton, substitute
 from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
 from thirdbody.kernels.implicit.step_control import (
     advance_clock,
@@ -67,12 +67,16 @@ def plate_stiffness(context, active, m, dt, space):
     if spring != 0.0:
         for k in range(7):
             x[k] = spring if k == 6 else 0.0
-        return spring * (x[6] - 1.0) if solve_linear(J, x, 7) else 0.0
+        if not factorise(J, space.pivots, 7):
+            return 0.0
+        substitute(J, space.pivots, x, 7)
+        return spring * (x[6] - 1.0)
     own = J[6, 6]
     for k in range(6):
         x[k], row[k] = J[k, 6], J[6, k]
-    if not solve_linear(J, x, 6):
+    if not factorise(J, space.pivots, 6):
         return 0.0
+    substitute(J, space.pivots, x, 6)
     for k in range(6):
         own += row[k] * x[k]
     return own

@@ -187,11 +187,20 @@ def initial_overlaps(b, context, before):
 
 @njit(**BARE)
 def predict(context, active, dt, displacement, y):
-    """Predict the coordinates y at constant velocity, and a prescribed patch by `displacement` [m]."""
-    Z = active.start
+    """Predict the coordinates y with the acceleration of the last step, and a prescribed patch by `displacement` [m].
+
+    From there `local_error` measures; after a start the velocity is constant.
+    """
+    Z, T = active.start, active.memory
+    ratio, scale, before = step_ratio(T, context.settings, dt), dt / Z[step_start.NOW], Z[step_start.BEFORE] / Z[step_start.NOW]
     for k in range(3):
-        y[k], y[3 + k] = Z[step_start.VELOCITY + k] * dt, Z[step_start.SPIN + k] * Z[step_start.ARM] * dt
-    y[6] = Z[step_start.PATCH_VELOCITY] * dt if context.P[active.patch, patch.FREE] != 0.0 else displacement
+        v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
+        w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
+        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
+        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
+    rise = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
+    predicted = scale * rise + before * T[step_memory.LAST_COORDINATES + 6]
+    y[6] = predicted if context.P[active.patch, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
