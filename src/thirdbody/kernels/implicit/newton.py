@@ -42,9 +42,9 @@ error of a step."""
 ROUNDING = 1e-15
 """Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
 
-SETTLED, SETTLED_FORCE = 1e-3, 1e-7
-"""With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step, where the
-residual is at most SETTLED_FORCE of all forces."""
+SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-7
+"""With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step and SETTLED_RADII
+contact radii, where the residual is at most SETTLED_FORCE of all forces. Not with body effects: the Jacobian leaves them out."""
 
 ITERATIONS, HALVINGS, LEAPS = 10, 1, 2
 """Maximum iterations (beyond that, two half steps are cheaper), halvings of one correction, and corrections accepted although the
@@ -253,10 +253,11 @@ def limit_slip_reversal(context, active, m, fraction, space):
 
 @njit(**BARE)
 def is_settled(context, now, scale, space):
-    """Return whether `space.correction` is negligible, of coordinates where the residual is `now` [N]; never without inertia."""
+    """Return whether `space.correction` is negligible, of coordinates where the residual is `now` [N]."""
     V = context.settings
-    allowed = SETTLED * V[step_settings.TOLERANCE] * space.diagnostics[step_contacts.MAX_RADIUS]
-    return V[step_settings.INERTIAL] != 0.0 and now <= SETTLED_FORCE * scale and euclidean_norm(space.correction) <= allowed
+    allowed = min(SETTLED * V[step_settings.TOLERANCE], SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
+    exact = V[step_settings.INERTIAL] != 0.0 and context.has_effects == 0
+    return exact and now <= SETTLED_FORCE * scale and euclidean_norm(space.correction) <= allowed
 
 
 @njit(**BARE)
