@@ -42,7 +42,7 @@ error of a step."""
 ROUNDING = 1e-15
 """Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
 
-SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-7
+SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-8
 """With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step and SETTLED_RADII
 contact radii, where the residual is at most SETTLED_FORCE of all forces. Not with body effects: the Jacobian leaves them out."""
 
@@ -197,10 +197,10 @@ def limit_overlap_change(context, active, expected_overlap, space):
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
     b, x, S, arm = active.number, space.correction, context.S, 1.0 / active.start[step_start.ARM]
-    turned = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-    rotation = turned * arm
+    arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
+    rotation = arc * arm
     fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
-    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + turned + abs(x[6]) <= REACH * expected_overlap:
+    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= REACH * expected_overlap:
         return fraction  # no point of the body moves farther
     max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
     for e in range(context.edges[b], context.edges[b + 1]):

@@ -198,8 +198,8 @@ def predict(context, active, dt, displacement, y):
         w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
         y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
         y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
-    rise = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
-    predicted = scale * rise + before * T[step_memory.LAST_COORDINATES + 6]
+    patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
+    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
     y[6] = predicted if context.P[active.patch, patch.FREE] != 0.0 else displacement
 
 
