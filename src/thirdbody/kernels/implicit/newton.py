@@ -200,7 +200,7 @@ def limit_overlap_change(context, active, expected_overlap, space):
     arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rotation = arc * arm
     fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
-    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= REACH * expected_overlap:
+    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
         return fraction  # no point of the body moves farther
     max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
     for e in range(context.edges[b], context.edges[b + 1]):
