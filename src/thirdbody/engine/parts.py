@@ -76,6 +76,7 @@ def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part
     for name in ("B", "E", "P", "M", "X0", *(() if united else ("S",))):
         rows = begun.arrays[name]
         setattr(state, name, table(*rows.shape) if name in ("B", "E", "S") else np.empty_like(rows))
+        getattr(state, name)[:] = rows  # the integrator may list its candidates
     state.S = state.B if united else state.S
     integrator.restrict(part.first, part.last)
     restore(begun, state, integrator, ledger)
