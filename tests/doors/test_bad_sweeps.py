@@ -54,6 +54,14 @@ def test_wrong_arguments_are_named(files, command, arguments, code, texts):
     assert "Traceback" not in report.err and sorted(files.rglob("*")) == before
 
 
+def test_wrong_keys_hide_no_others_and_blame_no_results(files, command):
+    report = command("sweep", *vary("pairs.0.frction=0.1,0.2", "debris.0.sed=1,2"))
+    assert report.code == 3 and report.err.splitlines() == [
+        "pairs[0].frction: unknown key, did you mean 'friction'?",
+        "debris[0].sed: unknown key, did you mean 'seed'?",
+    ]
+
+
 def test_all_faults_of_all_points_are_reported_once_with_their_line(files, command):
     (files / "sweep.toml").write_text(
         """sweep = 1

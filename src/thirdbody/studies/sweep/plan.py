@@ -132,9 +132,10 @@ class _Checker:
             scene = base.with_settings(settings)
         except InputError as error:
             self._collect(error.faults, settings, number)
-            paths = {fault.key for fault in error.faults} & set(settings)
-            if paths:  # keys that lead nowhere hide the faults of the others
-                self.scene(base, {key: value for key, value in settings.items() if key not in paths}, number)
+            wrong = {_words(fault.key) for fault in error.faults}
+            left = {key: value for key, value in settings.items() if _words(key) not in wrong}
+            if len(left) < len(settings):  # keys that lead nowhere hide the faults of the others
+                self.scene(base, left, number)
             return None
         code = f"{scene.contact!r} {scene.effects!r}"
         if code not in self.laws:
