@@ -24,7 +24,7 @@ pytestmark = pytest.mark.hard
 LARGE = {"debris.0.count": 2000, "debris.0.spheres": [3, 3], "domain.size": ["5 mm", "4 mm"]}
 CASES = {"implicit": LARGE | {"solver.distance": "0.3 um", "output.every": "0.1 um"}, "explicit": EXPLICIT | LARGE}
 LONGER = {
-    "implicit": LARGE | {"solver.distance": "40 um", "output.every": "0.5 um"},
+    "implicit": LARGE | {"solver.distance": "240 um", "output.every": "4 um"},
     "explicit": EXPLICIT
     | {"debris.0.count": 1100, "domain.size": ["4 mm", "3 mm"], "solver.distance": "240 um", "output.every": "5 um"},
 }  # fmt: skip
