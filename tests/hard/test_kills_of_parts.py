@@ -1,4 +1,4 @@
-"""Runs in parts at the size that users cut: the bits of the whole, also after thirty kills of their processes.
+"""Runs in parts at the size that users cut: the bits of the whole, also after up to thirty kills of their processes.
 
 `pytest -m hard tests/hard/test_kills_of_parts.py`: `kill -9` at random moments, of the run that joins the parts or of a part.
 """
@@ -69,7 +69,7 @@ def kill_one(process: subprocess.Popen[bytes], rng: random.Random) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are listed in /proc")
 @pytest.mark.parametrize("integrator", LONGER)
-def test_thirty_kills_change_no_bit(integrator: str, tmp_path: Path) -> None:
+def test_up_to_thirty_kills_change_no_bit(integrator: str, tmp_path: Path) -> None:
     """A run that gives up after three deaths without progress (exit code 5) is taken up too."""
     path, folder, rng = tmp_path / "scene.toml", tmp_path / "run", random.Random(integrator)
     given = scene(**LONGER[integrator])
