@@ -176,7 +176,7 @@ def test_pyvista_gets_arrays_of_no_rows_from_a_frame_without_contacts(run):
 
 
 def test_only_public_names_are_listed():
-    names = {"Run", "Scene", "check", "errors", "open", "resume", "run"}
+    names = {"Run", "Scene", "Sweep", "check", "errors", "open", "resume", "run", "sweep"}
     listed = subprocess.run([sys.executable, "-c", "import thirdbody; print(*dir(thirdbody))"], capture_output=True, text=True)
     assert set(listed.stdout.split()) == names | {"__version__", "balance"}
     assert set(thirdbody.__all__) == names and (Path(thirdbody.__file__).parent / "py.typed").is_file()

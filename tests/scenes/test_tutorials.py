@@ -65,7 +65,7 @@ CLAIMS = {
         assert size["friction_coefficient"]["plates.upper.load"] < 0.02
     """,
     "9_calibration": """
-        assert abs(fit.x - 0.37) < 0.06 and fit.fun < 0.04 and len(tried) <= 12
+        assert abs(fit.x - 0.37) < 0.04 and fit.fun < 0.025 and len(tried) <= 12
     """,
 }
 

@@ -1,7 +1,7 @@
 """Several contacts of a sphere with one plate: between ribs (`ribbed_surface`) it touches the crests of two.
 
 First bodies are compiled into the engine, so the runs are those of a copy of the package with another `kernels.surface`, in a
-process of its own (`ribbed_runs`).
+process of its own (`ribbed_runs`), which compiles all of it: a minute.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ import pytest
 from ribbed_runs import COS, LOAD, MU, SIN
 
 import thirdbody
+
+pytestmark = pytest.mark.slow
 
 BODIES, SPHERES, WALLS = 2, 2, 2
 TESTS, PACKAGE = Path(__file__).parents[1], Path(thirdbody.__file__).parent
