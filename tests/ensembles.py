@@ -7,19 +7,13 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from steel import STEEL
 
 import thirdbody
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "irregular"
@@ -43,6 +37,7 @@ distance = "0.1 um"
 [output]
 every = "0.05 um"
 """
+)
 
 EXPLICIT = {
     "debris.0.count": 520, "debris.0.spheres": [3, 3], "domain.size": ["2.5 mm", "2 mm"], "solver.integrator": "explicit",
