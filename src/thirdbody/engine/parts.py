@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.engine.snapshot import Snapshot, restore, snapshot
-from thirdbody.engine.state import State, table
+from thirdbody.engine.state import State, sides_of, table
+from thirdbody.kernels import surface
+from thirdbody.kernels.columns.sides import UPPER
 
 if TYPE_CHECKING:
     from thirdbody.engine.energy import Ledger
@@ -26,9 +28,6 @@ OF_BODIES = ("B", "E", "M", "X0", "integrator_totals", "integrator_memory")
 
 LEDGERS = "integrator_ledgers"
 """Array with a row per group of bodies of an explicit run."""
-
-LOWEST = -1
-"""Partner code of the lower plate; those of patches are below it."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def _cut(captured: Snapshot, state: State, part: Range) -> Snapshot:
 
 def _moved(partner: np.ndarray, patches: int) -> np.ndarray:
     """Return the partner codes after the patches were numbered from `patches` (negative: before 0) on."""
-    return np.where(partner < LOWEST, partner + np.int32(patches), partner).astype(np.int32)
+    return np.where(sides_of(partner) == UPPER, partner + np.int32(patches * surface.BASINS), partner).astype(np.int32)
 
 
 def join(parts: Sequence[Snapshot], cuts: Sequence[Range], state: State) -> Snapshot:
