@@ -61,7 +61,7 @@ def check(
     start_compiling()
     from thirdbody.report.scene_check import check_report, print_check
     from thirdbody.report.tables import print_json
-    from thirdbody.runner.simulate import prepare
+    from thirdbody.runner.prepare import prepare
 
     built = prepare(_load(scene, settings, plugin), plugin or (), force)
     message = check_report(built)

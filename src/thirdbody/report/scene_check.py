@@ -74,7 +74,7 @@ def check(
     >>> report["bodies"], report["law"]["level"]
     (4, 'mindlin')
     """
-    from thirdbody.runner.simulate import prepare
+    from thirdbody.runner.prepare import prepare
     from thirdbody.scene.model import Scene
 
     result = check_report(prepare(Scene.of(scene, plugins), plugins, force))

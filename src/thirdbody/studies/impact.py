@@ -74,7 +74,7 @@ def _max_overlap(normal: float) -> float:
 
 def rebound(law: str, level: str, springs: int | None, degrees: float, steps: int, plugins: Sequence[str | Path]) -> float:
     """Return the tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
-    from thirdbody.runner.simulate import prepare
+    from thirdbody.runner.prepare import prepare
 
     angle, step = math.radians(degrees), duration() / steps
     along, normal = SPEED * math.sin(angle), SPEED * math.cos(angle)

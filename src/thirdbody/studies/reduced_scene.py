@@ -44,7 +44,7 @@ def reduce_scene(
     A thinned copy has its bodies apart, so that its variants measure accuracy and not which of two bodies tips first when they
     collide; with `keep_contacts` they stay as close to each other as they were.
     """
-    from thirdbody.runner.simulate import prepare, set_threads
+    from thirdbody.runner.prepare import prepare, set_threads
 
     set_threads(1)
     built, report = prepare(scene, plugins), []

@@ -82,8 +82,8 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
 
 def _simulation(point: Point) -> tuple[Simulation, Checkpoint | None]:
     """Return the simulation of a point, and the checkpoint of its folder if there is one to go on from."""
+    from thirdbody.runner.prepare import prepare
     from thirdbody.runner.resume import prepare_resume
-    from thirdbody.runner.simulate import prepare
 
     if (point.folder / CHECKPOINT).is_file():
         try:
