@@ -49,7 +49,8 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
             rows = [(0.0, factor), (stage.duration or 0.0, stage.load / load)]
         else:
             location = ("plates", "upper", "loading", *((k,) if len(stages) > 1 else ()), "table")
-            rows = [(t_0, value / load) for t_0, value in rows_of(scene, location, stage.table, "load", "force")]
+            table = rows_of(scene, location, stage.table, "load", "force")
+            rows = [(t_0 / stage.speed, value / load) for t_0, value in table]
         for (t_0, f_0), (t_1, f_1) in pairwise(rows):
             if t_1 > t_0:
                 segments.append(Segment(t + t_0, POLYNOMIAL, f_0, (f_1 - f_0) / (t_1 - t_0)))
@@ -89,7 +90,8 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         if stage.shape == "sine":
             return [Segment(t, SINE, x, stage.stroke, 2.0 * math.pi * stage.frequency)], length, 0.0
         return [Segment(t, TRIANGLE, x, stage.stroke, stage.frequency)], length, 0.0
-    rows = rows_of(scene, ("plates", "upper", "motion", name, "table"), stage.table, "displacement", "length")
+    table = rows_of(scene, ("plates", "upper", "motion", name, "table"), stage.table, "displacement", "length")
+    rows = [(t_0 / stage.speed, x_0) for t_0, x_0 in table]
     segments = [
         Segment(t + t_0, POLYNOMIAL, x + x_0, (x_1 - x_0) / (t_1 - t_0))
         for (t_0, x_0), (t_1, x_1) in zip(rows, rows[1:], strict=False)

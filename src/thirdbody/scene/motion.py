@@ -4,7 +4,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer
 
-from thirdbody.scene.field_types import Choice, PositiveFrequency, PositiveLength, PositiveNumber, PositiveTime, Speed, Text
+from thirdbody.scene.field_types import (
+    Choice,
+    PositiveFrequency,
+    PositiveLength,
+    PositiveNumber,
+    PositiveTime,
+    Quantity,
+    Speed,
+    Text,
+)
 from thirdbody.scene.json_schema import ShortForm
 from thirdbody.scene.schema_base import Part
 from thirdbody.scene.stages import plain_stages, stages
@@ -59,6 +68,8 @@ class Table(Part):
 
     Example: "path.csv".
     """
+    speed: Annotated[float, Quantity(ge=1e-9, le=1e9)] = 1.0
+    """How many times as fast the table is followed: its times are divided by it. Example: 10."""
 
 
 _DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
