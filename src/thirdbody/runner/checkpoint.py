@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 8
+VERSION = 9
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
+MEANS = "means_"
 THE_VERSION = "the version"
 
 
@@ -37,7 +38,8 @@ class Checkpoint:
     """State of a run: frames written, targets reached (`stop`), impulses at the last frame.
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
-    time used so far, `violations` the number of successive checks in which the energy balance was off.
+    time used so far, `violations` the number of successive checks in which the energy balance was off, `means` the state of the
+    means over the output interval.
     """
 
     scene: str
@@ -50,6 +52,7 @@ class Checkpoint:
     violations: int
     impulses: np.ndarray
     snapshot: Snapshot
+    means: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
@@ -102,6 +105,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = 
     """
     notes = vars(checkpoint) | {"version": VERSION, "snapshot": checkpoint.snapshot.notes}
     arrays = checkpoint.snapshot.arrays | {"impulses": notes.pop("impulses")}
+    arrays |= {f"{MEANS}{name}": array for name, array in notes.pop("means").items()}
     arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
     part = folder / f"{FILE}.part"
     try:
@@ -152,4 +156,5 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     if (version := notes.pop("version")) != VERSION:
         raise InputError(f"{path}: format {version}, this version reads {VERSION}")
     impulses = arrays.pop("impulses")
-    return Checkpoint(**notes | {"impulses": impulses, "snapshot": Snapshot(arrays, notes["snapshot"])})
+    means = {name.removeprefix(MEANS): arrays.pop(name) for name in list(arrays) if name.startswith(MEANS)}
+    return Checkpoint(**notes | {"impulses": impulses, "means": means, "snapshot": Snapshot(arrays, notes["snapshot"])})

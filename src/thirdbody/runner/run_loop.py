@@ -17,6 +17,7 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
+from thirdbody.runner.interval_samplers import interval_means
 from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
@@ -59,7 +60,8 @@ class RunLoop:
         self.ledger = Ledger(simulation.state)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
-        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
+        self.means = interval_means(simulation)
+        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means)
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -67,6 +69,8 @@ class RunLoop:
         state = self.simulation.state
         try:
             restore(checkpoint.snapshot, state, self.simulation.integrator, self.ledger)
+            if self.means:
+                self.means.restore(checkpoint.means)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
         self.maker.impulses = checkpoint.impulses.copy()
@@ -107,13 +111,13 @@ class RunLoop:
         folder = str(self.simulation.scene.beside("").absolute())
         write_checkpoint(self.files.work_folder, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
-            self.energy_guard.above, np.array(self.maker.impulses), saved,
+            self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
         ), self.folder)  # fmt: skip
         self.written = time.perf_counter()
         self.cost = self.written - begun
 
     def _watch(self) -> None:
-        """Check the energy, at instants independent of the wall time since it belongs to the result."""
+        """Check the energy and sample, at instants independent of the wall time since both belong to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
         if integrator.divisible and getattr(integrator, "independent", False):  # its parts meet at outputs only
             self.energy_guard.check(state, stored_energies(state))
@@ -124,6 +128,8 @@ class RunLoop:
         # bodies with their own step lengths have a common energy at stops only
         if not integrator.divisible:
             self._report_progress({})
+        if self.means:
+            self.means.watch()
         self._stop_or_save()
 
     def _stop_or_save(self) -> None:

@@ -9,15 +9,23 @@ from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.laws.contract import Labeller
+from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.schema import Frame
 
 
 class FrameMaker:
-    """Builder of frames; holds the impulses of the previous frame for means over the output interval."""
+    """Builder of frames; holds the impulses of the previous frame for means over the output interval.
 
-    def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray) -> None:
+    `means`: of what is sampled between the frames; None where nothing is.
+    """
+
+    def __init__(
+        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray, means: IntervalMeans | None = None
+    ) -> None:
+        self.means = means
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
+        self.interval_means: dict[str, np.ndarray] = {}  # over the interval that ends with the last frame
         self.interval = 0.0  # since the previous frame [s]
         self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
@@ -41,6 +49,7 @@ class FrameMaker:
         `labels`: from `Explicit.label`; None without a labeller.
         """
         s = self.state
+        self.interval_means = self.means.finish() if self.means else {}
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
         S = s.S[self.spheres]

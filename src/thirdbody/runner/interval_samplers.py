@@ -1,0 +1,42 @@
+"""What a run samples between its outputs, and how long an output interval lasts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from thirdbody.runner.output_schedule import settling_frames
+from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
+
+if TYPE_CHECKING:
+    from thirdbody.assembly.simulation import Simulation
+
+
+def interval_means(simulation: Simulation) -> IntervalMeans | None:
+    """Return the means that the outputs of a run need, None where they need none."""
+    samplers = samplers_of(simulation)
+    return IntervalMeans(simulation.state, samplers, lambda: interval_length(simulation)) if samplers else None
+
+
+def samplers_of(simulation: Simulation) -> dict[str, Sampler]:
+    """Return the quantities to be sampled by name."""
+    return {"velocity": body_velocities} if is_bed(simulation) else {}
+
+
+def is_bed(simulation: Simulation) -> bool:
+    """Return whether debris between two plates meets other debris."""
+    world = simulation.state.world
+    return world.debris_meets and world.lower is not None and world.upper is not None and simulation.plan.kind == "explicit"
+
+
+def interval_length(simulation: Simulation) -> float:
+    """Return the expected length [s] of the output interval that begins now; infinite where its end is not reached.
+
+    It does not depend on the length of the run, so that a run that is made longer later samples at the same instants.
+    """
+    state, output, settle = simulation.state, simulation.scene.output, simulation.settle
+    if output.every_kind == "time":
+        settling, spacing = settling_frames(simulation)
+        return output.every * (spacing if state.time < settling * output.every else 1)
+    if state.time < settle:
+        return settle - state.time
+    return simulation.schedule.time_of(state.distance + output.every, settle) - state.time

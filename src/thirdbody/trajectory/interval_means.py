@@ -1,0 +1,81 @@
+"""Means over an output interval of quantities that are sampled between outputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.engine.snapshot import check
+from thirdbody.engine.state import State
+
+Array = NDArray[np.float64]
+Sampler = Callable[[State], Array]
+"""A quantity of a synchronised state: an array whose shape never changes. Contact forces are known at outputs only."""
+
+SAMPLES = 32
+"""Samples per output interval, at most: the statistical error of a mean hardly falls with more of such correlated values."""
+
+CLOCK = "clock"
+
+
+class IntervalMeans:
+    """Means over time of some quantities by name, by the trapezoidal rule between samples.
+
+    The state is sampled at instants that follow from simulated time alone, so the means have the same bits for any number of
+    threads, and after a resume. `duration` returns the expected length [s] of the output interval that begins now.
+    """
+
+    def __init__(self, state: State, samplers: Mapping[str, Sampler], duration: Callable[[], float] = lambda: 0.0) -> None:
+        self.state, self.samplers, self.duration = state, dict(samplers), duration
+        self.values = {name: np.array(sample(state), float) for name, sample in self.samplers.items()}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin an output interval with the last sample."""
+        self.sums = {name: np.zeros_like(value) for name, value in self.values.items()}
+        self.start = self.last = self.state.time
+        length = self.duration()
+        self.period = length / SAMPLES if math.isfinite(length) else 0.0
+
+    def watch(self) -> None:
+        """Sample the state if a sample is due."""
+        if self.state.time >= self.last + self.period:
+            self._sample()
+
+    def _sample(self) -> None:
+        """Add the time since the last sample, with the mean of both samples."""
+        half = 0.5 * (self.state.time - self.last)
+        for name, sample in self.samplers.items():
+            value = np.array(sample(self.state), float)
+            self.sums[name] += half * (self.values[name] + value)
+            self.values[name] = value
+        self.last = self.state.time
+
+    def finish(self) -> dict[str, Array]:
+        """Return the means over the interval that ends now, the present values where no time has passed; begin the next one."""
+        self._sample()
+        length = self.last - self.start
+        means = {name: total / length if length > 0.0 else self.values[name] for name, total in self.sums.items()}
+        self._begin()
+        return means
+
+    def export_state(self) -> dict[str, Array]:
+        """Return the sums and the last samples as arrays by name."""
+        sums = {f"sum_{name}": total for name, total in self.sums.items()}
+        values = {f"last_{name}": value for name, value in self.values.items()}
+        return {CLOCK: np.array([self.start, self.last, self.period])} | sums | values
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Restore the result of `export_state`. Raises ValueError, with the means unchanged, where it does not fit."""
+        check(arrays, self.export_state())
+        self.start, self.last, self.period = (float(x) for x in arrays[CLOCK])
+        self.sums = {name: arrays[f"sum_{name}"].copy() for name in self.samplers}
+        self.values = {name: arrays[f"last_{name}"].copy() for name in self.samplers}
+
+
+def body_velocities(state: State) -> Array:
+    """Return the velocities of the bodies, (n, 3) [m/s], in the order of the state."""
+    return state.bodies.velocity
