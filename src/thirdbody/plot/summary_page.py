@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.plot import panels_accommodation as accommodation
 from thirdbody.plot import panels_contacts as contacts
 from thirdbody.plot import panels_friction as friction
 from thirdbody.plot import panels_groups as groups
@@ -62,6 +63,8 @@ PANELS = (
     Panel("loop", friction.why_no_loop, friction.loop_title, friction.draw_loop, 2.3, False, friction.LOOP_NOTE),
     Panel("states", series.why_no_states, series.states_title, series.draw_states, 1.7, False, series.STATES_NOTE),
     Panel("groups", groups.why_no_groups, groups.groups_title, groups.draw_groups, 1.9, False, groups.GROUPS_NOTE),
+    Panel("accommodation", accommodation.why_no_accommodation, accommodation.accommodation_title,
+          accommodation.draw_accommodation, 1.9, False, accommodation.ACCOMMODATION_NOTE),
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),

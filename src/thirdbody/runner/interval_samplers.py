@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from thirdbody.engine.state import State, table
 from thirdbody.runner.output_schedule import settling_frames
+from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
 
 if TYPE_CHECKING:
@@ -14,12 +19,29 @@ if TYPE_CHECKING:
 def interval_means(simulation: Simulation) -> IntervalMeans | None:
     """Return the means that the outputs of a run need, None where they need none."""
     samplers = samplers_of(simulation)
-    return IntervalMeans(simulation.state, samplers, lambda: interval_length(simulation)) if samplers else None
+    if not samplers:
+        return None
+    state = simulation.state
+    return IntervalMeans(state, samplers, lambda: interval_length(simulation), lambda: has_records(state))
+
+
+def has_records(state: State) -> bool:
+    """Return whether contacts have records. If not, as between the outputs of runs without labels, the next recorded step will
+    write some."""
+    slots = state.slots
+    if len(slots.R) >= slots.count:
+        return True
+    slots.R = table(slots.count, slots.R.shape[1])
+    return False
 
 
 def samplers_of(simulation: Simulation) -> dict[str, Sampler]:
     """Return the quantities to be sampled by name."""
-    return {"velocity": body_velocities} if is_bed(simulation) else {}
+    if not is_bed(simulation):
+        return {}
+    drag = np.array([*simulation.integrator.drag, 0.0])
+    samplers: dict[str, Sampler] = {"velocity": body_velocities}
+    return samplers | ({"accommodation": partial(accommodation, drag)} if has_accommodation(simulation.state, drag) else {})
 
 
 def is_bed(simulation: Simulation) -> bool:

@@ -9,6 +9,7 @@ from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.laws.contract import Labeller
+from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.schema import Frame
 
@@ -183,6 +184,9 @@ class FrameMaker:
             "friction_coefficient": -float(upper @ self.drag) / normal if normal > 0.0 and dragged else np.nan,
             "loaded": loaded,
         }
+        if has_accommodation(s, self.drag):
+            mean = self.interval_means.get("accommodation")
+            series |= parts_of(accommodation(self.drag, s) if mean is None else mean)
         if states is not None and self.labeller is not None:
             for code, name in enumerate(self.labeller.states):
                 series[f"fraction_{name}"] = float(np.mean(states == code))

@@ -13,7 +13,7 @@ from thirdbody.engine.state import State
 
 Array = NDArray[np.float64]
 Sampler = Callable[[State], Array]
-"""A quantity of a synchronised state: an array whose shape never changes. Contact forces are known at outputs only."""
+"""A quantity of a synchronised state, whose contacts have records: an array whose shape never changes."""
 
 SAMPLES = 32
 """Samples per output interval, at most: the statistical error of a mean hardly falls with more of such correlated values."""
@@ -25,11 +25,15 @@ class IntervalMeans:
     """Means over time of some quantities by name, by the trapezoidal rule between samples.
 
     The state is sampled at instants that follow from simulated time alone, so the means have the same bits for any number of
-    threads, and after a resume. `duration` returns the expected length [s] of the output interval that begins now.
+    threads, and after a resume. `duration` returns the expected length [s] of the output interval that begins now, `ready` whether
+    the state can be sampled; if not, it is asked again at the next call of `watch`.
     """
 
-    def __init__(self, state: State, samplers: Mapping[str, Sampler], duration: Callable[[], float] = lambda: 0.0) -> None:
-        self.state, self.samplers, self.duration = state, dict(samplers), duration
+    def __init__(
+        self, state: State, samplers: Mapping[str, Sampler], duration: Callable[[], float] = lambda: 0.0,
+        ready: Callable[[], bool] = lambda: True,
+    ) -> None:  # fmt: skip
+        self.state, self.samplers, self.duration, self.ready = state, dict(samplers), duration, ready
         self.values = {name: np.array(sample(state), float) for name, sample in self.samplers.items()}
         self._begin()
 
@@ -42,7 +46,7 @@ class IntervalMeans:
 
     def watch(self) -> None:
         """Sample the state if a sample is due."""
-        if self.state.time >= self.last + self.period:
+        if self.state.time >= self.last + self.period and self.ready():
             self._sample()
 
     def _sample(self) -> None:

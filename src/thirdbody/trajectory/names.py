@@ -19,6 +19,12 @@ SERIES = {
     "lower_force": Name("N", "Force of the debris on the lower plate, x, y, z: mean over the output interval."),
     "friction_coefficient": Name("1", "-(upper_force . first direction of motion) / |normal force|; NaN where nothing presses."),
     "loaded": Name("1", "Number of bodies that carry load."),
+    "accommodation_upper_slip": Name(
+        "m/s", "Part of the upper plate's speed taken up by slip at its contacts (`accommodation`)."
+    ),
+    "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the contacts of the lower plate."),
+    "accommodation_rolling": Name("m/s", "Part taken up by the rotation of the bodies at the plates."),
+    "accommodation_shear": Name("m/s", "Part taken up by shear inside the bed; 0 where bodies do not meet each other."),
     "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches."),
     "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
     "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
@@ -31,6 +37,9 @@ SERIES = {
     "energy_residual": Name("J", "Work minus stored energy minus dissipation: what the balance of energy lacks."),
 }
 """One value per frame; labelled runs have the fraction of bodies in each state as well, such as `fraction_rolling`."""
+
+ACCOMMODATION = tuple(name for name in SERIES if name.startswith("accommodation_"))
+"""The parts of the plate's speed, which add up to it; only with two plates of which one moves."""
 
 FRACTION = Name("1", "Fraction of bodies in this state.")
 

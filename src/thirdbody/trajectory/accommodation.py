@@ -1,0 +1,101 @@
+"""Velocity accommodation: how the speed V of the upper plate is taken up between the plates (Y. Berthier, Wear 139, 1990).
+
+The surface of a body at a contact moves with v + w x r: velocity and spin of the body, and the contact point from its centre of
+mass. All speeds are components along the first direction of motion of the upper plate, relative to the lower one. Means over the
+bodies at a plate have the weights p (upper plate) and q (lower plate), whose sums are 1:
+
+    upper slip    sum p (V - v - w x r)            V minus the surface speed of the bodies at the upper plate
+    lower slip    sum q (v + w x r)                the surface speed of the bodies at the lower plate
+    rolling       sum p (w x r) - sum q (w x r)    what their rotation adds between both plates
+    shear         sum p v - sum q v                velocities of the bodies at the upper plate minus those at the lower one
+
+r is the mean of the contact points of a body with that plate, by normal force. The four add up to V identically, and none is
+computed as the remainder.
+
+The weights follow the load on its way from plate to plate. A body that touches both passes on the smaller of its two normal
+forces, with the same weight in p and q; alone it has slip and rolling, but no shear. What a plate carries beyond that passes
+through other bodies: the smaller of the two remainders is spread over the bodies by theirs. A body without load, or that rests on
+one plate by its weight or hits it, passes nothing on and does not count. Where bodies do not meet each other there is no shear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thirdbody.engine.state import State
+from thirdbody.engine.upper_plate import Axis
+from thirdbody.kernels.columns.sides import LOWER, UPPER
+from thirdbody.trajectory.names import ACCOMMODATION
+
+Array = np.ndarray
+JUST_BEFORE = 1.0 - 1e-9
+"""Factor of a time at which a plate has the speed with which it reaches that time, also at the turn of a stroke."""
+
+
+def has_accommodation(state: State, drag: Array) -> bool:
+    """Return whether a scene has two plates of which the upper one moves; `drag`: first direction of motion."""
+    return state.world.lower is not None and state.world.upper is not None and bool(np.any(drag))
+
+
+def accommodation(drag: Array, state: State) -> Array:
+    """Return the four parts of the plate's speed now [m/s] and 1, (5,); zeros where no load passes from plate to plate.
+
+    The last number, averaged over time, is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,): unit
+    vector of the first motion of the upper plate. The contacts must have records.
+    """
+    upper, upper_rim = plate_contacts(state, UPPER, drag)
+    lower, lower_rim = plate_contacts(state, LOWER, drag)
+    weights = transmitting_weights(upper, lower, state.world.debris_meets)
+    if weights is None:
+        return np.zeros(len(ACCOMMODATION) + 1)
+    p, q = weights
+    velocity = state.bodies.velocity @ drag
+    top, bottom, rim, ground = p @ velocity, q @ velocity, p @ upper_rim, q @ lower_rim
+    return np.array([plate_speed(state, drag) - top - rim, bottom + ground, rim - ground, top - bottom, 1.0])
+
+
+def parts_of(mean: Array) -> dict[str, float]:
+    """Return the parts [m/s] by the names of the series, of a mean (5,) of `accommodation`; NaN where no load ever passed."""
+    loaded = float(mean[-1])
+    return {name: float(x) / loaded if loaded > 0.0 else np.nan for name, x in zip(ACCOMMODATION, mean, strict=False)}
+
+
+def plate_contacts(state: State, side: int, drag: Array) -> tuple[Array, Array]:
+    """Return the normal force of one plate on each body [N], and the speed that its spin adds at the contact [m/s], (n_bodies,)."""
+    slots, n = state.slots, state.n_bodies
+    records = slots.records
+    pressed = (slots.sides == side) & (slots.histories.slip > 0.0) & (records.normal_force > 0.0)
+    on = np.flatnonzero(pressed)
+    owner, force = state.body[slots.own[on]], records.normal_force[on]
+    added = np.cross(state.bodies.spin[owner], records.point[on]) @ drag
+    total = np.bincount(owner, force, n)
+    return total, np.divide(np.bincount(owner, force * added, n), total, out=np.zeros(n), where=total > 0.0)
+
+
+def transmitting_weights(upper: Array, lower: Array, meet: bool) -> tuple[Array, Array] | None:
+    """Return the weights p and q of the bodies at the upper and the lower plate; None where no load passes.
+
+    `upper`, `lower` (n_bodies,): normal forces of the plates [N]; `meet`: whether load can pass from body to body.
+    """
+    alone = np.minimum(upper, lower)
+    rests = upper - alone, lower - alone
+    sums = [float(rest.sum()) for rest in rests]
+    through = min(sums) if meet else 0.0
+    load = float(alone.sum()) + through
+    if load == 0.0:
+        return None
+    p, q = ((alone + (through / total) * rest if through else alone) / load for rest, total in zip(rests, sums, strict=True))
+    return p, q
+
+
+def plate_speed(state: State, drag: Array) -> float:
+    """Return the speed of the upper plate along the drag now [m/s]."""
+    upper = state.world.upper
+    assert upper is not None
+    return sum(_rate(axis, state.time) * float(e) for axis, e in zip((upper.schedule.x, upper.schedule.y), drag, strict=False))
+
+
+def _rate(axis: Axis, time: float) -> float:
+    """Return the rate of change of an axis of the schedule just before a time [s]."""
+    before = [segment for segment in axis if segment.start < time]
+    return before[-1].rate(max(time * JUST_BEFORE, before[-1].start)) if before else 0.0

@@ -1,0 +1,61 @@
+"""Shares of the plate's path that slip, rolling and shear take up over the drag of a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thirdbody.quantity import MINUS, percent
+from thirdbody.trajectory.names import ACCOMMODATION
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+WORDS = {"upper_slip": "slip at the upper plate", "lower_slip": "slip at the lower plate", "rolling": "rolling", "shear": "shear"}
+"""The parts of the plate's speed in words, in the order of ACCOMMODATION."""
+
+SMALL = 0.005
+"""A smaller share is not named."""
+
+
+def accommodation_shares(run: Run) -> dict[str, float] | None:
+    """Return the share of each part in the plate's path by the keys of WORDS; their sum is 1. None without load or drag.
+
+    One-way sliding: over its second half; strokes: over the last whole cycle. Parts count along the motion of the plate in their
+    output interval, so a part can be negative where debris moves against it.
+    """
+    if any(name not in run.series for name in ACCOMMODATION) or not run.drag.dragged:
+        return None
+    parts = np.array([run.series[name] for name in ACCOMMODATION])
+    along = np.sign(run.drag.steps) * np.diff(run.times, prepend=run.times[:1])
+    frames = _frames(run) & np.isfinite(parts).all(axis=0)
+    paths = parts[:, frames] @ along[frames]
+    total = float(paths.sum())
+    return dict(zip(WORDS, (paths / total).tolist(), strict=True)) if total > 0.0 else None
+
+
+def _frames(run: Run) -> np.ndarray:
+    """Return the frames (F,), bool, whose output intervals count."""
+    if not run.drag.stroke:
+        return run.drag.second_half
+    chosen = np.zeros(run.frames, bool)
+    if run.drag.cycles:
+        chosen[run.drag.cycles[-1].start + 1 : run.drag.cycles[-1].stop] = True
+    return chosen
+
+
+def shares_text(shares: dict[str, float]) -> str:
+    """Return shares in words, the largest first: `96 % rolling, 4 % slip at the upper plate`."""
+    return _in_words({WORDS[name]: share for name, share in shares.items()})
+
+
+def short_shares_text(shares: dict[str, float]) -> str:
+    """Return the same with the slip at both plates as one: `96 % rolling, 4 % slip`."""
+    slip = shares["upper_slip"] + shares["lower_slip"]
+    return _in_words({"slip": slip, "rolling": shares["rolling"], "shear": shares["shear"]})
+
+
+def _in_words(shares: dict[str, float]) -> str:
+    named = sorted(shares.items(), key=lambda entry: -abs(entry[1]))
+    return ", ".join(f"{percent(share)} {word}" for word, share in named if abs(share) >= SMALL).replace("-", MINUS)
