@@ -6,11 +6,11 @@ from matplotlib.axes import Axes
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import scale_values, unit_for
-from thirdbody.trajectory.accommodation_shares import WORDS, accommodation_shares, short_shares_text
+from thirdbody.trajectory.accommodation_fractions import WORDS, accommodation_fractions, short_accommodation_text
 
 ACCOMMODATION_NOTE = (
-    "Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the rotation of"
-    " the bodies adds between them, and of shear inside the bed; weighted by the load that passes from plate to plate."
+    "Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the rotation"
+    " of the bodies adds between them, and of shear inside the bed; weighted by the load that passes from plate to plate."
 )
 COLORS = {
     "upper_slip": LINES["orange"], "lower_slip": LINES["vermilion"], "rolling": LINES["green"], "shear": LINES["sky"],
@@ -30,9 +30,9 @@ def why_no_accommodation(data: RunData) -> str:
 
 
 def accommodation_title(data: RunData) -> str:
-    """Return the shares in words."""
-    shares = accommodation_shares(data.run)
-    return "Velocity accommodation" + (f": {short_shares_text(shares)}" if shares else "")
+    """Return the fractions in words."""
+    fractions = accommodation_fractions(data.run)
+    return "Velocity accommodation" + (f": {short_accommodation_text(fractions)}" if fractions else "")
 
 
 def draw_accommodation(axes: Axes, data: RunData) -> None:

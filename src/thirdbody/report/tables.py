@@ -67,7 +67,7 @@ def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
     from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
     from thirdbody.runner.yield_check import yield_warning, yield_words
-    from thirdbody.trajectory.accommodation_shares import shares_text
+    from thirdbody.trajectory.accommodation_fractions import accommodation_text
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as result:
@@ -89,7 +89,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("friction coefficient", str(result.friction)),
             ("states", ", ".join(fractions)),
             *_group_rows(report),
-            *([("velocity accommodation", shares_text(report["accommodation"]))] if "accommodation" in report else []),
+            *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),
             ("peak pressure", yield_words(report) or "not known"),
             ("energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),

@@ -40,8 +40,8 @@ def has_accommodation(state: State, drag: Array) -> bool:
 def accommodation(drag: Array, state: State) -> Array:
     """Return the four parts of the plate's speed now [m/s] and 1, (5,); zeros where no load passes from plate to plate.
 
-    The last number, averaged over time, is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,): unit
-    vector of the first motion of the upper plate. The contacts must have records.
+    The mean of the last number over time is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,):
+    unit vector of the first motion of the upper plate. The contacts must have records.
     """
     upper, upper_rim = plate_contacts(state, UPPER, drag)
     lower, lower_rim = plate_contacts(state, LOWER, drag)
@@ -61,7 +61,7 @@ def parts_of(mean: Array) -> dict[str, float]:
 
 
 def plate_contacts(state: State, side: int, drag: Array) -> tuple[Array, Array]:
-    """Return the normal force of one plate on each body [N], and the speed that its spin adds at the contact [m/s], (n_bodies,)."""
+    """Return the normal force of a plate on each body [N], and what its spin adds to the speed there [m/s], each (n_bodies,)."""
     slots, n = state.slots, state.n_bodies
     records = slots.records
     pressed = (slots.sides == side) & (slots.histories.slip > 0.0) & (records.normal_force > 0.0)

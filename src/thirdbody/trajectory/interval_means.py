@@ -25,8 +25,8 @@ class IntervalMeans:
     """Means over time of some quantities by name, by the trapezoidal rule between samples.
 
     The state is sampled at instants that follow from simulated time alone, so the means have the same bits for any number of
-    threads, and after a resume. `duration` returns the expected length [s] of the output interval that begins now, `ready` whether
-    the state can be sampled; if not, it is asked again at the next call of `watch`.
+    threads, and after a resume. `duration` returns the expected length [s] of the output interval that begins now, `ready`
+    whether the state can be sampled; if not, it is asked again at the next call of `watch`.
     """
 
     def __init__(

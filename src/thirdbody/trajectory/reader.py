@@ -105,9 +105,10 @@ class Run(RunArrays):
         -----
         From the frames: `finished` (False when the run was killed, interrupted or stopped by a guard; then `stopped` may give the
         reason), `frames`, `bodies`, `duration` [s], `distance` [m], `friction_coefficient`, `friction_coefficient_error` and
-        `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J], `fractions`
-        (state name to fraction of the bodies, last frame), and the same by `populations`, `materials` and `sizes` (lists from
-        `trajectory.state_groups.states_by_group`).
+        `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J],
+        `accommodation` (fractions of the plate's path taken up by `upper_slip`, `lower_slip`, `rolling` and `shear`, over the
+        second half of the sliding or the last cycle), `fractions` (state name to fraction of the bodies, last frame), and the
+        same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`).
 
         Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
         the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),

@@ -1,4 +1,4 @@
-"""Shares of the plate's path that slip, rolling and shear take up over the drag of a run."""
+"""Fractions of the plate's path that slip, rolling and shear take up over the drag of a run."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ WORDS = {"upper_slip": "slip at the upper plate", "lower_slip": "slip at the low
 """The parts of the plate's speed in words, in the order of ACCOMMODATION."""
 
 SMALL = 0.005
-"""A smaller share is not named."""
+"""A smaller fraction is not named."""
 
 
-def accommodation_shares(run: Run) -> dict[str, float] | None:
-    """Return the share of each part in the plate's path by the keys of WORDS; their sum is 1. None without load or drag.
+def accommodation_fractions(run: Run) -> dict[str, float] | None:
+    """Return the fraction of each part in the plate's path by the keys of WORDS; their sum is 1. None without load or drag.
 
     One-way sliding: over its second half; strokes: over the last whole cycle. Parts count along the motion of the plate in their
     output interval, so a part can be negative where debris moves against it.
@@ -45,17 +45,17 @@ def _frames(run: Run) -> np.ndarray:
     return chosen
 
 
-def shares_text(shares: dict[str, float]) -> str:
-    """Return shares in words, the largest first: `96 % rolling, 4 % slip at the upper plate`."""
-    return _in_words({WORDS[name]: share for name, share in shares.items()})
+def accommodation_text(fractions: dict[str, float]) -> str:
+    """Return fractions in words, the largest first: `96 % rolling, 4 % slip at the upper plate`."""
+    return _in_words({WORDS[name]: fraction for name, fraction in fractions.items()})
 
 
-def short_shares_text(shares: dict[str, float]) -> str:
+def short_accommodation_text(fractions: dict[str, float]) -> str:
     """Return the same with the slip at both plates as one: `96 % rolling, 4 % slip`."""
-    slip = shares["upper_slip"] + shares["lower_slip"]
-    return _in_words({"slip": slip, "rolling": shares["rolling"], "shear": shares["shear"]})
+    slip = fractions["upper_slip"] + fractions["lower_slip"]
+    return _in_words({"slip": slip, "rolling": fractions["rolling"], "shear": fractions["shear"]})
 
 
-def _in_words(shares: dict[str, float]) -> str:
-    named = sorted(shares.items(), key=lambda entry: -abs(entry[1]))
-    return ", ".join(f"{percent(share)} {word}" for word, share in named if abs(share) >= SMALL).replace("-", MINUS)
+def _in_words(fractions: dict[str, float]) -> str:
+    named = sorted(fractions.items(), key=lambda entry: -abs(entry[1]))
+    return ", ".join(f"{percent(fraction)} {word}" for word, fraction in named if abs(fraction) >= SMALL).replace("-", MINUS)
