@@ -19,6 +19,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.plot import panels_accommodation as accommodation
+from thirdbody.plot import panels_bed as bed
 from thirdbody.plot import panels_contacts as contacts
 from thirdbody.plot import panels_friction as friction
 from thirdbody.plot import panels_groups as groups
@@ -65,6 +66,7 @@ PANELS = (
     Panel("groups", groups.why_no_groups, groups.groups_title, groups.draw_groups, 1.9, False, groups.GROUPS_NOTE),
     Panel("accommodation", accommodation.why_no_accommodation, accommodation.accommodation_title,
           accommodation.draw_accommodation, 1.9, False, accommodation.ACCOMMODATION_NOTE),
+    Panel("bed", bed.why_no_bed, bed.bed_title, bed.draw_bed, 1.7, False, bed.BED_NOTE),
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),

@@ -68,6 +68,7 @@ def run_report(folder: Path, json: bool) -> None:
     from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
     from thirdbody.runner.yield_check import yield_warning, yield_words
     from thirdbody.trajectory.accommodation_fractions import accommodation_text
+    from thirdbody.trajectory.bed_verdict import bed_rows, bed_warning
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as result:
@@ -87,6 +88,7 @@ def run_report(folder: Path, json: bool) -> None:
             *([("steps limited by", step_words(report))] if step_words(report) else []),
             ("sliding distance", pretty(report["distance"], "length")),
             ("friction coefficient", str(result.friction)),
+            *bed_rows(result.bed),
             ("states", ", ".join(fractions)),
             *_group_rows(report),
             *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),
@@ -98,7 +100,8 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        print_warnings([*filter(None, [yield_warning(report), report.get("energy_verdict")]), *ending_warnings(report)])
+        verdicts = [yield_warning(report), report.get("energy_verdict"), bed_warning(result.bed)]
+        print_warnings([*filter(None, verdicts), *ending_warnings(report)])
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

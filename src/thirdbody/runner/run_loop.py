@@ -17,7 +17,7 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.interval_samplers import interval_means
+from thirdbody.runner.measurements import bed_measures, interval_means
 from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
@@ -61,7 +61,9 @@ class RunLoop:
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
         self.means = interval_means(simulation)
-        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means)
+        self.maker = FrameMaker(
+            simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means, bed_measures(simulation)
+        )
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:

@@ -10,6 +10,7 @@ from thirdbody.kernels.columns import body, contact_state, patch, record, run_to
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
+from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.schema import Frame
 
@@ -17,13 +18,14 @@ from thirdbody.trajectory.schema import Frame
 class FrameMaker:
     """Builder of frames; holds the impulses of the previous frame for means over the output interval.
 
-    `means`: of what is sampled between the frames; None where nothing is.
+    `means`: of what is sampled between the frames; None where nothing is. `bed`: measures of a bed; None without one.
     """
 
     def __init__(
-        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray, means: IntervalMeans | None = None
-    ) -> None:
-        self.means = means
+        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray, means: IntervalMeans | None = None,
+        bed: BedMeasures | None = None,
+    ) -> None:  # fmt: skip
+        self.means, self.bed = means, bed
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self.interval_means: dict[str, np.ndarray] = {}  # over the interval that ends with the last frame
@@ -190,7 +192,15 @@ class FrameMaker:
         if states is not None and self.labeller is not None:
             for code, name in enumerate(self.labeller.states):
                 series[f"fraction_{name}"] = float(np.mean(states == code))
+        if self.bed is not None:
+            series |= self._bed_series(self.bed, 0.5 * (abs(upper[2]) + abs(lower[2])), lines)
         return series | {f"energy_{name}": value for name, value in lines.items()}
+
+    def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
+        """Return the measures of the bed; `force`: mean normal force on a plate over the output interval [N]."""
+        l_x, l_y = self.state.world.size
+        interval = Interval(force / (l_x * l_y), self.interval_means["velocity"], self._gap())
+        return bed.series(interval, lines["elastic_normal"] + lines["elastic_tangential"])
 
 
 def impulses_of(state: State) -> np.ndarray:

@@ -25,6 +25,36 @@ SERIES = {
     "accommodation_lower_slip": Name("m/s", "Part taken up by slip at the contacts of the lower plate."),
     "accommodation_rolling": Name("m/s", "Part taken up by the rotation of the bodies at the plates."),
     "accommodation_shear": Name("m/s", "Part taken up by shear inside the bed; 0 where bodies do not meet each other."),
+    "inertial_number": Name(
+        "1",
+        "shear rate * d50 * sqrt(density / pressure): how far a bed is from slow shear. Rate of the band that carries the shear, "
+        "from the velocities of the bodies over the height; pressure on the plates; both means over the output interval. d50: "
+        "median by mass of the volume-equivalent diameters. NaN in layers thinner than three of them. Beds only: debris that "
+        "meets debris between two plates, explicit integrator.",
+    ),
+    "inertial_number_largest": Name("1", "The same with the largest diameter; beds only."),
+    "softness": Name(
+        "1", "(E* / pressure)^(2/3), E* of two bodies of the softest debris: above 1e4 stiff, below 1e3 soft; beds only."
+    ),
+    "overlap_ratio": Name("1", "Mean overlap over the smaller radius, of contacts that carry load; beds only."),
+    "unbalanced_force": Name(
+        "1", "Mean size of the total force on bodies that carry load, over that of contact forces; beds only."
+    ),
+    "kinetic_energy_ratio": Name(
+        "1",
+        "Kinetic energy of the bodies relative to the mean flow over the height, rotation included, over the elastic energy of "
+        "the contacts; beds only.",
+    ),
+    "coordination_number": Name(
+        "1",
+        "Mean number of loaded contacts of a body; bodies without any count too (the mechanical one leaves out bodies with none "
+        "and one). Beds only.",
+    ),
+    "solid_fraction": Name(
+        "1",
+        "Volume of the bodies over that of the core of the bed, without one largest diameter (at most a quarter of the gap) at "
+        "each plate. NaN in layers thinner than three d50; beds only.",
+    ),
     "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches."),
     "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
     "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
@@ -40,6 +70,11 @@ SERIES = {
 
 ACCOMMODATION = tuple(name for name in SERIES if name.startswith("accommodation_"))
 """The parts of the plate's speed, which add up to it; only with two plates of which one moves."""
+BED = (
+    "inertial_number", "inertial_number_largest", "softness", "overlap_ratio", "unbalanced_force", "kinetic_energy_ratio",
+    "coordination_number", "solid_fraction",
+)  # fmt: skip
+"""Series of the measures of a bed."""
 
 FRACTION = Name("1", "Fraction of bodies in this state.")
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pyvista
     from matplotlib.figure import Figure
 
+    from thirdbody.trajectory.bed_verdict import Bed
     from thirdbody.trajectory.friction import Friction
     from thirdbody.trajectory.plate_motion import Drag
 
@@ -66,6 +67,14 @@ class Run(RunArrays):
             return friction_of(self)
 
     @cached_property
+    def bed(self) -> Bed | None:
+        """Measures of the bed over the steady part: `means`, `errors`, `verdict` on whether shear is slow; None without one."""
+        from thirdbody.trajectory.bed_verdict import bed_of
+
+        with damage_as_fault(self.path, "the series of the bed"):
+            return bed_of(self)
+
+    @cached_property
     def cycles(self) -> dict[str, np.ndarray]:
         """Energy and extremes of the whole cycles of a stroke by name, one value per cycle (n,); n is 0 without a stroke.
 
@@ -108,7 +117,9 @@ class Run(RunArrays):
         `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J],
         `accommodation` (fractions of the plate's path taken up by `upper_slip`, `lower_slip`, `rolling` and `shear`, over the
         second half of the sliding or the last cycle), `fractions` (state name to fraction of the bodies, last frame), and the
-        same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`).
+        same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`). Of a bed the means
+        of its series over the steady part (`inertial_number`, `softness`, `solid_fraction`, ...) and their errors
+        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts).
 
         Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
         the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.trajectory.accommodation_fractions import accommodation_fractions
+from thirdbody.trajectory.bed_verdict import bed_figures
 from thirdbody.trajectory.energy_check import energy_verdict
 from thirdbody.trajectory.state_groups import states_by_group
 
@@ -42,6 +43,8 @@ def figures(run: Run) -> dict[str, Any]:
             result |= {"cycles": friction.cycles, "energy_per_cycle": friction.energy_per_cycle}
     if portions := accommodation_fractions(run):
         result["accommodation"] = portions
+    if run.bed is not None:
+        result |= bed_figures(run.bed)
     if run.has_states and result["bodies"]:
         counts = np.bincount(run.bodies(-1)["state"], minlength=len(run.state_names))
         fractions = (counts / counts.sum()).tolist()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.errors import nearest
-from thirdbody.trajectory.names import SERIES
+from thirdbody.trajectory.names import BED, SERIES
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
@@ -58,11 +58,15 @@ def _last(name: str) -> Callable[[Run, Stored], float]:
     return lambda run, _stored: float(run.series[name][-1]) if name in run.series else math.nan
 
 
+def _bed(name: str) -> Callable[[Run, Stored], float]:
+    return lambda run, _stored: math.nan if run.bed is None else run.bed.means[name]
+
+
 _SERIES = {
     name: Result(entry.unit, f"Last frame: {entry.meaning}", _last(name))
     for name, entry in SERIES.items()
-    if name not in ("upper_force", "lower_force")
-}
+    if name not in ("upper_force", "lower_force", *BED)
+} | {name: Result("1", f"Mean over the steady part: {SERIES[name].meaning}", _bed(name)) for name in BED}
 
 RESULTS: dict[str, Result] = _SERIES | {
     "friction_coefficient": Result("1", "Mean over the second half of the sliding, for strokes over the last cycle.",

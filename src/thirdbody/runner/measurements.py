@@ -1,4 +1,4 @@
-"""What a run samples between its outputs, and how long an output interval lasts."""
+"""What a run measures beside its frames: samples between outputs, measures of a bed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.engine.state import State, table
+from thirdbody.laws.elasticity import e_star
 from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
+from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
 
 if TYPE_CHECKING:
@@ -48,6 +50,15 @@ def is_bed(simulation: Simulation) -> bool:
     """Return whether debris between two plates meets other debris."""
     world = simulation.state.world
     return world.debris_meets and world.lower is not None and world.upper is not None and simulation.plan.kind == "explicit"
+
+
+def bed_measures(simulation: Simulation) -> BedMeasures | None:
+    """Return the measures of the bed of a run, None where it has none."""
+    if not is_bed(simulation):
+        return None
+    state, materials = simulation.state, simulation.choice.materials
+    softest = min(e_star(materials[k], materials[k]) for k in set(state.material.tolist()))
+    return BedMeasures(state, softest)
 
 
 def interval_length(simulation: Simulation) -> float:

@@ -1,0 +1,132 @@
+"""Measures of a bed at an output: how slowly it is sheared, how stiff, dense and close to equilibrium it is.
+
+All come from what the last step computed and from the means over the output interval.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.engine.state import State
+from thirdbody.kernels.columns import body, body_extra, record
+from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.trajectory.shear_zone import rising_profile, shear_zone
+
+Array = NDArray[np.float64]
+
+LAYERS = 3.0
+"""Gap over the median diameter from which debris is a bed with an inside, not a layer or two."""
+
+CORE = 0.25
+"""Largest fraction of the gap that is left out at each plate for the solid fraction."""
+
+
+class Interval(NamedTuple):
+    """Means over an output interval: pressure on the plates [Pa], velocities of the bodies (n, 3) [m/s]; and the gap now [m]."""
+
+    pressure: float
+    velocities: Array
+    gap: float
+
+
+class BedMeasures:
+    """Measures of the bed in a state. `modulus`: effective modulus E* of two of its bodies [Pa]."""
+
+    def __init__(self, state: State, modulus: float) -> None:
+        self.state, self.modulus = state, modulus
+        self.mass, radius = state.bodies.mass, state.rayleigh_radius
+        self.volume = 4.0 / 3.0 * np.pi * radius**3
+        self.density = float(self.mass.sum() / self.volume.sum())
+        self.median, self.largest = median_by_mass(2.0 * radius, self.mass), float(2.0 * radius.max())
+
+    def series(self, interval: Interval, elastic: float) -> dict[str, float]:
+        """Return the measures by the names of their series; NaN where one is not defined. `elastic`: stored energy [J]."""
+        bed, P = interval.gap >= LAYERS * self.median, interval.pressure
+        number = self._inertial_number(interval) if bed and P > 0.0 else math.nan
+        return {
+            "inertial_number": number,
+            "inertial_number_largest": number * self.largest / self.median,
+            "softness": (self.modulus / P) ** (2.0 / 3.0) if P > 0.0 else math.nan,
+            "overlap_ratio": self._overlap_ratio(),
+            "unbalanced_force": self._unbalanced_force(),
+            "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
+            "coordination_number": self._coordination_number(),
+            "solid_fraction": self._solid_fraction(interval.gap) if bed else math.nan,
+        }
+
+    def _inertial_number(self, interval: Interval) -> float:
+        """Return I = rate * d * sqrt(rho/P) with the median diameter (GDR MiDi 2004, Eur. Phys. J. E 14, 341)."""
+        zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
+        return math.nan if zone is None else zone.rate * self.median * math.sqrt(self.density / interval.pressure)
+
+    def _loaded(self) -> NDArray[np.int64]:
+        """Return the contacts that carry load."""
+        slots = self.state.slots
+        return np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force > 0.0))
+
+    def _overlap_ratio(self) -> float:
+        R = self.state.slots.R[self._loaded()]
+        radius, partner = R[:, record.SPHERE_RADIUS], R[:, record.PARTNER_RADIUS]
+        smaller = np.where(partner > 0.0, np.minimum(radius, partner), radius)
+        return float(np.mean(R[:, record.OVERLAP] / smaller)) if len(R) else math.nan
+
+    def _unbalanced_force(self) -> float:
+        s, loaded = self.state, self._loaded()
+        if not len(loaded):
+            return math.nan
+        R = s.slots.R[loaded]
+        contact = np.hypot(R[:, record.NORMAL_FORCE], np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1))
+        owner, partner = s.body[s.slots.own[loaded]], s.slots.partner[loaded]
+        carrying = np.union1d(owner, s.body[partner[partner >= 0]])
+        return float(np.linalg.norm(s.B[carrying, body.FORCE3], axis=1).mean() / contact.mean())
+
+    def _fluctuation_energy(self, bed: bool) -> float:
+        """Return the kinetic energy [J] of the bodies relative to the mean flow; in a layer, to their mean velocity."""
+        s = self.state
+        v = s.bodies.velocity - np.average(s.bodies.velocity, axis=0, weights=self.mass)
+        if bed:
+            v = v - _mean_flow(s.bodies.position[:, 2], v, self.mass)
+        spinning = np.sum(s.E[:, body_extra.ANGULAR_MOMENTUM3] * s.B[:, body.SPIN3])
+        return 0.5 * float(self.mass @ np.sum(v**2, axis=1) + spinning)
+
+    def _coordination_number(self) -> float:
+        sides = self.state.slots.sides[self._loaded()]
+        return (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies
+
+    def _solid_fraction(self, gap: float) -> float:
+        """Return the volume of bodies over that of the core: the bed without a largest diameter at each plate."""
+        margin = min(self.largest, CORE * gap)
+        inside = self._volume_below(gap - margin) - self._volume_below(margin)
+        l_x, l_y = self.state.world.size
+        return float(inside.sum() / (l_x * l_y * (gap - 2.0 * margin)))
+
+    def _volume_below(self, height: float) -> Array:
+        """Return the volume of each body below a height [m3]: of its whole volume the same fraction as of its spheres'."""
+        s = self.state
+        radius = s.spheres.radius
+        depth = np.clip(height - s.spheres.position[:, 2] + radius, 0.0, 2.0 * radius)
+        below = np.add.reduceat(depth**2 * (3.0 * radius - depth), s.start[:-1])
+        return self.volume * below / np.add.reduceat(4.0 * radius**3, s.start[:-1])
+
+
+def median_by_mass(diameters: Array, masses: Array) -> float:
+    """Return the diameter below which half the mass lies (d50 of a sieve curve) [m]."""
+    order = np.argsort(diameters, kind="stable")
+    below = np.cumsum(masses[order])
+    return float(diameters[order][np.searchsorted(below, 0.5 * below[-1] * (1.0 - 1e-12))])
+
+
+def _mean_flow(heights: Array, velocities: Array, masses: Array) -> Array:
+    """Return the velocity (n, 3) [m/s] of a flow that rises with the height, nearest to these velocities."""
+    trend = (masses * (heights - np.average(heights, weights=masses))) @ velocities[:, :2]
+    size = float(np.linalg.norm(trend))
+    flow = np.zeros_like(velocities)
+    if size > 0.0:
+        order = np.argsort(heights, kind="stable")
+        along = rising_profile(velocities[order, :2] @ trend / size, masses[order])
+        flow[order, :2] = along[:, None] * (trend / size)
+    return flow

@@ -1,0 +1,137 @@
+"""Whether a bed was sheared slowly and is stiff: means of its measures over the steady part of a run, and verdicts in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from thirdbody.quantity import quantity_text
+from thirdbody.trajectory.friction import averaged
+from thirdbody.trajectory.names import BED
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.statistics import mean_and_error
+
+INCREASE, SCALE = 0.26, 0.28
+"""mu(I) = mu_s + INCREASE/(SCALE/I + 1), glass beads (Jop, Forterre and Pouliquen 2006, Nature 441, 727)."""
+
+SLOW, FAST = 1e-3, 1e-2
+"""Inertial number up to which a bed counts as quasi-static, and up to which nearly: friction rises by 0.001 and 0.01."""
+
+STIFF, SOFT = 1e4, 1e3
+"""Softness above which bodies count as rigid, and below which friction and solid fraction depend on the pressure."""
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Measures of a bed over the steady part of a run.
+
+    Attributes
+    ----------
+    means, errors : dict of str to float
+        Mean of each measure over the output intervals that friction averages, for strokes over whole cycles of the second half,
+        without drag over the second half of the run; its standard error, corrected for autocorrelation, NaN with fewer than eight
+        independent values.
+    quasi_static : bool or None
+        Whether the inertial number is at most 1e-3; None where it is not known.
+    verdict, softness_verdict : str
+        Whether it was sheared slowly, and whether its bodies are stiff, in words; empty for a layer.
+    """
+
+    means: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+    quasi_static: bool | None = None
+    verdict: str = ""
+    softness_verdict: str = ""
+
+    def text(self, name: str) -> str:
+        """Return mean and error of a measure: `0.021 ± 0.001`."""
+        value, error = quantity_text(self.means[name], "", 2), self.errors[name]
+        return f"{value} \N{PLUS-MINUS SIGN} {quantity_text(error, '', 1)}" if math.isfinite(error) else value
+
+
+def bed_of(run: Run) -> Bed | None:
+    """Return the measures of the bed of a run; None for a run without one."""
+    if any(name not in run.series for name in BED) or not run.frames:
+        return None
+    frames = steady(run)
+    rows = {name: mean_and_error(run.series[name][frames]) for name in BED}
+    means, errors = ({name: row[k] for name, row in rows.items()} for k in (0, 1))
+    number = means["inertial_number"]
+    if not math.isfinite(number):
+        return Bed(means, errors)
+    return Bed(
+        means, errors, number <= SLOW, inertia_verdict(number), softness_verdict(means["softness"], means["overlap_ratio"])
+    )
+
+
+def steady(run: Run) -> np.ndarray:
+    """Return the frames (F,), bool, of the steady part: those that friction averages; without drag the second half of the run."""
+    drag = run.drag
+    if not drag.dragged:
+        return np.arange(run.frames) >= run.frames // 2
+    if not drag.stroke:
+        return averaged(run)
+    frames = np.zeros(run.frames, bool)
+    for cycle in drag.cycles[len(drag.cycles) // 2 :]:
+        frames[cycle.start + 1 : cycle.stop] = True
+    return frames if frames.any() else averaged(run)
+
+
+def friction_increase(number: float) -> float:
+    """Return by how much an inertial number raises the friction coefficient, by mu(I) of glass beads."""
+    return INCREASE * number / (SCALE + number)
+
+
+def inertia_verdict(number: float) -> str:
+    """Return whether shear at this inertial number is slow, in words."""
+    number_text, increase = quantity_text(number, "", 2), quantity_text(max(friction_increase(number), 1e-4), "", 1)
+    if number <= SLOW:
+        return f"quasi-static: I = {number_text}, friction within {increase} of its slow limit"
+    if number <= FAST:
+        return f"nearly quasi-static: I = {number_text} raises friction by about {increase}"
+    return f"not quasi-static: I = {number_text} raises friction by about {increase}"
+
+
+def softness_verdict(softness: float, overlap: float) -> str:
+    """Return whether bodies of this softness and mean overlap over radius are stiff, in words."""
+    size = f"kappa = {quantity_text(softness, '', 2)}, overlaps {quantity_text(100.0 * overlap, '', 2)} % of the radius"
+    if softness >= STIFF:
+        return f"stiff: {size}"
+    if softness >= SOFT:
+        return f"fairly stiff: {size}"
+    return f"soft: {size}; friction and solid fraction depend on the pressure"
+
+
+def bed_figures(bed: Bed) -> dict[str, object]:
+    """Return the entries of a run's summary about its bed."""
+    figures: dict[str, object] = {}
+    for name in BED:
+        figures |= {name: bed.means[name], f"{name}_error": bed.errors[name]}
+    return figures | {"quasi_static": bed.quasi_static, "bed_verdict": bed.verdict, "softness_verdict": bed.softness_verdict}
+
+
+def bed_rows(bed: Bed | None) -> list[tuple[str, str]]:
+    """Return the lines of the table that ends a run about its bed: name and text; none for a layer."""
+    if bed is None or not bed.verdict:
+        return []
+    others = ("solid_fraction", "coordination_number", "unbalanced_force", "kinetic_energy_ratio")
+    words = {"kinetic_energy_ratio": "kinetic over elastic energy"}
+    values = ", ".join(f"{words.get(name, name.replace('_', ' '))} {bed.text(name)}" for name in others)
+    largest = quantity_text(bed.means["inertial_number_largest"], "", 2)
+    number = f"{bed.text('inertial_number')} (with the largest diameter {largest}); {bed.verdict}"
+    return [("inertial number", number), ("softness", bed.softness_verdict), ("bed", values)]
+
+
+def bed_warning(bed: Bed | None) -> str | None:
+    """Return a warning of a bed that was sheared too fast; None for others."""
+    if bed is None or not bed.means["inertial_number"] > FAST:
+        return None
+    return (
+        f"the bed is {bed.verdict} (as in glass beads); a slower motion of the plate, or solver.inertial_number = {SLOW:g}, "
+        "gives the friction of slow shear"
+    )

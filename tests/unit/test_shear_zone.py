@@ -1,0 +1,78 @@
+"""The shear zone of a bed: exact for plane Couette flow, found in a band, at least a grain thick."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from thirdbody.trajectory.shear_zone import EDGE, rising_profile, shear_zone
+
+HEIGHT, D, SPEED = 100e-6, 10e-6, 2.0
+
+
+def bodies(n: int = 500, seed: int = 1):
+    """Heights between two plates, and masses."""
+    rng = np.random.default_rng(seed)
+    return np.sort(rng.uniform(0.0, HEIGHT, n)), rng.uniform(1.0, 3.0, n)
+
+
+def flow(along: np.ndarray, angle: float = 0.3) -> np.ndarray:
+    """Velocities of that size in one direction, on a common drift."""
+    return along[:, None] * [math.cos(angle), math.sin(angle), 0.0] + [0.4, -0.1, 0.05]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, math.pi, -2.0])
+def test_plane_couette_flow_is_exact(angle):
+    z, mass = bodies()
+    rate = SPEED / HEIGHT
+    zone = shear_zone(z, flow(rate * z, angle), mass, D)
+    assert zone.rate == pytest.approx(rate, rel=1e-11)  # rounding of differences of velocities
+    low = np.average(z[z <= z[0] + D], weights=mass[z <= z[0] + D])
+    high = np.average(z[z >= z[-1] - D], weights=mass[z >= z[-1] - D])
+    edges = [low + fraction * (high - low) for fraction in (EDGE, 1.0 - EDGE)]
+    assert [zone.bottom, zone.top] == pytest.approx(edges, rel=1e-11)
+
+
+def test_a_band_is_found_where_it_is():
+    z, mass = bodies(5000)
+    bottom, top = 30e-6, 60e-6
+    along = SPEED * np.clip((z - bottom) / (top - bottom), 0.0, 1.0)
+    zone = shear_zone(z, flow(along), mass, D)
+    # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
+    assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
+    assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)
+
+
+def test_fluctuations_hardly_change_the_rate():
+    z, mass = bodies(2000)
+    rng = np.random.default_rng(2)
+    rates = [shear_zone(z, flow(SPEED * z / HEIGHT) + rng.normal(0.0, 0.1 * SPEED, (len(z), 3)), mass, D).rate for _ in range(20)]
+    # a tenth of the speed on 200 bodies in each end layer gives 1 % of the difference, the edges a few times that
+    assert np.mean(rates) == pytest.approx(SPEED / HEIGHT, rel=0.05)
+    assert np.std(rates) < 0.08 * SPEED / HEIGHT
+
+
+def test_two_blocks_that_slide_shear_over_one_diameter():
+    z, mass = bodies()
+    zone = shear_zone(z, flow(np.where(z > 0.37 * HEIGHT, SPEED, 0.0)), mass, D)
+    assert zone.rate == pytest.approx(SPEED / D, rel=1e-12)
+    assert zone.top - zone.bottom < 0.1 * D and zone.bottom == pytest.approx(0.37 * HEIGHT, rel=0.02)
+
+
+def test_a_bed_that_moves_as_a_whole_has_no_rate():
+    z, mass = bodies()
+    assert shear_zone(z, flow(np.zeros(len(z))), mass, D).rate == pytest.approx(0.0, abs=1e-9)
+
+
+def test_one_layer_has_no_zone():
+    z, mass = bodies()
+    assert shear_zone(0.1 * z, flow(z), mass, D) is None
+
+
+def test_the_profile_never_falls_and_is_the_nearest_one():
+    values = np.array([1.0, 3.0, 2.0, 2.0, 5.0, 4.0])
+    weights = np.array([1.0, 2.0, 1.0, 1.0, 3.0, 1.0])
+    pooled = [1.0, 2.5, 2.5, 2.5, 4.75, 4.75]  # means of the runs that fall, by weight
+    assert rising_profile(values, weights) == pytest.approx(pooled, rel=1e-14)
