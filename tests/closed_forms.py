@@ -137,6 +137,44 @@ def pinched_sphere_rolling(plate_speed: float, radius: float) -> tuple[float, fl
     return plate_speed / 2.0, plate_speed / (2.0 * radius)
 
 
+def stopped_sphere(mu: float, rub: float) -> tuple[float, float, float]:
+    """(tangential and normal force of the lower plate, push on the obstacle) over the load of a sphere that an obstacle stops.
+
+    It slips on the upper plate, which drags it by mu; the obstacle, at the height of its centre, carries `rub` of its load by
+    friction. Moments about the centre: mu = T + rub; forces: N = 1 - rub, push = mu + T. By statics alone `rub` is any value
+    that friction at the obstacle allows: 0 <= rub <= mu' push, so 2 mu/(1 + mu') <= push <= 2 mu.
+    """
+    return mu - rub, 1.0 - rub, 2.0 * mu - rub
+
+
+def second_of_two_stopped_spheres(mu: float, rubs: tuple[float, float]) -> tuple[float, float, float]:
+    """The same of the sphere behind which another one waits; `rubs`: friction between the two, and at the obstacle.
+
+    At rest the first rubs up on neither: it hangs on the second by rubs[0], which turns both the same way.
+    """
+    behind, ahead = rubs
+    lower = mu - behind - ahead
+    return lower, 1.0 + behind - ahead, stopped_sphere(mu, behind)[2] + mu + lower
+
+
+def sphere_turning_on_the_spot(mu_lower: float, mu_obstacle: float) -> float:
+    """Share of its load that an obstacle carries by friction, if the sphere rolls on the upper plate and slips everywhere else.
+
+    T = mu_lower (1 - F) below, F = mu' P at the obstacle, P = 2 T + F by forces and moments.
+    """
+    slip = 2.0 * mu_obstacle * mu_lower
+    return slip / (1.0 - mu_obstacle + slip)
+
+
+def mounting_friction(low: float, high: float) -> float:
+    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`.
+
+    Both touch the lower plate. The top of the one, where they touch, and the foot of the other lie on one line, which meets all
+    three surfaces at the same angle; without the lower plate the force on the large sphere goes along it: tan = sqrt(low/high).
+    """
+    return math.sqrt(low / high)
+
+
 def _arithmetic_geometric_mean(a: float, b: float) -> float:
     """Common limit of the arithmetic and geometric means of a and b."""
     while abs(a - b) > 4e-16 * a:
