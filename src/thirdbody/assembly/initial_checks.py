@@ -10,16 +10,21 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
 
+_REFUSED = "solver.initial_overlap = 'refuse' ('relax' pushes bodies apart)"
+
 TINY = 1e-11
 """Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
 
 
 def refuse_start(scene: Scene, placed: Placed) -> None:
-    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside."""
+    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside.
+
+    With initial_overlap = "relax" overlaps are refused for bodies bound to a plate only: the others are moved later.
+    """
     centres, radii, body = spheres_of(placed.clumps, placed.positions, placed.quaternions)
-    sides = placed.sides()
+    sides, relax = placed.sides(), scene.solver.initial_overlap == "relax"
     faults: list[Fault] = _tiny(scene, placed) + _outside(scene, placed)
-    if scene.contact.debris_contact != "none":
+    if scene.contact.debris_contact != "none" and not relax:
         free = sides == EVERYTHING
         result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
         overlapping = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
@@ -27,20 +32,27 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
             a, b, depth = overlapping[0]
             more = f" ({len(overlapping)} pairs overlap)" if len(overlapping) > 1 else ""
             how_much = units.pretty(depth, "length")
-            message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; initial_overlap = 'refuse'"
-            faults.append(scene.fault(_position_key(scene, placed, b), message))
+            message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; {_REFUSED}"
+            faults.append(scene.fault(position_key(scene, placed, b), message))
     if scene.plates.lower is not None:
-        depth_below = np.where(sides == ONLY_UPPER, -np.inf, radii - centres[:, 2])
+        excluded = (sides == ONLY_UPPER) | ((sides == EVERYTHING) & relax)
+        depth_below = np.where(excluded, -np.inf, radii - centres[:, 2])
         lowest = int(np.argmax(depth_below))
         if depth_below[lowest] > 1e-9 * radii[lowest]:
             how_much = units.pretty(float(depth_below[lowest]), "length")
-            message = f"body {body[lowest]} starts {how_much} deep in the lower plate (z = 0); initial_overlap = 'refuse'"
-            faults.append(scene.fault(_position_key(scene, placed, int(body[lowest])), message))
+            message = f"body {body[lowest]} starts {how_much} deep in the lower plate (z = 0); {_REFUSED}"
+            faults.append(scene.fault(position_key(scene, placed, int(body[lowest])), message))
     if faults:
         raise InputError(faults)
 
 
-def _position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
+def refuse_outside(scene: Scene, placed: Placed) -> None:
+    """Raise InputError for a body whose centre is outside a domain that is not periodic."""
+    if faults := _outside(scene, placed):
+        raise InputError(faults)
+
+
+def position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
     """Return the key that gives the position of a body: entry of `positions`, file, or population."""
     population = int(placed.populations[body])
     first = int(np.searchsorted(placed.populations, population))
@@ -55,7 +67,7 @@ def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
         return []
     size, extent = units.pretty(float(minimum[small[0]]), "length"), units.pretty(max(scene.domain.size), "length")
     message = f"a sphere of body {small[0]} has the radius {size}, less than {TINY:g} of the domain, {extent}; is the unit right?"
-    return [scene.fault(_position_key(scene, placed, int(small[0])), message)]
+    return [scene.fault(position_key(scene, placed, int(small[0])), message)]
 
 
 def _outside(scene: Scene, placed: Placed) -> list[Fault]:
@@ -69,4 +81,4 @@ def _outside(scene: Scene, placed: Placed) -> list[Fault]:
     where = ", ".join(units.pretty(float(v), "length") for v in x[beyond[0]])
     width, depth = (units.pretty(v, "length") for v in scene.domain.size)
     message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
-    return [scene.fault(_position_key(scene, placed, int(beyond[0])), message)]
+    return [scene.fault(position_key(scene, placed, int(beyond[0])), message)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.inertial_number import examine_inertia
+from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
@@ -61,6 +62,7 @@ class Simulation:
     upper: Upper
     warnings: list[str]
     force: bool = False
+    relaxed: RelaxedStart | None = None
 
     @property
     def settle(self) -> float:
@@ -118,7 +120,8 @@ def build(
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
-    placed = populate(scene, warnings)
+    placed, relaxed = relax_start(scene, choice, populate(scene, warnings))
+    warnings += [relaxed.text(len(placed.clumps))] if relaxed else []
     debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
     order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
     placed = placed.reordered(order)
@@ -137,7 +140,7 @@ def build(
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
         slow = implicit(scene, choice, state, upper, warnings)
-        simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
+        simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force, relaxed)
         _refuse_unreached(simulation)
         _examine_interval(simulation)
         return simulation
@@ -148,7 +151,7 @@ def build(
     integrator.start()
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
-    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
+    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force, relaxed)
     _refuse_unreached(simulation)
     _examine_interval(simulation)
     _refuse_endless(simulation, integrator, force)

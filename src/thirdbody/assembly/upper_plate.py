@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.load_checks import Pressing, pressing_warnings, refuse_crushing
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
@@ -79,11 +80,12 @@ def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings:
 def _at_gap(scene: Scene, tops: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
     """Return a rigid plate at a prescribed height."""
     tallest = int(np.argmax(tops.top))
-    if tops.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
+    remaining = UNLOADED_OVERLAP * tops.radius[tallest] if scene.solver.initial_overlap == "relax" else 0.0
+    if tops.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE) + remaining:
         message = (
             f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
             f"{units.pretty(float(tops.top[tallest]), 'length')} tall: it would start inside the plate; "
-            "initial_overlap = 'refuse'"
+            f"solver.initial_overlap = '{scene.solver.initial_overlap}'"
         )
         raise InputError(scene.fault(("plates", "upper", "gap"), message))
     if scene.plates.moving():

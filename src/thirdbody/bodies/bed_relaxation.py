@@ -1,8 +1,8 @@
 """Kernels of random placement in a volume and of the relaxation of overlapping rigid bodies.
 
 Poses X (n, 3) are centroids, Q (n, 4) quaternions (w, x, y, z; body to world); the spheres of body b are the rows
-starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in x and y or
-with walls on all sides. Everything is serial, so the bits do not depend on threads.
+starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box has walls, or is periodic in x and y.
+Everything is serial, so the bits do not depend on threads.
 """
 
 import math
@@ -69,9 +69,10 @@ class Motion(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """The box, periodic in x and y or with walls, and the gap over the sum of radii that spheres keep."""
+    """Corners of the box (3,), infinite where it is open; whether it is periodic in x and y; gap over the sum of radii to keep."""
 
-    box: Array
+    low: Array
+    high: Array
     periodic: bool
     clearance: float
 
@@ -163,10 +164,10 @@ def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
 def _repulsion(bodies, spheres, pairs, walls, F):
     """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return its largest overlap, absolute and over the radii."""
     S, arms, body, lever, own, partner = spheres.S, spheres.arms, bodies.body, bodies.lever, pairs.own, pairs.partner
-    box, periodic, clearance = walls.box, walls.periodic, walls.clearance
+    low, high, periodic, clearance = walls
     F[:] = 0.0
     max_overlap, worst = 0.0, 0.0
-    l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
+    l_x, l_y = (high[0] - low[0], high[1] - low[1]) if periodic else (0.0, 0.0)
     for k in range(own.shape[0]):
         i, j = own[k], partner[k]
         d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], l_x)
@@ -185,7 +186,7 @@ def _repulsion(bodies, spheres, pairs, walls, F):
     for i in range(S.shape[0]):
         reach = S[i, sphere.RADIUS] * (1.0 + clearance)
         for axis in range(2 if periodic else 0, 3):
-            inward = max(reach - S[i, axis], 0.0) - max(S[i, axis] + reach - box[axis], 0.0)
+            inward = max(low[axis] + reach - S[i, axis], 0.0) - max(S[i, axis] + reach - high[axis], 0.0)
             if inward != 0.0:
                 max_overlap, worst = max(max_overlap, abs(inward)), max(worst, abs(inward) / S[i, sphere.RADIUS])
                 f_x, f_y = inward if axis == 0 else 0.0, inward if axis == 1 else 0.0
@@ -219,10 +220,11 @@ def _moved_beyond(S, S0, skin):
 def relax(bodies, motion, scale, pairs, walls, spheres, limit):
     """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`Outcome`, steps).
 
-    `limit`: largest number of steps. Lengths are in units of a typical radius.
+    `limit`: largest number of steps. Lengths are in units of a typical radius. Under an open top a body stops as soon as nothing
+    pushes it: else the uppermost ones would fly off.
     """
     X, Q, V, memory = motion
-    n, lever = X.shape[0], bodies.lever
+    n, lever, is_open = X.shape[0], bodies.lever, math.isinf(walls.high[2])
     F = np.empty((n, 6))
     pose(X, Q, bodies, scale, spheres)
     S0 = spheres.S.copy()
@@ -255,6 +257,8 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
             speed = 0.0
         mixed = memory[ALPHA] * math.sqrt(speed / force)
         for b in range(n):
+            if is_open and not F[b].any():
+                V[b] = 0.0
             for c in range(6):
                 V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
         _advance(X, Q, V, memory[DT], lever, 0.1)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.bodies import bed_relaxation as kernels
+from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.overlap_removal import OverlapRemoval
 from thirdbody.bodies.random_sequential import refuse_long, scatter
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.columns.sides import EVERYTHING
-from thirdbody.kernels.neighbour_search import Grid, pair_candidates
 
 # Target gap over the sum of radii. A state counts as free of overlap at half of it: convergence to exactly zero
 # overlap would take forever.
@@ -23,7 +21,6 @@ _START = 0.08
 _STEP, _MIN_STEP = 0.08, 1e-3
 # Relaxation steps per growth step: states free of overlap mostly take some hundred, nearly jammed ones some thousand.
 _LIMIT = 4000
-_SKIN = 0.25  # of the typical radius: a search costs as much as some ten steps
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,9 @@ def pack(
                 f"{height:.3g} m high)",
             )
         )
-    x, q = growing.X * unit, growing.Q.copy()
-    z, r = growing.S[:, 2] * unit, np.concatenate([body.radii for body in clumps])
+    bed = growing.bodies
+    x, q = bed.X * unit, bed.Q.copy()
+    z, r = bed.S[:, 2] * unit, np.concatenate([body.radii for body in clumps])
     floor = float((z - r).min())
     x[:, 2] -= floor
     top = float((z + r).max()) - floor
@@ -75,25 +73,11 @@ def pack(
 
 
 class _Growing:
-    """Growing bodies and their poses; lengths in units of the mean radius."""
+    """Growing bodies; lengths in units of the mean radius."""
 
     def __init__(self, clumps: Sequence[Clump], box: np.ndarray, periodic: bool) -> None:
         self.clumps, self.box, self.periodic = clumps, box, periodic
-        counts = [len(body.radii) for body in clumps]
-        self.starts = np.cumsum([0, *counts])
-        self.body = np.repeat(np.arange(len(clumps)), counts)
-        self.rel = np.concatenate([body.centers for body in clumps])
-        self.radii = np.concatenate([body.radii for body in clumps])
-        # lever of the torques: distance of the outermost centre, so that no rotation is stiffer than a displacement
-        arms = np.maximum.reduceat(np.linalg.norm(self.rel, axis=1), self.starts[:-1])
-        lever = np.where(arms > 0.0, arms, 1.0)
-        self.shapes = kernels.RigidBodies(self.rel, self.radii, self.body, self.starts, lever)
-        self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
-        self.S = np.empty((len(self.radii), 4))
-        self.spheres = kernels.Spheres(np.empty((len(self.radii), 3)), self.S)
-        # the search reads the engine's wide table, the relaxation a narrow one that stays in the cache
-        self.wide = np.zeros((len(self.radii), sphere.WIDTH))
-        self.wide[:, sphere.SIDE] = EVERYTHING
+        self.bodies = OverlapRemoval(clumps, Walls(np.zeros(3), box, periodic, _CLEARANCE))
 
     def start(self, fraction: float, rng: np.random.Generator) -> float:
         """Scatter the bodies, scaled down; return their size over the true one. Raises InputError when no size fits."""
@@ -102,7 +86,7 @@ class _Growing:
         while True:
             try:
                 bodies = [body.scaled(shrunk) for body in self.clumps]
-                self.X, self.Q = scatter(bodies, height, (float(x), float(y)), self.periodic, rng)
+                self.bodies.X, self.bodies.Q = scatter(bodies, height, (float(x), float(y)), self.periodic, rng)
                 return shrunk
             except InputError:
                 if shrunk < 0.1:
@@ -113,48 +97,16 @@ class _Growing:
         """Grow from this size on; return 1, or the largest size without overlaps."""
         step = _STEP
         while True:
-            x, q = self.X.copy(), self.Q.copy()
+            x, q = self.bodies.X.copy(), self.bodies.Q.copy()
             trial = min(1.0, size * math.exp(step))
-            if self._relax(trial):
+            if self.bodies.relax(trial, _LIMIT)[0] is Outcome.RELAXED:
                 if trial == 1.0:
                     return 1.0
                 size, step = trial, min(1.5 * step, _STEP)
                 continue
-            self.X, self.Q, step = x, q, 0.5 * step
+            self.bodies.X, self.bodies.Q, step = x, q, 0.5 * step
             if step < _MIN_STEP:
                 return size
-
-    def _relax(self, size: float) -> bool:
-        """Return whether the overlaps of bodies of this size can be removed."""
-        motion = kernels.Motion(self.X, self.Q, np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]))
-        walls, left = kernels.Walls(self.box, self.periodic, _CLEARANCE), _LIMIT
-        while left > 0:
-            own, partner = self._search(size)
-            pairs = kernels.Pairs(own, partner, _SKIN)
-            code, done = kernels.relax(self.shapes, motion, size, pairs, walls, self.spheres, left)
-            if code != kernels.Outcome.MOVED:
-                return bool(code == kernels.Outcome.RELAXED)
-            left -= done
-        return False
-
-    def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pairs of spheres that come within the skin of each other."""
-        kernels.pose(self.X, self.Q, self.shapes, size, self.spheres)
-        self.wide[:, :4] = self.S
-        skin = _SKIN + 2.0 * _CLEARANCE * float(self.S[:, 3].max())
-        reach = 2.0 * float(self.S[:, 3].max()) + skin
-        # at most twice the square root of the spheres as cells per axis: bounds the grid of a low bed of small bodies
-        maximum = 2 * math.ceil(math.sqrt(len(self.S)))
-        count = np.clip((self.box / reach).astype(np.int64), 1, maximum)
-        periodic = np.array([self.periodic, self.periodic])
-        grid = Grid(np.zeros(3), self.box / count, count, periodic, *(self.box[:2].tolist() if self.periodic else (0.0, 0.0)))
-        capacity = 16 * len(self.S)
-        while True:
-            own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            n = pair_candidates(self.wide, self.body, skin, grid, 0, own, partner)
-            if n <= capacity:
-                return own[:n].copy(), partner[:n].copy()
-            capacity = int(1.2 * n)
 
 
 def _refuse_low(clumps: Sequence[Clump], height: float) -> None:

@@ -133,6 +133,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.shared_overlap,
+        "initial_overlap": built.relaxed.document() if built.relaxed else None,
         "memory": memory_of(built),
         "frames": frames,
         "disk": disk,

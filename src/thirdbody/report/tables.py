@@ -92,6 +92,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("states", ", ".join(fractions)),
             *_group_rows(report),
             *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),
+            *_relaxed_rows(report),
             ("peak pressure", yield_words(report) or "not known"),
             ("energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
@@ -102,6 +103,16 @@ def run_report(folder: Path, json: bool) -> None:
         table("", ("", ""), rows)
         verdicts = [yield_warning(report), report.get("energy_verdict"), bed_warning(result.bed)]
         print_warnings([*filter(None, verdicts), *ending_warnings(report)])
+
+
+def _relaxed_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return how far bodies that overlapped at the start were pushed apart."""
+    start = summary.get("initial_overlap")
+    if not start:
+        return []
+    far, mean = start["largest_displacement"], start["mean_displacement"]
+    ways = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
+    return [("start relaxed", f"{start['bodies_moved']} of {summary['bodies']} bodies moved{ways}")]
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

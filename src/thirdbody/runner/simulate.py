@@ -224,6 +224,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         "frames": frames,
         "bodies": state.n_bodies,
         "spheres": state.n_spheres,
+        **({"initial_overlap": simulation.relaxed.document()} if simulation.relaxed else {}),
         **integration,
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,

@@ -171,26 +171,21 @@ class Whole(Range):
 
 @dataclass(frozen=True)
 class Choice:
-    """One of the names in the field's Literal; `later` are names of the file format that do not work yet."""
-
-    later: tuple[str, ...] = ()
+    """One of the names in the field's Literal."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         names = get_args(source)
 
-        def read(value: Any, info: ValidationInfo) -> str:
-            return choose(value, names, self.later, info.field_name or "value")
+        return core_schema.no_info_before_validator_function(
+            lambda value: choose(value, names), core_schema.literal_schema(list(names))
+        )
 
-        return core_schema.with_info_before_validator_function(read, core_schema.literal_schema(list(names)))
 
-
-def choose(value: Any, names: Collection[str], later: Collection[str], key: str) -> str:
+def choose(value: Any, names: Collection[str]) -> str:
     """Return the value when it is one of the names. Raises ValueError that lists them."""
-    if isinstance(value, str) and value not in later and value in names:
+    if isinstance(value, str) and value in names:
         return value
     listed = ", ".join(f"'{name}'" for name in names)
-    if isinstance(value, str) and value in later:
-        raise ValueError(f"{key} = '{value}' is known but not available in this version; available: {listed}")
     raise ValueError(f"{show(value)} is not one of {listed}")
 
 

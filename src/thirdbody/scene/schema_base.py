@@ -110,7 +110,7 @@ def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any) -> type[P
         listed = ", ".join(f"'{name}'" for name in kinds)
         raise bundle([((key,), f"{MISSING}: one of {listed}")])
     try:
-        return kinds[choose(value[key], kinds, (), key)]
+        return kinds[choose(value[key], kinds)]
     except ValueError as error:
         raise bundle([((key,), str(error))]) from None
 

@@ -40,6 +40,7 @@ CASES = (
     Case("spinning_flake", "I_3 >> I_1: explicit rotation unstable", free.spinning_flake, EXPLICIT, ("coulomb",), False),
     Case("many_steps", "1e6 steps: quaternion drift", free.many_steps, BOTH, ("coulomb",), False),
     Case("overlapping_start", "stored Hertz energy explodes", free.overlapping_start, BOTH, ("coulomb",), False),
+    Case("relaxed_start", "overlaps of 0.3 radii, relaxed: explosion", free.relaxed_start, EXPLICIT, LEVELS, False),
     Case("incompressible", "nu -> .5: limit of the moduli", free.incompressible, EXPLICIT),
     Case("stiff_ratio", "soft on stiff, 1e3, nu = .5", plates.stiff_ratio),
     Case("periodic_face", "pair across a periodic face: lost image", free.periodic_face, EXPLICIT),

@@ -9,10 +9,10 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
-from thirdbody.scene.model import Domain
+from thirdbody.scene.model import Contact, Domain, Solver, UpperPlate
 from thirdbody.studies.robustness.between_plates import plain_slide
 from thirdbody.studies.robustness.case import CaseRun, Trial, rotation_of
-from thirdbody.studies.robustness.scenes import LONG, STEEL, TRIPOD, ball, clump, on_plane, particle, pressed, scene, solid
+from thirdbody.studies.robustness.scenes import LONG, STEEL, TRIPOD, ball, clump, drag, on_plane, particle, pressed, scene, solid
 
 RADIUS = 1e-3
 
@@ -192,6 +192,47 @@ def overlapping_start(trial: Trial) -> None:
         except InputError as error:
             message = str(error)
         trial.check_true(f"{what}: refused for its overlap ({message})", "overlap" in message)
+
+
+PACKED, RISE = 27, 1e-3
+"""Number of spheres of the compressed packing; largest kinetic energy over what its overlaps would have stored."""
+
+
+def relaxed_start(trial: Trial) -> None:
+    """A packing of spheres whose neighbours overlap by 0.3 of the radius is relaxed, then pressed: nothing flies apart.
+
+    Coincident bodies are refused. Mutation: without the relaxation -> the overlap guard stops it in the first step.
+    """
+    spacing, rng = 1.7 * RADIUS, np.random.default_rng(1)
+    grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(PACKED, 3)
+    centres = spacing * (grid + 0.5) + 0.02 * RADIUS * rng.standard_normal((PACKED, 3))
+    neighbours = 3 * 9 * 2  # of the cubic lattice
+    e_star = 210e9 / (2.0 * (1.0 - 0.3**2))  # of steel
+    stored = neighbours * 8.0 / 15.0 * e_star * math.sqrt(0.5 * RADIUS) * (0.3 * RADIUS) ** 2.5
+    bodies = [ball(RADIUS, where) for where in centres]
+    upper = UpperPlate(material="ball", load=10.0, motion=drag())
+    made = lambda debris: scene(  # noqa: E731
+        trial, debris, {"ball": STEEL}, 0.3, 0.6, 5.1 * RADIUS, "ball", upper,
+        contact=Contact(level=trial.setting.level), solver=Solver(
+            duration=LONG, settle=0.0, initial_overlap="relax", **trial.solver()
+        ),
+    )  # fmt: skip
+    run = trial.start(made(bodies))
+    start = run.simulation.relaxed
+    trial.check("overlap that is left", start.overlap_after if start else math.nan, 0.0)
+    trial.check("kinetic energy of the start", run.kinetic(), 0.0)
+    largest = 0.0
+    for k in range(1, 9):
+        run.to(time=25e-6 * k)
+        largest = max(largest, run.kinetic())
+    trial.check("kinetic energy over that of the overlaps", largest / stored, RISE)
+    run.end()
+    try:
+        build(made([bodies[0], bodies[0]]))
+        message = "accepted"
+    except InputError as error:
+        message = str(error)
+    trial.check_true(f"two bodies in one place: refused ({message})", "same centre" in message)
 
 
 PERIOD = 0.1
