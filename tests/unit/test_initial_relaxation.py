@@ -1,4 +1,4 @@
-"""`initial_overlap = "relax"`: overlaps are gone, against all pairs with all images; what it says; what it refuses; the run after."""
+"""`initial_overlap = "relax"`: overlaps are gone, against all pairs with all images; what it says and refuses; the run after."""
 
 from __future__ import annotations
 
@@ -51,15 +51,14 @@ PRESSED, GAP = 'pressure = "20 MPa"', 'gap = "{gap} um"'
 
 
 def packing(seed: int, count: int = 40, clumps: bool = True, overlap: float = 0.3, side: float = 50.0) -> dict[str, np.ndarray]:
-    """A dense bed of balls and clumps on `side` um, compressed towards the floor and enlarged until neighbours overlap by
-    this part of their radii."""
+    """A bed of balls and clumps on `side` um, free of overlap, whose bodies are then enlarged: balls that touched overlap by
+    this part of their radius."""
     rng = np.random.default_rng(seed)
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 6e-6, "max": 16e-6}
     balls = [clump([[0, 0, 0]], [r * UM]) for r in rng.uniform(3.5, 6.5, count)]
     bodies = balls[: count // 2] + population(seed, 0, count - count // 2, (3, 6), (1.0, 0.8, 0.6), **size) if clumps else balls
     low = sum(body.volume for body in bodies) / ((side * UM) ** 2 * 2.0 * max(body.diameter for body in bodies))
     bed = pack(bodies, min(0.45, low), (side * UM, side * UM), True, rng)
-    # bodies shrink about their centres in `center`, so radii and arms grow against the distances
     grown = [body.scaled(1.0 / (1.0 - 0.5 * overlap)) for body in bodies]
     centres, radii, body = spheres_of(grown, bed.positions, bed.quaternions)
     return {"center": centres, "radius": radii, "clump": body}

@@ -69,7 +69,7 @@ class Motion(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """Corners of the box (3,), infinite where it is open; whether it is periodic in x and y; gap over the sum of radii to keep."""
+    """Corners of the box (3,), infinite where open; whether x and y are periodic; gap to keep over the sum of radii."""
 
     low: Array
     high: Array
