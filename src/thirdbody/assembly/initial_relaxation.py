@@ -59,7 +59,7 @@ class RelaxedStart:
         The deepest overlap.
     expected_overlap : float
         Overlap that the load leads to expect; overlaps up to it may remain.
-    top_rise : float
+    height_gain : float
         Rise of the highest point of the debris [m].
     """
 
@@ -71,7 +71,7 @@ class RelaxedStart:
     overlap_before: float
     overlap_after: float
     expected_overlap: float
-    top_rise: float
+    height_gain: float
 
     def document(self) -> dict[str, Any]:
         """Return the values by name."""
@@ -85,11 +85,11 @@ class RelaxedStart:
         after = f"{self.pairs_after} by {self.overlap_after:.2g}" if self.pairs_after else "none"
         if not self.bodies_moved:
             return f'initial_overlap = "relax": {before}, no more than expected ({self.expected_overlap:.2g}): no body was moved'
-        rise = f"; their top is {units.pretty(self.top_rise, 'length')} higher" if self.top_rise > 0.0 else ""
+        higher = f"; their top is {units.pretty(self.height_gain, 'length')} higher" if self.height_gain > 0.0 else ""
         return (
             f'initial_overlap = "relax": {self.bodies_moved} of {n_bodies} bodies were pushed apart, by '
             f"{self.largest_displacement:.2g} of their radius at most and {self.mean_displacement:.2g} in the mean; before: "
-            f"{before}; now: {after} (expected ones: up to {self.expected_overlap:.2g}){rise}"
+            f"{before}; now: {after} (expected ones: up to {self.expected_overlap:.2g}){higher}"
         )
 
 
@@ -116,12 +116,12 @@ def relax_start(scene: Scene, choice: CompiledPhysics, placed: Placed) -> tuple[
     after = start.relax(before, expected)
     x, q = start.poses()
     moved = np.flatnonzero((x != placed.positions[members]).any(axis=1) | (q != placed.quaternions[members]).any(axis=1))
-    ways = np.linalg.norm(x - placed.positions[members], axis=1)[moved] / [0.5 * clumps[k].diameter for k in moved]
+    displacements = np.linalg.norm(x - placed.positions[members], axis=1)[moved] / [0.5 * clumps[k].diameter for k in moved]
     positions, quaternions = placed.positions.copy(), placed.quaternions.copy()
     positions[members], quaternions[members] = x, q
     result = replace(placed, positions=positions, quaternions=quaternions)
     refuse_outside(scene, result)
-    return result, _change(before, after, expected, ways, start.top_rise())
+    return result, _change(before, after, expected, displacements, start.height_gain())
 
 
 def expected_overlap(scene: Scene, choice: CompiledPhysics, placed: Placed) -> float:
@@ -142,10 +142,10 @@ def expected_overlap(scene: Scene, choice: CompiledPhysics, placed: Placed) -> f
     return float(np.min(overlap_at(choice.physics, force, 0.5 * radius, kind) / radius))
 
 
-def _change(before: Overlaps, after: Overlaps, expected: float, ways: np.ndarray, rise: float) -> RelaxedStart:
-    far, mean = (float(ways.max()), float(ways.mean())) if len(ways) else (0.0, 0.0)
+def _change(before: Overlaps, after: Overlaps, expected: float, displacements: np.ndarray, height_gain: float) -> RelaxedStart:
+    far, mean = (float(displacements.max()), float(displacements.mean())) if len(displacements) else (0.0, 0.0)
     pairs = len(before.depth), len(after.depth)
-    return RelaxedStart(len(ways), far, mean, *pairs, before.largest, after.largest, expected, rise)
+    return RelaxedStart(len(displacements), far, mean, *pairs, before.largest, after.largest, expected, height_gain)
 
 
 class _Start:
@@ -205,7 +205,7 @@ class _Start:
         given = self.placed.positions[self.members], self.placed.quaternions[self.members]
         return np.where(fixed_x, given[0], X * self.unit), np.where(fixed_q, given[1], Q)
 
-    def top_rise(self) -> float:
+    def height_gain(self) -> float:
         """Return the rise of the highest point [m]."""
         return (self._highest() - self.top) * self.unit
 
@@ -230,10 +230,8 @@ class _Start:
         if outcome is Outcome.SPENT:
             return f"{what}; the limit of {_LIMIT} steps is reached"
         if math.isfinite(height) and fraction > _CROWDED:
-            room = f"would fill {fraction:.2g} of the space up to the plate"
-            return (
-                f"{what}: too little room, the bodies {room}; raise gap or domain.size, or give a load, which lets the plate rise"
-            )
+            filled = f"would fill {fraction:.2g} of the space up to the plate"
+            return f"{what}: too little room, the bodies {filled}; raise gap or domain.size, or give a load instead of a gap"
         single = all(len(self.placed.clumps[k].radii) == 1 for k in self.members[[a, max(a, b)]])
         why = "too little room" if single else "they are interlocked, or have too little room"
         return f"{what}: {why}"

@@ -123,12 +123,12 @@ class OverlapRemoval:
 
 def _deepest(first: np.ndarray, second: np.ndarray, depth: np.ndarray) -> Overlaps:
     """Return the deepest overlap of every pair."""
-    deep = depth > _ROUNDING
-    first, second, depth = first[deep], second[deep], depth[deep]
+    overlapping = depth > _ROUNDING
+    first, second, depth = first[overlapping], second[overlapping], depth[overlapping]
     wall = second < 0
     a, b = np.where(wall, first, np.minimum(first, second)), np.where(wall, second, np.maximum(first, second))
     order = np.lexsort((b, a, -depth))
     pairs = np.column_stack((a, b))[order]
-    _, kept = np.unique(pairs, axis=0, return_index=True)
-    kept.sort()
-    return Overlaps(pairs[kept, 0], pairs[kept, 1], depth[order][kept])
+    _, rows = np.unique(pairs, axis=0, return_index=True)
+    rows.sort()
+    return Overlaps(pairs[rows, 0], pairs[rows, 1], depth[order][rows])

@@ -111,8 +111,8 @@ def _relaxed_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not start:
         return []
     far, mean = start["largest_displacement"], start["mean_displacement"]
-    ways = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
-    return [("start relaxed", f"{start['bodies_moved']} of {summary['bodies']} bodies moved{ways}")]
+    distances = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
+    return [("start relaxed", f"{start['bodies_moved']} of {summary['bodies']} bodies moved{distances}")]
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -194,7 +194,7 @@ def overlapping_start(trial: Trial) -> None:
         trial.check_true(f"{what}: refused for its overlap ({message})", "overlap" in message)
 
 
-PACKED, RISE = 27, 1e-3
+PACKED, RELEASED = 27, 1e-3
 """Number of spheres of the compressed packing; largest kinetic energy over what its overlaps would have stored."""
 
 
@@ -211,13 +211,13 @@ def relaxed_start(trial: Trial) -> None:
     stored = neighbours * 8.0 / 15.0 * e_star * math.sqrt(0.5 * RADIUS) * (0.3 * RADIUS) ** 2.5
     bodies = [ball(RADIUS, where) for where in centres]
     upper = UpperPlate(material="ball", load=10.0, motion=drag())
-    made = lambda debris: scene(  # noqa: E731
+    pressed_bed = lambda debris: scene(  # noqa: E731
         trial, debris, {"ball": STEEL}, 0.3, 0.6, 5.1 * RADIUS, "ball", upper,
         contact=Contact(level=trial.setting.level), solver=Solver(
             duration=LONG, settle=0.0, initial_overlap="relax", **trial.solver()
         ),
     )  # fmt: skip
-    run = trial.start(made(bodies))
+    run = trial.start(pressed_bed(bodies))
     start = run.simulation.relaxed
     trial.check("overlap that is left", start.overlap_after if start else math.nan, 0.0)
     trial.check("kinetic energy of the start", run.kinetic(), 0.0)
@@ -225,10 +225,10 @@ def relaxed_start(trial: Trial) -> None:
     for k in range(1, 9):
         run.to(time=25e-6 * k)
         largest = max(largest, run.kinetic())
-    trial.check("kinetic energy over that of the overlaps", largest / stored, RISE)
+    trial.check("kinetic energy over that of the overlaps", largest / stored, RELEASED)
     run.end()
     try:
-        build(made([bodies[0], bodies[0]]))
+        build(pressed_bed([bodies[0], bodies[0]]))
         message = "accepted"
     except InputError as error:
         message = str(error)
