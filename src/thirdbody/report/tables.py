@@ -89,6 +89,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("sliding distance", pretty(report["distance"], "length")),
             ("friction coefficient", str(result.friction)),
             *bed_rows(result.bed),
+            *([("rate test", str(result.rate_test))] if result.rate_test else []),
             ("states", ", ".join(fractions)),
             *_group_rows(report),
             *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),

@@ -30,7 +30,8 @@ VERSION = 9
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"
-THE_VERSION = "the version"
+THE_VERSION, THE_RATE_TEST = "the version", "the rate test"
+"""Names of fingerprints: of the program; of the factor on the speed, in checkpoints of a rate test only."""
 
 
 @dataclass

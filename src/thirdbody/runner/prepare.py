@@ -27,9 +27,12 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
         start_compiling()
         report_compilation()
         registry = discover(tuple(plugins))
+        from thirdbody.assembly.rate_test import examine_rate_test
         from thirdbody.assembly.simulation import build
 
-        return build(scene, registry, force, warm_up)
+        simulation = build(scene, registry, force, warm_up)
+        examine_rate_test(simulation)
+        return simulation
 
 
 def check_threads(threads: int | None) -> list[str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
+from thirdbody.runner.checkpoint import THE_RATE_TEST, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.parts.joined import cut, unfinished_parts
 from thirdbody.runner.parts.workers import workers_of
 from thirdbody.runner.prepare import check_threads, prepare
@@ -97,6 +97,8 @@ def prepare_resume(
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
     saved = read_checkpoint(folder)
+    if THE_RATE_TEST in saved.prints:
+        raise InputError(f"{folder}: is the rate test of a run, which goes on with it; resume that: {folder.absolute().parent}")
     plugins = tuple(plugins)
     before, scene = _scenes(folder, saved, settings or {}, plugins)
     if saved.frames:
@@ -111,6 +113,7 @@ def prepare_resume(
         simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
     if before.solver != scene.solver:  # a longer run
         saved.stop = _stops(saved, simulation)
+        _refuse_lost_changeover(folder, saved, simulation)
     return simulation, saved
 
 
@@ -174,6 +177,15 @@ def _stops(checkpoint: Checkpoint, simulation: Simulation) -> int:
     longer = list(targets(simulation))
     time, distance = _reached(checkpoint)
     return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
+
+
+def _refuse_lost_changeover(folder: Path, checkpoint: Checkpoint, simulation: Simulation) -> None:
+    """Raise InputError for a longer run that has passed the two thirds at which its rate test begins."""
+    from thirdbody.runner.output_schedule import changeover_stop
+
+    if simulation.scene.solver.rate_test is not None and checkpoint.stop >= changeover_stop(simulation):
+        message = "its rate test would begin at two thirds of the longer run, which it has passed: make it longer, or run it anew"
+        raise InputError(f"{folder}: solver.rate_test: {message}")
 
 
 def _reached(checkpoint: Checkpoint) -> tuple[float, float]:

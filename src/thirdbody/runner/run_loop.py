@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from shlex import quote
 from typing import TYPE_CHECKING, Any, cast
@@ -16,11 +16,11 @@ from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
-from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
+from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means
-from thirdbody.runner.output_schedule import targets
+from thirdbody.runner.output_schedule import changeover_stop, targets
 from thirdbody.runner.progress import Progress, Reporter
-from thirdbody.runner.run_folder import RunFolder
+from thirdbody.runner.run_folder import RunFolder, new_rate_test
 from thirdbody.runner.yield_check import PeakPressure
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -52,7 +52,7 @@ class RunLoop:
         times: WallTimes = WallTimes(),
     ) -> None:  # fmt: skip
         self.simulation, self.files, self.report, self.stop = simulation, files, report, stop
-        self.folder = files.path
+        self.folder = self.resumed_as = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
         self.written = self.started
@@ -65,6 +65,7 @@ class RunLoop:
             simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means, bed_measures(simulation)
         )
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
+        self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
@@ -97,6 +98,8 @@ class RunLoop:
                 self._write()
             elif integrator.divisible:
                 self._report_progress({})
+            if self.reached == self.changeover:
+                self._save_changeover()
             self._stop_or_save()
         self.export_state()
 
@@ -107,16 +110,27 @@ class RunLoop:
     def export_state(self) -> None:
         """Write a checkpoint."""
         begun = time.perf_counter()
-        saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
+        checkpoint = self._checkpoint()
         self.writer.sync()
         self.files.check()
-        folder = str(self.simulation.scene.beside("").absolute())
-        write_checkpoint(self.files.work_folder, Checkpoint(
-            self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
-            self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
-        ), self.folder)  # fmt: skip
+        write_checkpoint(self.files.work_folder, checkpoint, self.folder)
         self.written = time.perf_counter()
         self.cost = self.written - begun
+
+    def _save_changeover(self) -> None:
+        """Write the checkpoint from which the rate test begins."""
+        prints = self.prints | {THE_RATE_TEST: f"{self.simulation.scene.solver.rate_test:g}"}
+        self.files.check()
+        write_checkpoint(new_rate_test(self.folder), replace(self._checkpoint(), frames=0, prints=prints))
+
+    def _checkpoint(self) -> Checkpoint:
+        """Return the present state, without copies."""
+        saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
+        folder = str(self.simulation.scene.beside("").absolute())
+        return Checkpoint(
+            self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
+            self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
+        )  # fmt: skip
 
     def _watch(self) -> None:
         """Check the energy and sample, at instants independent of the wall time since both belong to the result."""
@@ -157,7 +171,7 @@ class RunLoop:
 
     def _interrupted(self, what: str) -> Interrupted:
         """Return the error whose message explains how to continue."""
-        folder = str(self.folder)
+        folder = str(self.resumed_as)
         return Interrupted(
             what, python=f"; to go on: thirdbody.resume({folder!r})", command=f"; to go on: thirdbody resume {quote(folder)}"
         )

@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.assembly.rate_test import SlowedSimulation
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import GuardStop, Interrupted, OutputError
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
+from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.parts.joined import cut, parts_at_work
 from thirdbody.runner.parts.workers import workers_of
 from thirdbody.runner.prepare import check_threads, prepare, set_threads
 from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.rate_test import first_part, rate_test_loop
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
@@ -117,13 +120,34 @@ def execute(
 
     `stop` is called between compiled calls; when it returns True, or when `times.limit` is exceeded, a checkpoint is written
     and Interrupted is raised. Checkpoints are written at least `times.every` apart, and when the run ends. `checkpoint`:
-    what to continue from, with its trajectory in the folder.
+    what to continue from, with its trajectory in the folder. A rate test, if the scene has one, follows the run.
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        loop = RunLoop(simulation, files, report, stop, times or WallTimes())
+        loop = RunLoop(simulation, files, first_part(report, simulation), stop, times or WallTimes())
         with parts_at_work(simulation, folder, checkpoint.stop if checkpoint else 0, loop.prints):
-            return _execute(simulation, loop, checkpoint)
+            summary = _finished(simulation, loop, checkpoint) or _execute(simulation, loop, checkpoint)
+        if simulation.scene.solver.rate_test is not None:
+            _run_rate_test(simulation, loop, report)
+    return summary
+
+
+def _finished(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any] | None:
+    """Return the summary of a finished run of which at most the rate test is left; None for every other."""
+    if checkpoint is None or simulation.scene.solver.rate_test is None or checkpoint.stop < sum(1 for _ in targets(simulation)):
+        return None
+    with open_run(loop.folder) as before:
+        summary = before.summary()
+    return summary if summary["finished"] and summary["frames"] == checkpoint.frames else None
+
+
+def _run_rate_test(simulation: Simulation, loop: RunLoop, report: Reporter | None) -> None:
+    """Compute the last third of a finished run again with a slower plate, or go on with that."""
+    with rate_test_loop(simulation, loop, report) as (slowed, test, start):
+        try:
+            _execute(slowed, test, start)
+        except GuardStop as stop:
+            raise GuardStop(f"the rate test: {stop.message}") from stop
 
 
 def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
@@ -182,6 +206,10 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
     units = {name: entry.unit for name, entry in SERIES.items()}
     if labeller is not None:
         units |= {f"fraction_{name}": "1" for name in labeller.states}
+    test = {}
+    if isinstance(simulation, SlowedSimulation):
+        title = f"{scene.title or 'run'}, rate test at 1/{simulation.factor:g} of the speed"
+        test = {"title": title, "rate_test": {"factor": simulation.factor, "changeover": simulation.changeover}}
     return {
         "scene_text": scene.to_toml(),
         "title": scene.title,
@@ -204,7 +232,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
             "h5py": h5py.__version__,
             "python": platform.python_version(),
         },
-    }
+    } | test
 
 
 def debris_contact(simulation: Simulation) -> str:

@@ -143,6 +143,25 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
     return faults
 
 
+def rate_test_faults(raw: dict[str, Any], moving: bool) -> list[Wrong]:
+    """Return faults of a rate test where no bed is sheared."""
+    solver, location = raw.get("solver"), ("solver", "rate_test")
+    if entry(solver, "rate_test") is None:
+        return []
+    faults: list[Wrong] = []
+    if not moving:
+        faults.append((location, "compares two speeds of the upper plate, and here it rests: add plates.upper.motion"))
+    if entry(raw.get("contact"), "debris_contact") == "none":
+        faults.append((location, f'{NO_BED}, and contact.debris_contact = "none" declares that they do not; {ALONE}'))
+    elif entry(solver, "integrator") == "implicit":
+        faults.append((location, f"{NO_BED}, and the implicit integrator has no contact between them; {ALONE}"))
+    return faults
+
+
+NO_BED = "is for a bed, whose bodies meet each other"
+ALONE = "bodies between the plates alone are compared with a quasi-static run (solver.inertia = false)"
+
+
 def interval_faults(solver: Any, output: Any) -> list[Wrong]:
     """Return the fault of an output interval longer than the distance; other runs have no length before they are assembled."""
     if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):

@@ -21,6 +21,7 @@ from thirdbody.scene.field_types import (
     PositiveStiffness,
     PositiveTime,
     Quantity,
+    RateFactor,
     Speed,
     Text,
     listing,
@@ -231,6 +232,11 @@ class Solver(Part):
     """What happens when bodies overlap at the start: "relax" pushes them apart, and the run says how far. Example: "relax"."""
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
+    rate_test: RateFactor | None = None
+    """Bed of debris: the last third of the run is computed again, from the state at two thirds, this many times slower.
+
+    The summary then tells whether friction, solid fraction and labels depend on the speed. Example: 3.
+    """
     tolerance: Fraction | None = None
     """Implicit integrator: error of a step over the radius of the largest contact; 5e-4 where it is not given. Example: 1e-4."""
     largest_step: PositiveLength | None = None

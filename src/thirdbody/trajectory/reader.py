@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.bed_verdict import Bed
     from thirdbody.trajectory.friction import Friction
     from thirdbody.trajectory.plate_motion import Drag
+    from thirdbody.trajectory.rate_test import RateTest
 
 __all__ = ["FILE_NAME", "Run", "open_run"]
 
@@ -75,6 +76,14 @@ class Run(RunArrays):
             return bed_of(self)
 
     @cached_property
+    def rate_test(self) -> RateTest | None:
+        """Rate test of the run (`solver.rate_test`): `verdict`, `effect`, both means with errors; None without one."""
+        from thirdbody.trajectory.rate_test import rate_test_of
+
+        with damage_as_fault(self.path, "the series of the rate test"):
+            return rate_test_of(self)
+
+    @cached_property
     def cycles(self) -> dict[str, np.ndarray]:
         """Energy and extremes of the whole cycles of a stroke by name, one value per cycle (n,); n is 0 without a stroke.
 
@@ -119,7 +128,8 @@ class Run(RunArrays):
         second half of the sliding or the last cycle), `fractions` (state name to fraction of the bodies, last frame), and the
         same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`). Of a bed the means
         of its series over the steady part (`inertial_number`, `softness`, `solid_fraction`, ...) and their errors
-        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts).
+        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts). Of a run
+        with a rate test `rate_test` (its figures, see `Run.rate_test`).
 
         Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
         the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),

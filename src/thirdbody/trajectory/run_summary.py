@@ -45,6 +45,8 @@ def figures(run: Run) -> dict[str, Any]:
         result["accommodation"] = portions
     if run.bed is not None:
         result |= bed_figures(run.bed)
+    if run.rate_test is not None:
+        result["rate_test"] = run.rate_test.to_dict()
     if run.has_states and result["bodies"]:
         counts = np.bincount(run.bodies(-1)["state"], minlength=len(run.state_names))
         fractions = (counts / counts.sum()).tolist()
