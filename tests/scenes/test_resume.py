@@ -86,7 +86,7 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
             stopped = True
     assert pieces > 0, "the scene is too short to be stopped"
     whole, joined = contents(tmp_path / "whole"), contents(tmp_path / "cut")
-    assert whole.keys() == joined.keys()
+    assert whole.keys() == joined.keys() and ("series/inertial_number" in whole or name != "dense_layer")
     assert [key for key in whole if whole[key] != joined[key]] == []
     assert simulation.state.patches.displacement.tobytes() == reference.state.patches.displacement.tobytes()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import thirdbody
 from thirdbody.plot.summary_page import page
 from thirdbody.report.tables import run_report
-from thirdbody.trajectory.bed_verdict import bed_warning, friction_increase, inertia_verdict, softness_verdict
+from thirdbody.trajectory.bed_verdict import bed_warning, friction_increase, inertia_verdict, softness_verdict, steady
 from thirdbody.trajectory.names import BED
 
 from ..layer import write_layer
@@ -60,6 +61,21 @@ def test_every_output_has_the_mean_over_the_steady_part(folder, capsys):
 def test_a_run_without_these_series_has_no_bed(tmp_path):
     with thirdbody.open(write_layer(tmp_path / "run.vtkhdf", 3, 4)) as run:
         assert run.bed is None and "bed_verdict" not in run.summary()
+
+
+@pytest.mark.parametrize(
+    "drag, first, last",
+    [
+        ({"dragged": False}, 20, 40),
+        ({"dragged": True, "stroke": False, "second_half": np.arange(FRAMES) > 24}, 25, 40),
+        # four cycles, then part of a fifth: the last two whole ones, without the frame at which the third begins
+        ({"dragged": True, "stroke": True, "cycles": [slice(k, k + 9) for k in (0, 8, 16, 24)]}, 17, 32),
+        ({"dragged": True, "stroke": True, "cycles": [], "second_half": np.arange(FRAMES) > 30}, 31, 40),
+    ],
+)
+def test_the_steady_part(drag, first, last):
+    run = SimpleNamespace(frames=FRAMES, series={"friction_coefficient": np.full(FRAMES, 0.3)}, drag=SimpleNamespace(**drag))
+    assert np.flatnonzero(steady(run)).tolist() == list(range(first, last + 1))
 
 
 @pytest.mark.parametrize(
