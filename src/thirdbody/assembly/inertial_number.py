@@ -38,7 +38,7 @@ def inertial_number(state: State) -> Inertial | None:
     mass, load = _per_body(state)
     if not (load > 0.0).all():
         return None
-    length = np.minimum(_diameters(state), _shortest_stroke(upper.schedule))
+    length = np.minimum(_diameters(state), shortest_stroke(upper.schedule))
     speed = upper.schedule.top_speed()
     numbers = speed * np.sqrt(mass / (load * length))
     body = int(np.argmax(numbers))
@@ -84,6 +84,6 @@ def _diameters(state: State) -> np.ndarray:
     return 2.0 * np.maximum.reduceat(distance, state.start[:-1])
 
 
-def _shortest_stroke(schedule: Schedule) -> float:
+def shortest_stroke(schedule: Schedule) -> float:
     """Return the shortest stroke, peak to peak [m]; infinite without strokes."""
     return min((abs(s.b) for s in (*schedule.x, *schedule.y) if s.kind != motion.POLYNOMIAL), default=np.inf)

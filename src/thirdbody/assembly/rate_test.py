@@ -40,6 +40,10 @@ class SlowedSimulation(Simulation):
         """Time at which a run by duration ends [s]; infinite for a run by distance."""
         return self.later(self.whole.end_time)
 
+    def scene_time(self, time: float) -> float:
+        """Return the time [s] in the scene as it was given at which its plate is at the same position."""
+        return self.whole.scene_time(self.changeover + (time - self.changeover) / self.factor)
+
 
 def slow_down(whole: Simulation, changeover: float, factor: float) -> SlowedSimulation:
     """Return a simulation with the state and the integrator of another, whose plate moves slower from a time [s] on.

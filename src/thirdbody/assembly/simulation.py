@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.bed import Bed, bed_of, fast_bed_warnings
 from thirdbody.assembly.inertial_number import examine_inertia
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
+from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import Placed, State, World, assemble
@@ -51,9 +53,14 @@ MISMATCH = 0.02
 
 @dataclass
 class Simulation:
-    """Scene, state, integrator and compiled physics, ready to run, with the warnings for `check`."""
+    """Scene, state, integrator and compiled physics, ready to run, with the warnings for `check`.
+
+    `scene` has the speed at which it is computed, `requested` the one that was given: files and texts hold the latter. `bed`: the
+    debris between two plates, where bodies meet.
+    """
 
     scene: Scene
+    requested: Scene
     choice: CompiledPhysics
     labeller: Labeller | None
     state: State
@@ -63,6 +70,8 @@ class Simulation:
     warnings: list[str]
     force: bool = False
     relaxed: RelaxedStart | None = None
+    bed: Bed | None = None
+    speed_scale: SpeedScale | None = None
 
     @property
     def settle(self) -> float:
@@ -97,6 +106,15 @@ class Simulation:
         return self.end_distance if math.isfinite(self.end_distance) else self.schedule.path(self.settle, self.end_time)
 
     @property
+    def time_scale(self) -> float:
+        """Time of the scene as it was given over computed time, during the drag."""
+        return self.speed_scale.factor if self.speed_scale else 1.0
+
+    def scene_time(self, time: float) -> float:
+        """Return the time [s] in the scene as it was given, at a computed time; they are the same until the end of settling."""
+        return time if time <= self.settle else self.settle + (time - self.settle) * self.time_scale
+
+    @property
     def shortest_interval(self) -> float:
         """Output interval below which frames are one step apart [s or m]; 0 where steps end at every output."""
         if not self.integrator.divisible:
@@ -126,6 +144,9 @@ def build(
     order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
     placed = placed.reordered(order)
     ready()
+    requested, bed = scene, bed_of(scene, choice, placed) if debris_contact else None
+    scale = speed_scale(scene, choice, bed)
+    scene = at_computed_speed(scene, scale)
     upper = upper_plate(scene, choice, placed, warnings)
     _end_settling(scene, choice, upper)
     names = list(scene.materials)
@@ -139,11 +160,15 @@ def build(
     chosen = plan(scene, choice, state)
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
+        refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
-        simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force, relaxed)
+        simulation = Simulation(
+            scene, requested, choice, labeller, state, slow, chosen, upper, warnings, force, relaxed
+        )  # fmt: skip
         _refuse_unreached(simulation)
         _examine_interval(simulation)
         return simulation
+    warnings += fast_bed_warnings(scene, bed) if bed else []
     # imported here: an implicit run then loads none of it
     from thirdbody.engine.explicit import Explicit
 
@@ -151,7 +176,9 @@ def build(
     integrator.start()
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
-    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force, relaxed)
+    simulation = Simulation(
+        scene, requested, choice, labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale
+    )  # fmt: skip
     _refuse_unreached(simulation)
     _examine_interval(simulation)
     _refuse_endless(simulation, integrator, force)
@@ -248,18 +275,19 @@ def _examine_interval(simulation: Simulation) -> None:
     every, by_time = scene.output.every, scene.output.every_kind == "time"
     whole = simulation.planned_time if by_time else simulation.planned_distance
     kind = "time" if by_time else "length"
+    shown = simulation.time_scale if by_time else 1.0
     if whole > 0.0 and too_long(every, whole):
-        report = too_long_message(every, whole, kind)
+        report = too_long_message(shown * every, shown * whole, kind)
         simulation.warnings.append(f"output.every: {report}; only the start and the end are written")
     if every < simulation.shortest_interval:
-        step = units.pretty(simulation.shortest_interval, kind)
+        step = units.pretty(shown * simulation.shortest_interval, kind)
         simulation.warnings.append(
-            f"output.every: {units.pretty(every, kind)} is less than one time step, {step}{'' if by_time else ' of sliding'}: "
-            "there is one frame after every step, and no more"
+            f"output.every: {units.pretty(shown * every, kind)} is less than one time step, {step}"
+            f"{'' if by_time else ' of sliding'}: there is one frame after every step, and no more"
         )
     if whole > MAX_FRAMES * every:
         message = (
-            f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "
+            f"{units.pretty(shown * every, kind)} makes {whole / every:.3g} frames of {units.pretty(shown * whole, kind)}, "
             f"at most {MAX_FRAMES:g} are written"
         )
         raise InputError(scene.fault(("output", "every"), message))

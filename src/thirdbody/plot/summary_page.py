@@ -174,6 +174,8 @@ def headline(data: RunData) -> list[str]:
         lines.append(f"Not finished, {data.frames} frame{'s' if data.frames > 1 else ''} kept: {why}")
     elif data.summary.get("stopped"):
         lines.append(f"Stopped after {data.frames} frame{'s' if data.frames > 1 else ''}: {data.summary['stopped']}")
+    if data.summary.get("speed_scale"):
+        lines.append(f"speed scaled: {data.summary['speed_scale']['text']}")
     if "energy_verdict" in data.summary:
         lines.append(data.summary["energy_verdict"])
     return [line for text in lines for line in textwrap.wrap(text[:1].upper() + text[1:], LETTERS)]

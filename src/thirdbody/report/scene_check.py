@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 from thirdbody.kernels.columns import patch
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
+from thirdbody.report.bed_report import bed_report, print_bed, speed_report
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
 from thirdbody.runner.run_warnings import run_warnings
@@ -95,7 +96,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
     costs = run_warnings(built, wall, framing, disk, integration["trial_stopped"])
     return {
         "title": built.scene.title,
-        "scene": built.scene.document(),
+        "scene": built.requested.document(),
         "bodies": state.n_bodies,
         "spheres": state.n_spheres,
         "law": {
@@ -125,6 +126,8 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "labels": built.labeller.name if built.labeller else "none",
         },
         "upper_plate": _plate_report(built),
+        "bed": bed_report(built),
+        "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
         "integrator": built.plan.kind,
         "integrator_reason": built.plan.reason,
         "estimated_wall_time": wall,
@@ -271,6 +274,7 @@ def print_check(report: dict[str, Any]) -> None:
     _print_costs(report)
     _print_integration(report)
     _print_plate(report)
+    print_bed(report)
     _print_laws(report)
     print()
     print(toml_text(report["scene"]))

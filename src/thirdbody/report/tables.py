@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.errors import InputError, printable
+from thirdbody.quantity import duration
 from thirdbody.system.terminal import print_line, terminal_of
 from thirdbody.units import pretty
 
@@ -87,6 +88,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"),
             *([("steps limited by", step_words(report))] if step_words(report) else []),
             ("sliding distance", pretty(report["distance"], "length")),
+            *([("speed", speed_words(report))] if report.get("speed_scale") else []),
             ("friction coefficient", str(result.friction)),
             *bed_rows(result.bed),
             *([("rate test", str(result.rate_test))] if result.rate_test else []),
@@ -114,6 +116,13 @@ def _relaxed_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     far, mean = start["largest_displacement"], start["mean_displacement"]
     distances = f", by {far:.2g} radii at most, {mean:.2g} in the mean" if start["bodies_moved"] else ""
     return [("start relaxed", f"{start['bodies_moved']} of {summary['bodies']} bodies moved{distances}")]
+
+
+def speed_words(report: Mapping[str, Any]) -> str:
+    """Describe the two speeds of a run that was computed at another speed than its scene asks for, from its summary."""
+    time, wall = report["simulated_time"], report["wall_time"]
+    requested = duration(wall * report["scene_time"] / time) if time > 0.0 else "unknown"
+    return f"{report['speed_scale']['text']}; {duration(wall)} instead of about {requested}"
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

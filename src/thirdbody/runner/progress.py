@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from thirdbody.errors import printable
-from thirdbody.system.terminal import progress_bar
+from thirdbody.system.terminal import print_line, progress_bar
 
 LINES = 10
 """Lines of progress of a whole run where there is no terminal for a bar."""
@@ -30,18 +30,23 @@ Reporter = Callable[[Progress], None]
 
 
 @contextmanager
-def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None]:
+def reporting(progress: bool | Reporter, title: str, speed: object | None = None) -> Iterator[Reporter | None]:
     """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself."""
     if progress is True:
-        with reporter_for_terminal(title) as report:
+        with reporter_for_terminal(title, speed) as report:
             yield report
     else:
         yield progress or None
 
 
 @contextmanager
-def reporter_for_terminal(title: str) -> Iterator[Reporter]:
-    """Yield a reporter that draws on standard error while that can be written to."""
+def reporter_for_terminal(title: str, speed: object | None = None) -> Iterator[Reporter]:
+    """Yield a reporter that draws on standard error while that can be written to.
+
+    `speed`: printed first, the two speeds of a scene that is computed at another one than it asks for.
+    """
+    if sys.stderr is not None and speed is not None:
+        print_line(f"speed: {speed}", err=True)
     if sys.stderr is None:  # the program was started without one; print would take standard output
         yield lambda _: None
     elif sys.stderr.isatty():

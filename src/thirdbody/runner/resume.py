@@ -79,7 +79,7 @@ def resume(
         warnings.warn(warning, stacklevel=2)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
     cut(simulation, *workers_of((unfinished_parts(folder), executor), threads), plugins)
-    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+    with reporting(progress, simulation.scene.title, simulation.speed_scale) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
     return open_run(folder)
 

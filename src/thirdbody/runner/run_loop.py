@@ -64,7 +64,8 @@ class RunLoop:
         self.maker = FrameMaker(
             simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means, bed_measures(simulation)
         )
-        self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
+        self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
+        self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
         self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:

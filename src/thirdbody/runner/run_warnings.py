@@ -57,7 +57,8 @@ def _wider(built: Simulation, times: float) -> str:
     output = built.scene.output
     # below a time step the interval makes no difference
     every = max(output.every, built.shortest_interval) * math.ceil(times)
-    return pretty(every, "time" if output.every_kind == "time" else "length")
+    by_time = output.every_kind == "time"
+    return pretty(every * built.time_scale if by_time else every, "time" if by_time else "length")
 
 
 def _lengths(built: Simulation) -> str:

@@ -94,7 +94,7 @@ def run(
         warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
     cut(simulation, *workers_of(parts, threads), plugins)
-    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+    with reporting(progress, simulation.scene.title, simulation.speed_scale) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, overwrite, stop)
     return open_run(folder)
 
@@ -211,7 +211,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         title = f"{scene.title or 'run'}, rate test at 1/{simulation.factor:g} of the speed"
         test = {"title": title, "rate_test": {"factor": simulation.factor, "changeover": simulation.changeover}}
     return {
-        "scene_text": scene.to_toml(),
+        "scene_text": simulation.requested.to_toml(),
         "title": scene.title,
         "state_names": list(labeller.states) if labeller else ["unlabelled"],
         "reason_names": list(labeller.reasons) if labeller else ["none"],
@@ -224,6 +224,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "effects": [effect.name for effect in simulation.choice.effects],
         "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
         "debris_contact": debris_contact(simulation),
+        **({"speed_scale": simulation.speed_scale.report()} if simulation.speed_scale else {}),
         "warnings": simulation.warnings,
         "versions": {
             "thirdbody": __version__,

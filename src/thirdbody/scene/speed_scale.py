@@ -15,7 +15,8 @@ def at_speed(scene: Scene, factor: float) -> Scene:
 
     Velocities of the upper plate (sliding and closing) and frequencies of strokes are multiplied by the factor; durations of
     stages, of the run and of time between outputs are divided by it, so that every event happens at the same displacement. The
-    load history is divided too: a load belongs to the place on the path where it acts. Settling, the time step and the initial
+    load history is divided too: a load belongs to the place on the path where it acts. A wanted inertial number is that of the
+    new speed. Settling, the time step and the initial
     velocities of bodies are no part of the drive and stay as they are. Raises ValueError unless the factor is positive.
     """
     if not 0.0 < factor < math.inf:
@@ -63,7 +64,9 @@ def _pause_or_table(stage: Pause | Table, factor: float) -> Pause | Table:
 
 
 def _solver(solver: Solver, factor: float) -> Solver:
-    return solver.model_copy(update={"duration": _shorter(solver.duration, factor)})
+    number = solver.inertial_number
+    number = None if number is None else number * factor
+    return solver.model_copy(update={"duration": _shorter(solver.duration, factor), "inertial_number": number})
 
 
 def _output(output: Output, factor: float) -> Output:

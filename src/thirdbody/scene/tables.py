@@ -237,6 +237,11 @@ class Solver(Part):
 
     The summary then tells whether friction, solid fraction and labels depend on the speed. Example: 3.
     """
+    inertial_number: Annotated[float, Quantity(ge=1e-6, le=0.1)] | None = None
+    """Bed of debris: the plate moves at the speed that gives this inertial number, whatever speed the scene asks for.
+
+    Distances, outputs and loads stay at their places on the path; a stroke changes its frequency. Example: 1e-3.
+    """
     tolerance: Fraction | None = None
     """Implicit integrator: error of a step over the radius of the largest contact; 5e-4 where it is not given. Example: 1e-4."""
     largest_step: PositiveLength | None = None

@@ -98,7 +98,7 @@ def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[st
 
     A shorter distance (or time) after settling, with the frames closer together.
     """
-    solver, output = built.scene.solver, built.scene.output
+    solver, output = built.requested.solver, built.requested.output
     settled = built.settle / built.planned_time
     if fraction >= CLOSE or settled >= 1.0:
         return {}, []
@@ -110,7 +110,7 @@ def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[st
     left = _round(fraction * whole)
     report = f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}"
     changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)}
-    span = built.planned_distance if output.every_kind == "distance" else built.planned_time
+    span = built.planned_distance if output.every_kind == "distance" else built.scene_time(built.planned_time)
     every = min(output.every, _round(fraction * span / FRAMES))
     if every < output.every:
         unit = "length" if output.every_kind == "distance" else "time"
@@ -125,7 +125,7 @@ def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str
     Writing them takes as long for every variant.
     """
     by_length = scene.output.every_kind == "distance"
-    span, unit = (built.planned_distance, "length") if by_length else (built.planned_time, "time")
+    span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
     every = _round(span / FRAMES)
     if every <= 1.2 * scene.output.every or every > span:
         return {}, []

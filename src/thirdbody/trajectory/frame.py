@@ -1,5 +1,6 @@
 """Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ class FrameMaker:
         self.impulses = impulses_of(self.state)
         self.interval_means: dict[str, np.ndarray] = {}  # over the interval that ends with the last frame
         self.interval = 0.0  # since the previous frame [s]
+        self.scene_time: Callable[[float], float] | None = None  # time of the scene at a computed time, where they differ
         self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
 
@@ -189,6 +191,8 @@ class FrameMaker:
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
             series |= parts_of(accommodation(self.drag, s) if mean is None else mean)
+        if self.scene_time is not None:
+            series["scene_time"] = self.scene_time(s.time)
         if states is not None and self.labeller is not None:
             for code, name in enumerate(self.labeller.states):
                 series[f"fraction_{name}"] = float(np.mean(states == code))

@@ -12,6 +12,7 @@ class Name(NamedTuple):
 
 SERIES = {
     "time": Name("s", "Time since the start."),
+    "scene_time": Name("s", "The same at the speed that the scene asks for; with `solver.inertial_number` only."),
     "distance": Name("m", "Path of the upper plate since the end of settling."),
     "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
     "gap": Name("m", "Distance between the surfaces of the plates: that of the common plate, else the mean over the patches."),

@@ -34,6 +34,9 @@ def figures(run: Run) -> dict[str, Any]:
     result["duration"] = float(run.times[-1] - run.times[0])
     if "distance" in series:
         result["distance"] = float(series["distance"][-1])
+    if "scene_time" in series:
+        result["speed_scale"] = run.header.get("speed_scale")
+        result["scene_time"] = float(series["scene_time"][-1])
     if "friction_coefficient" in series:
         friction = run.friction
         result["friction_coefficient"] = friction.value

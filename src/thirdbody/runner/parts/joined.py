@@ -195,7 +195,7 @@ def parts_at_work(simulation: Simulation, run: Path, stop: int, prints: dict[str
         return
     partition = joined.partition
     folder = files.parts_folder(run)
-    scene, above = simulation.scene.to_toml(), str(simulation.scene.beside("").absolute())
+    scene, above = simulation.requested.to_toml(), str(simulation.requested.beside("").absolute())
     plugins = [str(Path(path).absolute()) for path in partition.plugins]
     job = files.Job(scene, above, plugins, simulation.force, partition.number, prints)
     if files.read_job(folder) != job:

@@ -1,0 +1,161 @@
+"""A bed of debris between two plates, before the run: its height, pressure and bodies, and the inertial number expected of it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from thirdbody import units
+from thirdbody.assembly.inertial_number import shortest_stroke
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import first_load, schedule
+from thirdbody.engine.state import Placed
+from thirdbody.engine.upper_plate import Axis, ends_of
+from thirdbody.laws.elasticity import e_star
+from thirdbody.scene.model import Scene
+
+SOLID_FRACTION = 0.6
+"""Solid fraction that is expected of a settled bed: 0.58 to 0.64 for spheres and compact clumps."""
+
+SHEAR_ZONE = 10.0
+"""Height over the median diameter up to which a whole bed is taken to shear.
+
+Shear zones at a wall are 5 to 10 diameters thick (GDR MiDi, Eur. Phys. J. E 14, 2004, 341); a lower bed flows throughout.
+"""
+
+LAYERS = 3.0
+"""Least height of a bed over the median diameter: in a lower one most bodies touch a plate, and few only other bodies."""
+
+QUASI_STATIC, INERTIAL = 1e-3, 1e-2
+"""Inertial number up to which a bed counts as quasi-static, and above which it gives a warning.
+
+Its friction is higher by 0.001 and 0.01 then (`FRICTION_SLOPE`); the scatter of a run of some hundred bodies is about the latter.
+"""
+
+FRICTION_SLOPE = 0.26 / 0.28
+"""Increase of friction over a small inertial number: (mu_2 - mu_s)/I_0.
+
+Source: Jop, Forterre and Pouliquen, Nature 441, 2006, 727 (glass beads).
+"""
+
+
+class Bed(NamedTuple):
+    """Bed of debris between two plates, SI: `height` when settled, mean `density` of the bodies, smallest E* of two of them.
+
+    `pressure`: the smallest of the run; NaN where the plate is held at a gap. `diameter` and `largest_diameter`: the median, by
+    volume, and the largest of the volume-equivalent diameters. `speed`, `stroke`: largest speed of the plate, and its shortest
+    stroke, infinite without one.
+    """
+
+    height: float
+    pressure: float
+    density: float
+    diameter: float
+    largest_diameter: float
+    modulus: float
+    speed: float
+    stroke: float
+
+    @property
+    def layers(self) -> float:
+        """Height over the median diameter."""
+        return self.height / self.diameter
+
+    @property
+    def shear_rate(self) -> float:
+        """Shear rate [1/s]: the plate's speed over the height that shears, or over the stroke if that is shorter.
+
+        A plate that turns back changes the shear rate of the whole bed within the time of a stroke, which bodies must follow too.
+        """
+        return self.speed / min(self.height, SHEAR_ZONE * self.diameter, self.stroke)
+
+    @property
+    def inertial_time(self) -> float:
+        """Time in which the pressure moves a body of median size by its diameter, d sqrt(rho/P) [s]; NaN at a held gap."""
+        return math.inf if self.pressure == 0.0 else self.diameter * math.sqrt(self.density / self.pressure)
+
+    @property
+    def inertial_number(self) -> float:
+        """I, the shear rate times the inertial time. Source: GDR MiDi, Eur. Phys. J. E 14, 2004, 341."""
+        return self.shear_rate * self.inertial_time if self.speed > 0.0 else 0.0
+
+    @property
+    def softness(self) -> float:
+        """kappa = (E*/P)^(2/3); its inverse is of the order of the overlaps over the radius.
+
+        Source: Agnolin and Roux, Phys. Rev. E 76, 2007, 061304 (their stiffness level, with E* for E).
+        """
+        return math.inf if self.pressure == 0.0 else (self.modulus / self.pressure) ** (2.0 / 3.0)
+
+
+def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:
+    """Return the bed of a scene whose bodies meet; None without an upper plate."""
+    if scene.plates.upper is None:
+        return None
+    volumes = np.array([clump.volume for clump in placed.clumps])
+    diameters, solid = np.cbrt(6.0 / math.pi * volumes), float(volumes.sum())
+    area = scene.domain.size[0] * scene.domain.size[1]
+    median, plate = median_by_volume(diameters), schedule(scene, 0.0)
+    return Bed(
+        height=max(solid / (SOLID_FRACTION * area), median),
+        pressure=_smallest_load(scene, len(volumes), plate.load) / area,
+        density=float((placed.densities * volumes).sum()) / solid,
+        diameter=median,
+        largest_diameter=float(diameters.max()),
+        modulus=_modulus(scene, choice),
+        speed=plate.top_speed(),
+        stroke=shortest_stroke(plate),
+    )
+
+
+def median_by_volume(diameters: np.ndarray) -> float:
+    """Return d50 [m]: half of the volume is in bodies up to this diameter (n,)."""
+    order = np.sort(diameters)
+    filled = np.cumsum(order**3)
+    return float(order[np.searchsorted(filled, 0.5 * filled[-1])])
+
+
+def _smallest_load(scene: Scene, bodies: int, loads: Axis) -> float:
+    """Return the smallest load of the upper plate during the run [N]; NaN where its gap is held."""
+    upper = scene.plates.upper
+    assert upper is not None
+    if upper.gap is not None:
+        return math.nan
+    smallest = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
+    patches = bodies if upper.support == "load_per_particle" else 1
+    return first_load(scene) * smallest * patches + bodies * (upper.preload or 0.0)
+
+
+def _modulus(scene: Scene, choice: CompiledPhysics) -> float:
+    """Return the smallest E* of two bodies that can meet [Pa]."""
+    debris = {population.material for population in scene.debris}
+    return min(e_star(pair.a, pair.b) for pair in choice.pairs if {pair.a.name, pair.b.name} <= debris)
+
+
+def describe_bed(bed: Bed, number: float) -> str:
+    """Describe what an inertial number means for a bed."""
+    if math.isnan(number):
+        return "inertial number unknown before the run: the plate is held at a gap, so the pressure is a result"
+    if bed.layers < LAYERS:
+        return f"no bed, but less than {LAYERS:g} layers: bodies roll and slide from plate to plate, whatever this number is"
+    if number <= QUASI_STATIC:
+        return "quasi-static: friction does not depend on the speed"
+    if math.isinf(number):
+        return "not quasi-static: the load falls to zero, where the speed decides"
+    name = "nearly quasi-static" if number <= INERTIAL else "not quasi-static"
+    return f"{name}: friction is about {FRICTION_SLOPE * number:.1g} above that of slow shear"
+
+
+def fast_bed_warnings(scene: Scene, bed: Bed) -> list[str]:
+    """Return a warning of a bed that is sheared too fast to be called slow, with the speed that would be slow enough."""
+    number = bed.inertial_number
+    if scene.solver.inertial_number is not None or bed.layers < LAYERS or not INERTIAL < number < math.inf:
+        return []
+    slower = number / QUASI_STATIC
+    return [
+        f"this bed is not quasi-static: its inertial number is about {number:.2g}, and its friction about "
+        f"{FRICTION_SLOPE * number:.1g} above that of slow shear; solver.inertial_number = {QUASI_STATIC:g} would run at "
+        f"{units.pretty(bed.speed / slower, 'velocity')}, in {slower:.2g} times as many steps"
+    ]

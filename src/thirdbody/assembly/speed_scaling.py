@@ -1,0 +1,152 @@
+"""Another speed than the scene asks for: that at which the inertial number of its bed is `solver.inertial_number`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from thirdbody import units
+from thirdbody.assembly.bed import LAYERS, Bed
+from thirdbody.assembly.inertial_number import SLOW
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import first_load
+from thirdbody.dimensions import DIMENSIONS
+from thirdbody.errors import InputError
+from thirdbody.laws.contract import BodyEffect, Law
+from thirdbody.scene.model import Scene
+from thirdbody.scene.schema_base import Location
+from thirdbody.scene.speed_scale import at_speed
+
+KEY: Location = ("solver", "inertial_number")
+
+IMPLICIT = "is for the explicit integrator; the implicit one takes slow motion as it is, and needs no other speed"
+
+SECOND = 2
+"""Index of the second among the powers of a dimension."""
+
+FARTHEST = 1e12
+"""Largest factor between the two speeds, either way: beyond, one of them is a slip of the pen."""
+
+
+class SpeedScale(NamedTuple):
+    """How much faster a scene is computed than it asks for: `factor`; largest speeds of the plate [m/s] both ways.
+
+    `inertial_number`: the estimate at the computed speed; `target`: that of the scene.
+    """
+
+    factor: float
+    requested: float
+    computed: float
+    inertial_number: float
+    target: float
+
+    def __str__(self) -> str:
+        """Return both speeds: `1 mm/s requested, computed at 84 mm/s, x84; I = 9.7e-4`."""
+        requested, computed = (units.pretty(speed, "velocity") for speed in (self.requested, self.computed))
+        return f"{requested} requested, computed at {computed}, x{self.factor:g}; I = {self.inertial_number:.2g}"
+
+    def report(self) -> dict[str, Any]:
+        """Return the numbers by name, and the whole as `text`."""
+        return self._asdict() | {"text": str(self)}
+
+
+def speed_scale(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> SpeedScale | None:
+    """Return the scale of the speed that a scene asks for, None without. Raises InputError where it would change the result.
+
+    The factor has two digits and is rounded down, so that the inertial number stays below its target.
+    """
+    target = scene.solver.inertial_number
+    if target is None:
+        return None
+    if (location_and_reason := _obstacle(scene, choice, bed)) is not None:
+        raise InputError(scene.fault(*location_and_reason))
+    assert bed is not None
+    ratio = target / bed.inertial_number
+    if not 1.0 / FARTHEST < ratio < FARTHEST:
+        raise InputError(scene.fault(KEY, f"{target:g} would change the speed by a factor of {ratio:.2g}; was it intended?"))
+    factor = _two_digits(ratio)
+    scale = SpeedScale(factor, bed.speed, factor * bed.speed, factor * bed.inertial_number, target)
+    if reason := _slow_plate(scene, bed, scale):
+        raise InputError(scene.fault(*reason))
+    return scale
+
+
+def refuse_scale(scene: Scene, scale: SpeedScale | None) -> None:
+    """Raise InputError for a scaled speed in the implicit integrator."""
+    if scale is not None:
+        raise InputError(scene.fault(KEY, IMPLICIT))
+
+
+def at_computed_speed(scene: Scene, scale: SpeedScale | None) -> Scene:
+    """Return the scene at the speed at which it is computed."""
+    if scale is None:
+        return scene
+    scaled = at_speed(scene, scale.factor)
+    return scaled.model_copy(update={"solver": scaled.solver.model_copy(update={"inertial_number": scale.target})})
+
+
+def _two_digits(ratio: float) -> float:
+    """Return a number rounded down to two digits; one that misses the next by rounding errors is that one."""
+    step = 10.0 ** (math.floor(math.log10(ratio)) - 1)
+    return float(f"{math.floor(ratio / step * (1.0 + 1e-9)) * step:.1e}")
+
+
+def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[Location, str] | None:
+    """Return the key of a scene, and why its speed must not be scaled; None where it may."""
+    upper = scene.plates.upper
+    if upper is None or not upper.motion.moving():
+        return KEY, "scales the speed of the upper plate, and here none moves: add plates.upper.motion"
+    if scene.solver.integrator == "implicit":
+        return KEY, IMPLICIT
+    if bed is None:
+        return KEY, (
+            "is for a bed, whose bodies meet each other, and here none do: bodies between the plates alone need no scaled speed, "
+            "the implicit integrator takes slow motion as it is"
+        )
+    if upper.gap is not None:
+        return KEY, "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
+    if upper.support != "rigid":
+        return KEY, (
+            f"is for a rigid plate: each patch of support = '{upper.support}' has a mass and a dashpot of its own, and answers "
+            "in a time that the speed does not change"
+        )
+    if bed.layers < LAYERS:
+        return KEY, (
+            f"is for a bed of at least {LAYERS:g} layers, and this debris fills {bed.layers:.1f}: a plate on single bodies rises "
+            "and falls with them, in a time that its mass and dashpot give, whatever the speed"
+        )
+    if bed.pressure == 0.0:
+        return KEY, "needs a load at all times: where it falls to zero no motion is slow, and bodies fly"
+    timed = timed_parts(choice)
+    return (KEY, f"would change what {', '.join(timed)} does, which acts in time and not over distance") if timed else None
+
+
+def timed_parts(choice: CompiledPhysics) -> list[str]:
+    """Return the names of laws and effects that depend on time: those with an option whose unit is odd in the second.
+
+    Forces, pressures and accelerations hold the second squared; a rate, a viscosity, a speed or a relaxation time does not.
+    """
+    everything: list[Law | BodyEffect] = [*choice.chain.laws, *choice.effects]
+    return [part.name for part in everything if any(DIMENSIONS[option.dimension].powers[SECOND] % 2 for option in part.options)]
+
+
+def _slow_plate(scene: Scene, bed: Bed, scale: SpeedScale) -> tuple[Location, str] | None:
+    """Return the key and the reason where a mass or a dashpot that the scene gives is too large for the computed speed."""
+    upper = scene.plates.upper
+    assert upper is not None
+    area, load = scene.domain.size[0] * scene.domain.size[1], first_load(scene)
+    rate = scale.factor * bed.shear_rate
+    # time in which the load moves the plate by a diameter
+    number = rate * math.sqrt((upper.mass or 0.0) * bed.diameter / (bed.pressure * area))
+    if number > SLOW:
+        return ("plates", "upper", "mass"), (
+            f"the plate would follow the bed too slowly at the computed speed ({scale}): shear rate times sqrt(M d/W) is "
+            f"{number:.2g}, at most {SLOW:g}"
+        )
+    fraction = (upper.damping or 0.0) * scale.computed / load
+    if fraction > 1.0:
+        return ("plates", "upper", "damping"), (
+            f"the dashpot would carry {fraction:.2g} times the load at the computed speed ({scale}), since it acts in time: "
+            "leave it out"
+        )
+    return None

@@ -1,0 +1,203 @@
+"""A bed at the speed of a given inertial number: the estimate before the run, both speeds and times, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from steel import STEEL
+
+from thirdbody.assembly.bed import Bed, describe_bed, median_by_volume
+from thirdbody.assembly.simulation import build
+from thirdbody.errors import InputError, Interrupted
+from thirdbody.report.scene_check import Check, check_report
+from thirdbody.runner.prepare import prepare
+from thirdbody.runner.resume import resume
+from thirdbody.runner.run_loop import WallTimes
+from thirdbody.runner.simulate import execute, run
+from thirdbody.scene.model import Scene
+from thirdbody.trajectory.reader import open_run
+
+# 60 balls of 10 um on 1000 um2: 52 um at a solid fraction of 0.6, 5.2 layers
+BED = (
+    STEEL
+    + """\
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 60
+seed = 2
+placement = "dense"
+[domain]
+size = ["40 um", "25 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+pressure = "2.5 MPa"
+motion = {x = {velocity = "1 mm/s"}}
+[solver]
+distance = "0.2 um"
+settle = "0.2 us"
+inertial_number = 0.05
+[output]
+every = "0.05 um"
+"""
+)
+HEIGHT = 60 * math.pi / 6.0 * 1e-15 / 0.6 / 1000e-12
+INERTIAL_TIME = 10e-6 * math.sqrt(7850.0 / 2.5e6)
+
+
+def scene(**settings) -> Scene:
+    return Scene.parse(BED, "bed.toml").with_settings({key.replace("__", "."): value for key, value in settings.items()})
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run at a scaled speed."""
+    return run(scene(), tmp_path_factory.mktemp("scaled") / "run", 1, False)
+
+
+def test_the_estimate_is_that_of_the_formulas():
+    bed = build(scene()).bed
+    number = 1e-3 / HEIGHT * INERTIAL_TIME
+    assert (bed.height, bed.pressure, bed.diameter) == pytest.approx((HEIGHT, 2.5e6, 10e-6), rel=1e-12)  # rounding
+    assert bed.inertial_number == pytest.approx(number, rel=1e-12)
+    assert bed.softness == pytest.approx((210e9 / (2.0 * (1.0 - 0.3**2)) / 2.5e6) ** (2.0 / 3.0), rel=1e-12)
+
+
+def test_a_high_bed_shears_in_ten_diameters_and_a_short_stroke_within_itself():
+    bed = Bed(1e-3, 1e6, 1e4, 1e-5, 2e-5, 1e11, 1.0, math.inf)
+    assert bed.shear_rate == pytest.approx(1.0 / 1e-4)
+    assert bed._replace(stroke=2e-6).shear_rate == pytest.approx(1.0 / 2e-6)
+    assert bed.inertial_number == pytest.approx(1e4 * 1e-5 * 0.1)
+
+
+def test_half_of_the_volume_lies_below_the_median():
+    sizes = np.array([2.0, 1.0, 1.0, 3.0])
+    assert median_by_volume(sizes) == 3.0 and median_by_volume(sizes[:3]) == 2.0 and median_by_volume(np.ones(4)) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(1e-4, "quasi-static: friction does not"), (5e-3, "nearly quasi-static: friction is about 0.005"),
+     (0.05, "not quasi-static: friction is about 0.05"), (math.inf, "load falls to zero"), (math.nan, "held at a gap")],
+)  # fmt: skip
+def test_a_verdict_in_words(number, words):
+    assert words in describe_bed(Bed(5e-5, 1e6, 1e4, 1e-5, 1e-5, 1e11, 1.0, math.inf), number)
+
+
+def test_the_speed_is_that_of_the_wanted_inertial_number_and_never_above():
+    built = build(scene())
+    scale, number = built.speed_scale, built.bed.inertial_number
+    assert scale.requested == 1e-3 and scale.computed == built.schedule.top_speed() == scale.factor * 1e-3
+    assert scale.factor == float(f"{scale.factor:.1e}")  # two digits
+    assert 0.05 / 1.1 < scale.inertial_number == scale.factor * number <= 0.05
+    assert built.planned_distance == 0.2e-6
+    assert built.scene_time(built.planned_time) - built.settle == pytest.approx(0.2e-6 / 1e-3, rel=1e-9)
+
+
+def test_a_speed_above_it_is_lowered():
+    scale = build(scene(plates__upper__motion__x__velocity="100 m/s")).speed_scale
+    assert scale.factor < 1.0 and 0.05 / 1.1 < scale.inertial_number <= 0.05
+
+
+def test_a_stroke_keeps_its_length_and_changes_its_frequency():
+    stroke = {"stroke": "0.1 um", "frequency": "100 Hz"}
+    built = build(scene(plates__upper__motion__x=stroke, solver__duration="0.02 s", output__every="2 ms"))
+    scale, segment = built.speed_scale, built.schedule.x[0]
+    assert segment.b == 0.1e-6 and segment.c == pytest.approx(2.0 * math.pi * 100.0 * scale.factor)
+    assert built.scene.solver.duration == pytest.approx(0.02 / scale.factor)
+    # a rate of v over the stroke, which is far shorter than the bed is high
+    assert scale.inertial_number == pytest.approx(math.pi * 100.0 * scale.factor * INERTIAL_TIME)
+
+
+def test_check_prints_both_speeds_and_both_wall_times():
+    built = build(scene())
+    report = check_report(built)
+    scale = report["speed_scale"]
+    assert scale["target"] == 0.05 and scale["requested_wall_time"] > 2.0 * report["estimated_wall_time"]
+    assert report["bed"]["inertial_number"] == pytest.approx(scale["inertial_number"])
+    assert report["scene"]["plates"]["upper"]["motion"] == {"x": {"velocity": "1 mm/s"}}  # the scene as it was given
+    text = str(Check(report))
+    assert f"speed: 1 mm/s requested, computed at {scale['text'].split(' at ')[1]}; about" in text and " instead of " in text
+    assert "debris of 5.2 layers of 10 um (median diameter), inertial number 0.0" in text
+    assert "not quasi-static" in text and json.dumps(report["bed"])
+
+
+def test_a_fast_bed_gives_a_warning_with_the_remedy():
+    fast = build(scene(solver__inertial_number=None, plates__upper__motion__x__velocity="10 m/s"))
+    warning = next(text for text in fast.warnings if "not quasi-static: its inertial number" in text)
+    assert "solver.inertial_number = 0.001 would run at 93" in warning and "times as many steps" in warning
+    slow = build(scene(solver__inertial_number=None))
+    assert not any("inertial number" in text for text in slow.warnings) and slow.speed_scale is None
+
+
+def test_a_run_keeps_both_times(finished):
+    series, summary = finished.series, finished.summary()
+    scale = summary["speed_scale"]
+    # the first frame is that of the start, the second that of the end of settling
+    elapsed, given = (series[name][-1] - series[name][1] for name in ("time", "scene_time"))
+    assert given == pytest.approx(scale["factor"] * elapsed, rel=1e-9)  # rounding
+    assert given == pytest.approx((series["distance"][-1] - series["distance"][1]) / 1e-3, rel=1e-9)
+    assert series["scene_time"][0] == series["time"][0] == 0.0
+    assert summary["scene_time"] == series["scene_time"][-1] and finished.units["scene_time"] == "s"
+    assert finished.header["speed_scale"]["text"] == scale["text"]
+    assert Scene.parse(finished.scene_text) == scene()
+
+
+def test_a_run_without_the_key_has_none_of_it(tmp_path):
+    # absent costs nothing, and an unscaled speed is computed bit for bit as it was given
+    plain = build(scene(solver__inertial_number=None, plates__upper__motion__x__velocity="2 m/s"))
+    assert plain.scene is plain.requested and plain.time_scale == 1.0 and plain.scene_time(1.0) == 1.0
+
+
+def test_a_run_goes_on_with_the_same_bits(finished, tmp_path):
+    count = [0]
+
+    def stop():
+        count[0] += 1
+        return count[0] > 40
+
+    with pytest.raises(Interrupted):
+        execute(prepare(scene()), tmp_path / "run", 1, stop=stop, times=WallTimes(every=math.inf))
+    with open_run(tmp_path / "run") as part:
+        assert part.frames < finished.frames
+    with resume(tmp_path / "run", 1, False) as whole:
+        assert list(whole.series) == list(finished.series)
+        for name, values in finished.series.items():
+            assert np.array_equal(whole.series[name], values, equal_nan=True), name
+
+
+GAP = {"plates.upper.pressure": None, "plates.upper.gap": "80 um"}
+EACH = {"plates.upper.pressure": None, "plates.upper.support": "load_per_particle", "plates.upper.load": "1 mN"}
+REFUSED = {
+    "no motion": ({"plates.upper.motion": None, "solver.duration": "1 us", "output.every": "1 us"}, "here none moves"),
+    "implicit": ({"solver.integrator": "implicit"}, "the implicit one takes slow motion as it is"),
+    "no contact": ({"contact.debris_contact": "none"}, "whose bodies meet each other"),
+    "gap": (GAP, "needs a pressure"),
+    "patches": (EACH, "each patch of support = 'load_per_particle' has a mass"),
+    "two layers": ({"debris.0.count": 24}, "this debris fills 2.1"),
+    "no load": ({"plates.upper.loading": {"load": "0 N", "duration": "1 us"}}, "needs a load at all times"),
+    "drag in time": ({"effects.damping": {"rate": "1e4 1/s"}}, "would change what damping does, which acts in time"),
+    "heavy plate": ({"plates.upper.mass": "1 kg"}, "the plate would follow the bed too slowly"),
+    "dashpot": ({"plates.upper.damping": "1 kg/s"}, "the dashpot would carry"),
+}
+
+
+@pytest.mark.parametrize(("settings", "words"), REFUSED.values(), ids=REFUSED)
+def test_a_speed_that_would_change_the_result_is_refused(settings, words):
+    with pytest.raises(InputError) as error:
+        build(scene().with_settings(settings))
+    (fault,) = error.value.faults
+    assert words in fault.message and fault.key.startswith(("solver.inertial_number", "plates.upper."))
+    assert error.value.exit_code == 3
+
+
+@pytest.mark.parametrize("number", [0.0, -1e-3, 1e-9, 0.5, "1 mm/s", True])
+def test_the_number_has_a_range(number):
+    with pytest.raises(InputError, match="inertial_number"):
+        scene(solver__inertial_number=number)
