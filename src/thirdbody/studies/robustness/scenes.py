@@ -85,11 +85,11 @@ def scene(
     trial: Trial, debris: Sequence[Any], materials: dict[str, Material], friction: float, restitution: float = 1.0,
     size: float = 10.0, lower: str | None = None, upper: UpperPlate | None = None, **tables: Any,
 ) -> Scene:  # fmt: skip
-    """Return a scene for the integrator, the level and the time step of a trial; all pairs alike.
+    """Return a scene for the integrator, the level and the time step of a trial; all pairs alike, unless given.
 
     `tables` may replace whole tables.
     """
-    pairs = tuple(
+    pairs = tables.pop("pairs", None) or tuple(
         Pair(between=names, friction=friction, restitution=restitution)
         for names in itertools.combinations_with_replacement(materials, 2)
     )

@@ -1,0 +1,118 @@
+"""The debris of the main scene by both integrators: what a run tells at equal distances, and how far two runs agree.
+
+How far two runs can agree at all is told by a third one: explicit again, from starts that differ by `NUDGE`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import thirdbody
+from thirdbody.bodies.layer_packing import projected_area
+from thirdbody.engine.state import refresh_spheres
+from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.runner.prepare import prepare
+
+SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"
+
+PATH, STOPS = 20e-6, 20
+"""Drag, m, and the number of stops on it."""
+
+NUDGE = 1e-9
+"""Of the particle's size, and of a radian."""
+
+
+@dataclass
+class Story:
+    """What a run tells at equal distances: labels (F, n), friction (F), centres (F, n, 3), and which bodies have touched others.
+
+    `seconds` of sliding, `size` of the domain, m.
+    """
+
+    labels: np.ndarray
+    friction: np.ndarray
+    centres: np.ndarray
+    met: np.ndarray
+    seconds: float
+    size: np.ndarray
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Share of equal labels at the end, and at all stops; differences of the mean friction over its value, of the mean place
+    over the drag; share of bodies whose places differ by less than 1 % of the drag."""
+
+    labels: float
+    all_labels: float
+    friction: float
+    place: float
+    alike: float
+
+    def __str__(self) -> str:
+        return (
+            f"labels {100.0 * self.labels:.2f} % ({100.0 * self.all_labels:.2f} % at all stops), "
+            f"friction {100.0 * self.friction:.3f} %, mean place {100.0 * self.place:.3f} % of the drag, "
+            f"{100.0 * self.alike:.1f} % of the bodies within 1 % of it"
+        )
+
+
+def dragged(scene: thirdbody.Scene, nudge: float = 0.0, path: float = PATH) -> Story:
+    """Return the story of a scene that is dragged by `path`, its bodies displaced and turned at the start by `nudge`."""
+    built = prepare(scene)
+    state = built.state
+    if nudge:
+        rng = np.random.default_rng(1)
+        shift = nudge * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
+        state.B[:, body.POSITION : body.POSITION + 2] += shift
+        q = state.bodies.quaternion
+        q += nudge * rng.standard_normal(q.shape)
+        q /= np.linalg.norm(q, axis=1)[:, None]
+        refresh_spheres(state)
+    built.integrator.advance_to(time=built.settle)
+    started, labels, friction, centres = time.perf_counter(), [], [], []
+    met = np.zeros(state.n_bodies, bool)
+    for stop in np.arange(1, STOPS + 1) * path / STOPS:
+        before = state.A.copy()
+        built.integrator.advance_to(distance=float(stop))
+        push = (state.A - before)[run_totals.UPPER_IMPULSE3]
+        labels.append(built.integrator.label()[:, 0])
+        friction.append(-push[0] / abs(push[2]))
+        centres.append(state.bodies.position.copy())
+        pairs = (state.slots.histories.slip > 0.0) & (state.slots.sides == DEBRIS)
+        met[state.body[state.slots.own[pairs]]] = met[state.body[state.slots.partner[pairs]]] = True
+    seconds = time.perf_counter() - started
+    return Story(np.array(labels), np.array(friction), np.array(centres), met, seconds, np.array(scene.domain.size))
+
+
+def agreement(a: Story, b: Story, path: float = PATH) -> Agreement:
+    """Return how far two stories agree."""
+    equal = a.labels == b.labels
+    apart = b.centres[-1] - a.centres[-1]
+    apart[:, :2] -= a.size * np.rint(apart[:, :2] / a.size)
+    return Agreement(
+        float(np.mean(equal[-1])),
+        float(np.mean(equal)),
+        abs(b.friction.mean() / a.friction.mean() - 1.0),
+        float(np.linalg.norm(apart.mean(axis=0))) / path,
+        float(np.mean(np.linalg.norm(apart, axis=1) < 0.01 * path)),
+    )
+
+
+def layer(fraction: float, bodies: int, **settings: object) -> thirdbody.Scene:
+    """Return the main scene with fewer bodies that cover this fraction of the lower plate, seen from above."""
+    base = thirdbody.Scene.load(SCENE)
+    size = np.array(base.domain.size)
+    wide = base.with_settings({"debris.0.count": bodies, "domain.size": _lengths(size * (bodies / 500.0) ** 0.5)})
+    state = prepare(wide).state
+    covered = sum(projected_area(state.S[state.body == number, :4]) for number in range(state.n_bodies))
+    stretch = (covered / (fraction * size.prod())) ** 0.5
+    return wide.with_settings({"domain.size": _lengths(size * stretch)} | settings)
+
+
+def _lengths(values: np.ndarray) -> list[str]:
+    return [f"{value:.9g} m" for value in values]
