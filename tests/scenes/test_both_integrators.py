@@ -1,7 +1,7 @@
 """The main scene by both integrators, at the speed at which both can run it: minutes, so not in CI.
 
-`PYTHONPATH=tests python tests/scenes/test_both_integrators.py` prints the table. The scene's particles are an ensemble here, since
-the implicit integrator has no contact between debris. A third run is explicit again, from starts that differ by 1e-9: how far two
+`PYTHONPATH=tests python tests/scenes/test_both_integrators.py` prints the table. The particles are an ensemble here, since the
+implicit integrator has no contact between debris. A third run is explicit again, from starts that differ by 1e-9: how far two
 runs can agree at all where particles tip.
 """
 
