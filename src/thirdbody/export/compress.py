@@ -18,7 +18,7 @@ from thirdbody.atomic_files import new_file, refuse_existing_file
 from thirdbody.errors import InputError, OutputError
 from thirdbody.trajectory.crash_safe_file import Sink
 from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.schema import BLOCKS, STATIC_TEXT
+from thirdbody.trajectory.schema import BLOCKS, PROFILES, STATIC_TEXT
 from thirdbody.trajectory.writer import FORMAT
 
 LEVEL = 4
@@ -59,6 +59,7 @@ def _run_faults(run: Run) -> Iterator[None]:
 def _committed_rows(run: Run) -> dict[str, int]:
     """Return for the path of every growing data set the number of rows in committed frames."""
     rows: dict[str, int] = {f"/series/{name}": run.frames for name in run.series}
+    rows |= {f"/{PROFILES}/{name}": run.frames * values.shape[1] for name, values in run.profiles.items()}
     for name in BLOCKS:
         block = run.file["VTKHDF"][name]
         static = run.header[STATIC_TEXT].get(name, ())

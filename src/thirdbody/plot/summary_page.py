@@ -23,6 +23,7 @@ from thirdbody.plot import panels_bed as bed
 from thirdbody.plot import panels_contacts as contacts
 from thirdbody.plot import panels_friction as friction
 from thirdbody.plot import panels_groups as groups
+from thirdbody.plot import panels_profiles as profiles
 from thirdbody.plot import panels_rate_test as rate
 from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
@@ -72,6 +73,12 @@ PANELS = (
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),
+    Panel("velocity_profile", profiles.why_no_profiles, profiles.velocity_title, profiles.draw_velocity, 2.4, True,
+          profiles.PROFILES_NOTE),
+    Panel("solid_profile", profiles.why_no_profiles, profiles.solid_title, profiles.draw_solid, 2.4, True),
+    Panel("stress_profile", profiles.why_no_profiles, profiles.stress_title, profiles.draw_stress, 2.4, True),
+    Panel("states_profile", profiles.why_no_state_profile, profiles.states_profile_title, profiles.draw_states_profile, 2.4,
+          True),
     Panel("utilisation", partial(contacts.why_no, "utilisation"), contacts.utilisation_title, contacts.draw_utilisation, 2.0,
           True, contacts.UTILISATION_NOTE),
     Panel("normal_force", partial(contacts.why_no, "normal_force"), contacts.normal_force_title, contacts.draw_normal_force, 2.0,

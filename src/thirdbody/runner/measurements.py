@@ -13,14 +13,17 @@ from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
+from thirdbody.trajectory.profiles import AXES, Profiler
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
-def interval_means(simulation: Simulation) -> IntervalMeans | None:
-    """Return the means that the outputs of a run need, None where they need none."""
+def interval_means(simulation: Simulation, profiler: Profiler | None = None) -> IntervalMeans | None:
+    """Return the means that the outputs of a run need, None where they need none. `profiler`: that of `profiler_of`."""
     samplers = samplers_of(simulation)
+    if samplers and profiler:
+        samplers["profiles"] = profiler
     if not samplers:
         return None
     state = simulation.state
@@ -44,6 +47,17 @@ def samplers_of(simulation: Simulation) -> dict[str, Sampler]:
     drag = np.array([*simulation.integrator.drag, 0.0])
     samplers: dict[str, Sampler] = {"velocity": body_velocities}
     return samplers | ({"accommodation": partial(accommodation, drag)} if has_accommodation(simulation.state, drag) else {})
+
+
+def profiler_of(simulation: Simulation) -> Profiler | None:
+    """Return the sampler of the profiles that a scene names, None where it names none."""
+    profiles, labeller, integrator = simulation.scene.output.profiles, simulation.labeller, simulation.integrator
+    if profiles is None:
+        return None
+    axis = AXES.index(profiles.axis)
+    if labeller is None:
+        return Profiler(profiles.bins, axis)
+    return Profiler(profiles.bins, axis, lambda: integrator.label()[:, 0], labeller.states)
 
 
 def is_bed(simulation: Simulation) -> bool:

@@ -17,7 +17,7 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import bed_measures, interval_means
+from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of
 from thirdbody.runner.output_schedule import changeover_stop, targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder, new_rate_test
@@ -60,10 +60,10 @@ class RunLoop:
         self.ledger = Ledger(simulation.state)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
-        self.means = interval_means(simulation)
-        self.maker = FrameMaker(
-            simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.means, bed_measures(simulation)
-        )
+        profiler = profiler_of(simulation)
+        self.means = interval_means(simulation, profiler)
+        drag, bed = simulation.integrator.drag, bed_measures(simulation)
+        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
         self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)

@@ -29,7 +29,7 @@ from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, o
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
-from thirdbody.trajectory.names import SERIES
+from thirdbody.trajectory.names import PROFILES, SERIES
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -204,6 +204,9 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
 
     scene, labeller = simulation.scene, simulation.labeller
     units = {name: entry.unit for name, entry in SERIES.items()}
+    profiles = scene.output.profiles
+    if profiles is not None:
+        units |= {name: entry.unit for name, entry in PROFILES.items()}
     if labeller is not None:
         units |= {f"fraction_{name}": "1" for name in labeller.states}
     test = {}
@@ -226,6 +229,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "debris_contact": debris_contact(simulation),
         **({"speed_scale": simulation.speed_scale.report()} if simulation.speed_scale else {}),
         "warnings": simulation.warnings,
+        **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
         "versions": {
             "thirdbody": __version__,
             "numba": numba.__version__,

@@ -162,6 +162,14 @@ NO_BED = "is for a bed, whose bodies meet each other"
 ALONE = "bodies between the plates alone are compared with a quasi-static run (solver.inertia = false)"
 
 
+def profile_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Return the fault of profiles without two plates."""
+    named, plates = entry(raw.get("output"), "profiles") is not None, raw.get("plates")
+    if not named or all(entry(plates, side) is not None for side in ("lower", "upper")):
+        return []
+    return [(("output", "profiles"), "profiles are taken between two plates: add plates.lower and plates.upper")]
+
+
 def interval_faults(solver: Any, output: Any) -> list[Wrong]:
     """Return the fault of an output interval longer than the distance; other runs have no length before they are assembled."""
     if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):

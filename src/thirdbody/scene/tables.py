@@ -1,9 +1,10 @@
 """The tables of a scene other than the debris: materials, pairs, plates, contact, effects, solver, output."""
 
 import numbers
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import SerializerFunctionWrapHandler, model_serializer
+from pydantic import BeforeValidator, SerializerFunctionWrapHandler, ValidationInfo, model_serializer
 
 from thirdbody import units
 from thirdbody.scene.field_types import (
@@ -24,10 +25,11 @@ from thirdbody.scene.field_types import (
     RateFactor,
     Speed,
     Text,
+    Whole,
     listing,
     show,
 )
-from thirdbody.scene.json_schema import described, quantity_schema
+from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
 from thirdbody.scene.load_history import Loading
 from thirdbody.scene.motion import Motion
 from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
@@ -270,6 +272,25 @@ class Solver(Part):
 
 
 _EVERY = {"distance": "length", "time": "time"}
+MAX_BINS = 1000
+"""Largest number of slabs of profiles."""
+_BINS = Whole(ge=1, le=MAX_BINS)
+
+
+class Profiles(Part):
+    """Profiles of the debris: means in slabs of equal thickness between the plates."""
+
+    bins: Annotated[int, _BINS]
+    """Number of slabs. Example: 20."""
+    axis: Annotated[Literal["x", "y", "z"], Choice()] = "z"
+    """Axis across the slabs. Example: "y"."""
+
+
+def _bins_alone(value: Any, info: ValidationInfo) -> Any:
+    """Return a number as the table that it stands for."""
+    if isinstance(value, Mapping | Profiles):
+        return value
+    return {"bins": _BINS.read(value, info)}
 
 
 class Output(Part):
@@ -281,12 +302,14 @@ class Output(Part):
     every: Annotated[float, Quantity(gt=0)]
     """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
     every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
+    profiles: Annotated[Profiles, BeforeValidator(_bins_alone), ShortForm({"type": "integer"} | _BINS.limits())] | None = None
+    """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
         every = {"anyOf": [quantity_schema(dimension, {"exclusiveMinimum": 0}) for dimension in _EVERY.values()]}
-        return schema | {"properties": described({"every": every}, cls)}
+        return schema | {"properties": described({"every": every}, cls) | {"profiles": schema["properties"]["profiles"]}}
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -318,4 +341,7 @@ class Output(Part):
 
     @model_serializer(mode="wrap")
     def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {"every": units.format_si(self.every, _EVERY[self.every_kind])}
+        document = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
+        if self.profiles is None:
+            return document
+        return document | {"profiles": self.profiles.bins if self.profiles.axis == "z" else self.profiles.model_dump()}

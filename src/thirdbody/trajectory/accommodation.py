@@ -49,8 +49,9 @@ def accommodation(drag: Array, state: State) -> Array:
     if weights is None:
         return np.zeros(len(ACCOMMODATION) + 1)
     p, q = weights
-    velocity = state.bodies.velocity @ drag
-    top, bottom, rim, ground = p @ velocity, q @ velocity, p @ upper_rim, q @ lower_rim
+    # sums without BLAS, whose bits depend on the number of its threads
+    velocity = np.sum(state.bodies.velocity * drag, axis=1)
+    top, bottom, rim, ground = (float(np.sum(product)) for product in (p * velocity, q * velocity, p * upper_rim, q * lower_rim))
     return np.array([plate_speed(state, drag) - top - rim, bottom + ground, rim - ground, top - bottom, 1.0])
 
 
@@ -67,7 +68,7 @@ def plate_contacts(state: State, side: int, drag: Array) -> tuple[Array, Array]:
     pressed = (slots.sides == side) & (slots.histories.slip > 0.0) & (records.normal_force > 0.0)
     on = np.flatnonzero(pressed)
     owner, force = state.body[slots.own[on]], records.normal_force[on]
-    added = np.cross(state.bodies.spin[owner], records.point[on]) @ drag
+    added = np.sum(np.cross(state.bodies.spin[owner], records.point[on]) * drag, axis=1)
     total = np.bincount(owner, force, n)
     return total, np.divide(np.bincount(owner, force * added, n), total, out=np.zeros(n), where=total > 0.0)
 

@@ -29,20 +29,10 @@ def accommodation_fractions(run: Run) -> dict[str, float] | None:
         return None
     parts = np.array([run.series[name] for name in ACCOMMODATION])
     along = np.sign(run.drag.steps) * np.diff(run.times, prepend=run.times[:1])
-    frames = _frames(run) & np.isfinite(parts).all(axis=0)
+    frames = run.drag.steady & np.isfinite(parts).all(axis=0)
     paths = parts[:, frames] @ along[frames]
     total = float(paths.sum())
     return dict(zip(WORDS, (paths / total).tolist(), strict=True)) if total > 0.0 else None
-
-
-def _frames(run: Run) -> np.ndarray:
-    """Return the frames (F,), bool, whose output intervals count."""
-    if not run.drag.stroke:
-        return run.drag.second_half
-    chosen = np.zeros(run.frames, bool)
-    if run.drag.cycles:
-        chosen[run.drag.cycles[-1].start + 1 : run.drag.cycles[-1].stop] = True
-    return chosen
 
 
 def accommodation_text(fractions: dict[str, float]) -> str:

@@ -16,9 +16,13 @@ from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import POSITION
 from thirdbody.trajectory.state_groups import code_name
 
-SERIES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "cycles", "transitions")
+SERIES, PROFILES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = (
+    "series", "profiles", "bodies", "contacts", "cycles", "transitions",
+)  # fmt: skip
+BY_FRAME = PROFILES, BODIES, CONTACTS
+"""Tables with many rows for each frame."""
 
-_COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz"}
+_COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz", 9: [f"{a}{b}" for a in "xyz" for b in "xyz"]}
 _UNITS = {"time": "s", "distance": "m"} | ARRAY_UNITS
 _SIDES = {LOWER: "lower", UPPER: "upper", DEBRIS: "debris"}
 
@@ -32,11 +36,14 @@ class Column(NamedTuple):
 
 
 def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
-    """Return one of TABLES; bodies and contacts of one frame, or of all frames concatenated.
+    """Return one of TABLES; profiles, bodies and contacts of one frame, or of all frames concatenated.
 
-    Raises ValueError for another name, IndexError for a frame outside the run, AttributeError when the run has no states.
+    Raises ValueError for another name, IndexError for a frame outside the run, AttributeError when the run has no states or
+    profiles.
     """
-    if name in (BODIES, CONTACTS):
+    if name == PROFILES and not run.profiles:
+        raise AttributeError(f"{run.path}: this run has no profiles; output.profiles = 20 in its scene records some")
+    if name in BY_FRAME:
         same = zip(*tables_by_frame(run, name, frame), strict=True)
         return [Column(parts[0].name, parts[0].unit, np.concatenate([part.values for part in parts])) for parts in same]
     if name not in TABLES:
@@ -49,10 +56,11 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
 
 
 def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[list[Column]]:
-    """Yield the table of bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
+    """Yield the table of profiles, bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
+    table_of = {PROFILES: _profiles, BODIES: _bodies, CONTACTS: _contacts}[name]
     for number in numbers:
-        yield (_bodies if name == BODIES else _contacts)(run, number)
+        yield table_of(run, number)
 
 
 def _series(run: Run) -> list[Column]:
@@ -69,6 +77,15 @@ def _transitions(run: Run) -> list[Column]:
         if name in ("from", "to", "reason"):
             columns += _named(name, values, run.reason_names if name == "reason" else run.state_names)
     return columns
+
+
+def _profiles(run: Run, number: int) -> list[Column]:
+    arrays = {name: values[number] for name, values in run.profiles.items()}
+    slabs = len(arrays[POSITION])
+    columns = [Column("slab", "", np.arange(slabs))]
+    for name, values in arrays.items():
+        columns += _as_columns(name, values.reshape(slabs, -1) if values.ndim > 1 else values, run.units[name])
+    return _stamped(run, number, columns)
 
 
 def _bodies(run: Run, number: int) -> list[Column]:

@@ -13,20 +13,22 @@ from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.interval_means import IntervalMeans
+from thirdbody.trajectory.profiles import Profiler
 from thirdbody.trajectory.schema import Frame
 
 
 class FrameMaker:
     """Builder of frames; holds the impulses of the previous frame for means over the output interval.
 
-    `means`: of what is sampled between the frames; None where nothing is. `bed`: measures of a bed; None without one.
+    `means`: of what is sampled between the frames; None where nothing is. `bed`: measures of a bed; None without one. `profiler`:
+    of the profiles; None without them.
     """
 
     def __init__(
         self, state: State, ledger: Ledger, labeller: Labeller | None, drag: np.ndarray, means: IntervalMeans | None = None,
-        bed: BedMeasures | None = None,
+        bed: BedMeasures | None = None, profiler: Profiler | None = None,
     ) -> None:  # fmt: skip
-        self.means, self.bed = means, bed
+        self.means, self.bed, self.profiler = means, bed, profiler
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self.interval_means: dict[str, np.ndarray] = {}  # over the interval that ends with the last frame
@@ -63,7 +65,15 @@ class FrameMaker:
             clump = s.order[s.body[self.spheres]]
             spheres["state"] = clumps["state"][clump]
             spheres["state_reason"] = clumps["state_reason"][clump]
-        return Frame(s.time, spheres, clumps, contacts, self._plates(), self._series(clumps.get("state"), contacts))
+        series = self._series(clumps.get("state"), contacts)
+        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles())
+
+    def _profiles(self) -> dict[str, np.ndarray]:
+        """Return the profiles over the interval that ends now, of this instant where nothing is sampled between the frames."""
+        if self.profiler is None:
+            return {}
+        mean = self.interval_means.get("profiles")
+        return self.profiler.profiles(self.profiler(self.state) if mean is None else mean, self.state)
 
     def _contacts(self) -> dict[str, np.ndarray]:
         s, slots = self.state, self.state.slots

@@ -149,8 +149,21 @@ TRANSITIONS = {
     "reason": Name("1", "Reason for the new state, a code of `reason_names`."),
     "position": Name("m", "Its centre of mass, (T, 3)."),
 }
+PROFILES = {
+    "position": Name("m", "Middle of the slab, (F, bins)."),
+    "solid_fraction": Name("1", "Volume of debris over that of the slab."),
+    "velocity": Name("m/s", "Mean velocity of the debris in the slab, rotation included, (F, bins, 3)."),
+    "angular_velocity": Name("rad/s", "Mean angular velocity of the bodies, by volume in the slab, (F, bins, 3)."),
+    "coordination_number": Name("1", "Mean number of loaded contacts of a body, by volume in the slab; those with plates count."),
+    "contact_stress": Name("Pa", "Stress by contact forces, (F, bins, 3, 3): force a on a face across b; pressure is positive."),
+    "kinetic_stress": Name("Pa", "Stress by velocities of the bodies other than their mean, (F, bins, 3, 3)."),
+}
+"""One value per frame and slab, means over the output interval; labelled runs have the fraction of the volume of debris in each
+state as well. Only with `output.profiles`."""
+
 TABLES = {
-    "series": SERIES, "bodies": CLUMPS, "spheres": SPHERES, "contacts": CONTACTS, "cycles": CYCLES, "transitions": TRANSITIONS,
+    "series": SERIES, "profiles": PROFILES, "bodies": CLUMPS, "spheres": SPHERES, "contacts": CONTACTS, "cycles": CYCLES,
+    "transitions": TRANSITIONS,
 }  # fmt: skip
 """All tables by the names that `Run` gives them."""
 

@@ -153,22 +153,22 @@ class Run(RunArrays):
         Parameters
         ----------
         table : str
-            `series`, `bodies`, `contacts`, `cycles` or `transitions`.
+            `series`, `profiles`, `bodies`, `contacts`, `cycles` or `transitions`.
         frame : int, optional
-            Frame of bodies and contacts; None: all frames concatenated (column `frame`).
+            Frame of profiles, bodies and contacts; None: all frames concatenated (column `frame`).
 
         Returns
         -------
         pandas.DataFrame
-            Series have one row per frame, bodies and contacts one row each. Vectors are columns `_x`, `_y`, `_z`; states and
-            reasons are given by code and by name. Units by column are in `.attrs["units"]`.
+            Series have one row per frame, profiles one per slab, bodies and contacts one row each. Vectors are columns `_x`,
+            `_y`, `_z`; states and reasons are given by code and by name. Units by column are in `.attrs["units"]`.
 
         Raises
         ------
         ImportError
             pandas is not installed; it is needed here only.
         ValueError, IndexError, AttributeError
-            There is no such table, no such frame, no states.
+            There is no such table, no such frame, no states, no profiles.
         """
         try:
             import pandas

@@ -17,7 +17,7 @@ import numpy as np
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import OpenFile
-from thirdbody.trajectory.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.trajectory.texts import read_text, refuse_large_texts
 from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
 
@@ -119,10 +119,28 @@ class RunArrays:
         )
 
     @cached_property
+    def profiles(self) -> dict[str, np.ndarray]:
+        """Profiles by name, each (F, bins) or (F, bins, ...), empty without `output.profiles`; units in `units`.
+
+        Means in slabs across one axis (`header["profiles"]["axis"]`) and over the output interval: `position` of the middle of
+        each slab (F, bins) [m], `velocity` (F, bins, 3) [m/s], `solid_fraction`, `contact_stress` and `kinetic_stress`
+        (F, bins, 3, 3) [Pa], and more; `trajectory.profiles` defines them, `thirdbody keys profiles` lists all names.
+        """
+        group, bins = self._profiles_group, self.header.get(PROFILES, {}).get("bins", 0)
+        read = self._steady("the profiles", lambda: {name: group[name][: self.frames * bins] for name in group})
+        tails = {name: (3, 3) if values.shape[1:] == (9,) else values.shape[1:] for name, values in read.items()}
+        return Named((name, values.reshape(self.frames, bins, *tails[name])) for name, values in read.items())
+
+    @property
+    def _profiles_group(self) -> Mapping[str, h5py.Dataset]:
+        return self.file.get(PROFILES, {})
+
+    @cached_property
     def units(self) -> dict[str, str]:
-        """Unit of each series, `1` for a pure number."""
+        """Unit of each series and profile, `1` for a pure number."""
+        groups = {PROFILES: self._profiles_group, "series": self._series_group}
         return self._steady(
-            "the units", lambda: Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
+            "the units", lambda: Named((name, str(group[name].attrs["units"])) for group in groups.values() for name in group)
         )
 
     @cached_property
@@ -307,7 +325,9 @@ class RunArrays:
             static = self.header[STATIC_TEXT].get(name, ())
             blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items() if k not in static}
         series = {name: values[number] for name, values in self.series.items()}
-        return Frame(time=float(self.times[number]), series=series, **blocks)
+        profiles = {name: values[number] for name, values in self.profiles.items()}
+        profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
+        return Frame(time=float(self.times[number]), series=series, profiles=profiles, **blocks)
 
     def close(self) -> None:
         """Close the file; may be called twice."""

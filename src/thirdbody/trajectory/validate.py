@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.trajectory.schema import BLOCKS, STATIC_TEXT
+from thirdbody.trajectory.schema import BLOCKS, PROFILES, STATIC_TEXT
 
 DENSEST = 1100
 """Largest ratio of stored numbers to bytes in the file: deflate reaches at most 1032 to 1."""
@@ -27,7 +27,7 @@ _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
     "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
-    STATIC_TEXT: dict,
+    STATIC_TEXT: dict, PROFILES: dict,
 }  # fmt: skip
 _WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "warnings")
 
@@ -59,10 +59,12 @@ def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> N
     _refuse_header(header)
     for name in BLOCKS:
         _refuse_block(file.filename, file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
-    for name in file["series"]:
-        values = sound(file.filename, file["series"][name], frames)
-        if not isinstance(values.attrs["units"], str):
-            raise TypeError(f"{values.name} has no units")
+    rows = frames * header.get(PROFILES, {"bins": 0})["bins"]
+    for group, count in (("series", frames), (PROFILES, rows)):
+        for name in file.get(group, ()):
+            values = sound(file.filename, file[group][name], count)
+            if not isinstance(values.attrs["units"], str):
+                raise TypeError(f"{values.name} has no units")
 
 
 def _refuse_header(header: Mapping[str, Any]) -> None:
@@ -77,6 +79,9 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
             raise TypeError(f"/scene/{STATIC_TEXT} names no arrays of {name}")
     if not all(isinstance(unit, str) for unit in header["units"].values()):
         raise TypeError("/scene/units holds other than texts")
+    slabs = header.get(PROFILES, {"bins": 1, "axis": "z"})
+    if not isinstance(slabs["bins"], int) or slabs["bins"] < 1 or slabs["axis"] not in ("x", "y", "z"):
+        raise ValueError(f"/scene/{PROFILES}: {str(slabs)[:60]}")
     size = header.get("domain", {}).get("size", [1.0, 1.0])
     if len(size) != 2 or not all(isinstance(x, int | float) and 0.0 < x < np.inf for x in size):
         raise ValueError(f"/scene/domain: size {str(size)[:60]}")

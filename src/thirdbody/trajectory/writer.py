@@ -3,6 +3,7 @@
     /VTKHDF   MultiBlockDataSet of four temporal PolyData blocks: spheres, clumps, contacts, plates
     /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
     /series   one dataset per series, first axis the frame, with an attribute `units`
+    /profiles one dataset per profile, the slabs of every frame after those of the last one, likewise; only if there are profiles
 
 Requirements of VTK's reader, each established from a file that it read as empty: `Type` is fixed-length ASCII; the assembly holds
 soft links in tracked order; all four cell groups exist; arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame,
@@ -34,7 +35,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.trajectory.crash_safe_file import PAGE, Sink
 from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
-from thirdbody.trajectory.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.trajectory.schema import BLOCKS, PROFILES, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is killed, and such a file
 # does not open.
@@ -148,6 +149,7 @@ class TrajectoryWriter:
         self._series_group = self._file.require_group("series")
         self.frames = int(self._series_group.attrs.get("NSteps", 0))
         self._series = {name: Column(self._series_group[name]) for name in self._series_group}
+        self._profiles = {name: Column(values) for name, values in self._file.get(PROFILES, {}).items()}
 
     def append(self, frame: Frame) -> None:
         """Write and commit one frame.
@@ -157,6 +159,8 @@ class TrajectoryWriter:
         arrays = {name: block.plain(frame.block(name)) for name, block in self._blocks.items()}
         if self.frames and set(frame.series) != set(self._series):
             raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
+        if self.frames and set(frame.profiles) != set(self._profiles):
+            raise ValueError(f"profiles {sorted(frame.profiles)} differ from those of the first frame")
         nbytes = sum(array.nbytes for block in arrays.values() for array in block.values())
         self._require_space(nbytes)
         with self._write_errors():
@@ -166,6 +170,7 @@ class TrajectoryWriter:
             for name, block in self._blocks.items():
                 block.append(arrays[name])
             self._append_series(frame.series)
+            self._append_profiles(frame.profiles)
             self._flush()
             self._commit(frame.time)
 
@@ -176,6 +181,14 @@ class TrajectoryWriter:
                 self._series[name] = growing(self._series_group, name, row.shape, np.float64)
                 self._series_group[name].attrs["units"] = self._units.get(name, "1")
             self._series[name].add(row)
+
+    def _append_profiles(self, profiles: Arrays) -> None:
+        for name, values in profiles.items():
+            if name not in self._profiles:
+                group = self._file.require_group(PROFILES)
+                self._profiles[name] = growing(group, name, values.shape[1:], np.float64, len(values))
+                group[name].attrs["units"] = self._units.get(name, "1")
+            self._profiles[name].extend(np.asarray(values, np.float64))
 
     def _commit(self, time: float) -> None:
         frames = self.frames + 1

@@ -1,0 +1,163 @@
+"""Profiles: means of the debris in slabs between the plates, over an output interval.
+
+Everything is added up slab by slab, over the bodies and over time, and divided at the end:
+
+* A sphere counts in a slab with the part of its volume that lies there. The volume of a clump, whose spheres overlap, is spread
+  over them in proportion to theirs.
+* The velocity is that of the matter in the slab: of a sphere cut by a plane, rotation included.
+* Spin, contacts and states of a body have the weight of its volume in the slab.
+* The contact stress is sum f_a l_b / volume (J. Christoffersen, M. M. Mehrabadi, S. Nemat-Nasser, J. Appl. Mech. 48:339, 1981):
+  force f on a body and branch l from the centre of mass of the other one over the contact point to its own, with the part of both
+  lines that lies in the slab; at a plate the branch begins at the contact point. Pressure is positive. Where nothing is
+  accelerated, the components xz, yz, zz in every slab, times the area of the plates, are the force between the plates.
+* The kinetic stress is sum m (v - u)_a (v - u)_b / volume: velocities of the bodies less their mean u in the slab over the
+  interval. The stress of the debris is the sum of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.engine.state import State
+from thirdbody.kernels.columns import patch
+from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
+
+Array = NDArray[np.float64]
+AXES = "xyz"
+
+CHUNK = 1 << 20
+"""Numbers in a temporary array of spheres or contacts by slabs: 8 MB."""
+
+SPACE, VOLUME, VELOCITY, SPIN, CONTACTS, FORCE, MASS, MOMENTUM, FLUX, STATES = 0, 1, 2, 5, 8, 9, 18, 19, 22, 31
+"""First columns of the sums: volume of the slab, of debris in it, and this times the others; contact stress times volume; mass,
+momentum, and its flux; states."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profiler:
+    """Sampler of profiles (`interval_means`).
+
+    `axis`: 0, 1, 2 for x, y, z; `labels`: function that returns the state codes of all bodies (n,), None without a labeller;
+    `states`: their names.
+    """
+
+    bins: int
+    axis: int = 2
+    labels: Callable[[], Array] | None = None
+    states: Sequence[str] = ()
+
+    def __call__(self, state: State) -> Array:
+        """Return the sums over all bodies and contacts now, (bins, STATES + number of states). Contacts must have records."""
+        slabs, volume = self._slabs(state)
+        sums = np.zeros((self.bins, STATES + len(self.states)))
+        sums[:, SPACE] = volume / self.bins
+        self._add_bodies(state, slabs, sums)
+        self._add_contacts(state, slabs, sums)
+        return sums
+
+    def profiles(self, sums: Array, state: State) -> dict[str, Array]:
+        """Return the profiles, by the names of `names.PROFILES`, of sums or their mean over time: arrays (bins, ...).
+
+        What is an average over the debris is NaN in a slab without any.
+        """
+        space, volume, area = sums[:, SPACE], sums[:, VOLUME], float(np.prod(state.world.size))
+        extent = (*state.world.size, float(space.sum()) / area)[self.axis]
+        mean = np.divide(sums, volume[:, None], out=np.full_like(sums, np.nan), where=volume[:, None] > 0.0)
+        result = {
+            "position": (np.arange(self.bins) + 0.5) * extent / self.bins,
+            "solid_fraction": volume / space,
+            "velocity": mean[:, VELOCITY:SPIN],
+            "angular_velocity": mean[:, SPIN:CONTACTS],
+            "coordination_number": mean[:, CONTACTS],
+            "contact_stress": sums[:, FORCE:MASS] / space[:, None],
+            "kinetic_stress": _kinetic(sums) / space[:, None],
+        }
+        return result | {f"fraction_{name}": mean[:, STATES + code] for code, name in enumerate(self.states)}
+
+    def _slabs(self, state: State) -> tuple[Slabs, float]:
+        """Return the slabs between the plates, and the volume of all of them [m3]."""
+        upper, (length, width) = state.world.upper, state.world.size
+        assert upper is not None
+        height = float(np.max(state.P[: len(upper.heights), patch.HEIGHT]))
+        extent = (length, width, height)[self.axis]
+        return Slabs(0.0, extent, self.bins, self.axis < 2 and state.world.periodic), length * width * height
+
+    def _add_bodies(self, state: State, slabs: Slabs, sums: Array) -> None:
+        radii, body = state.spheres.radius, state.body
+        total = np.bincount(body, radii**3, state.n_bodies)
+        scale = (state.rayleigh_radius**3 / total)[body]  # so that the spheres of a clump have its volume together
+        density = state.bodies.mass / (4.0 / 3.0 * np.pi * state.rayleigh_radius**3)
+        masses, codes = self._mass_columns(state, density), self._codes(state)
+        per_body = np.column_stack([state.bodies.spin, contacts_of(state), *masses, *codes])
+        normal = np.zeros(3)
+        normal[self.axis] = 1.0
+        for part in chunks(len(radii), self.bins):
+            rows = body[part]
+            volume, moment = sphere_parts(slabs, state.spheres.position[part, self.axis], radii[part])
+            volume, moment = volume * scale[part, None], moment * scale[part, None]
+            spin = state.bodies.spin[rows]
+            arm = state.spheres.position[part] - state.bodies.position[rows]
+            velocity = state.bodies.velocity[rows] + np.cross(spin, arm)
+            sums[:, VOLUME] += volume.sum(axis=0)
+            # einsum without BLAS, whose bits depend on the number of its threads
+            sums[:, VELOCITY:SPIN] += np.einsum("sk,sd->kd", volume, velocity) + np.einsum(
+                "sk,sd->kd", moment, np.cross(spin, normal)
+            )
+            weighted = np.einsum("sk,sd->kd", volume, per_body[rows])
+            sums[:, SPIN:FORCE] += weighted[:, :4]
+            sums[:, MASS:] += weighted[:, 4:]
+
+    def _mass_columns(self, state: State, density: Array) -> tuple[Array, ...]:
+        """Return density, momentum and its flux per volume of each body: columns MASS, MOMENTUM, FLUX."""
+        v = state.bodies.velocity
+        flux = density[:, None, None] * v[:, :, None] * v[:, None, :]
+        return density, density[:, None] * v, flux.reshape(len(v), 9)
+
+    def _codes(self, state: State) -> tuple[Array, ...]:
+        """Return 1 for each body in each state, (n_bodies, states), if there are labels."""
+        return () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
+
+    def _add_contacts(self, state: State, slabs: Slabs, sums: Array) -> None:
+        """Add what each contact contributes to both of its bodies."""
+        slots, position = state.slots, state.bodies.position[:, self.axis]
+        on = np.flatnonzero(slots.histories.slip > 0.0)
+        for part in chunks(len(on), self.bins):
+            k = on[part]
+            force = slots.records.normal_force[k, None] * slots.records.normal[k] + slots.records.tangential_force[k]
+            self._add_lines(slabs, position[state.body[slots.own[k]]], slots.records.point[k], force, sums)
+            debris = k[slots.sides[k] == DEBRIS]
+            partner, back = state.body[slots.partner[debris]], -force[slots.sides[k] == DEBRIS]
+            self._add_lines(slabs, position[partner], slots.records.partner_point[debris], back, sums)
+
+    def _add_lines(self, slabs: Slabs, centres: Array, arms: Array, forces: Array, sums: Array) -> None:
+        """Add forces on bodies times lines from the contact point to their centres of mass, which are `arms` (n, 3) before it."""
+        fractions = line_parts(slabs, centres, arms[:, self.axis])
+        products = (forces[:, :, None] * -arms[:, None, :]).reshape(-1, 9)
+        sums[:, FORCE:MASS] += np.einsum("ck,cd->kd", fractions, products)
+
+
+def _kinetic(sums: Array) -> Array:
+    """Return the flux of momentum less that of the mean motion of each slab, (bins, 9) [J]."""
+    mass, momentum = sums[:, MASS, None, None], sums[:, MOMENTUM:FLUX]
+    carried = np.divide(momentum[:, :, None] * momentum[:, None, :], mass, out=np.zeros((len(sums), 3, 3)), where=mass > 0.0)
+    return sums[:, FLUX:STATES] - carried.reshape(-1, 9)
+
+
+def contacts_of(state: State) -> Array:
+    """Return the number of loaded contacts of each body, those with plates included, (n_bodies,)."""
+    slots = state.slots
+    loaded = np.flatnonzero((slots.histories.slip > 0.0) & (slots.records.normal_force != 0.0))
+    debris = loaded[slots.sides[loaded] == DEBRIS]
+    touched = np.concatenate([state.body[slots.own[loaded]], state.body[slots.partner[debris]]])
+    return np.bincount(touched, minlength=state.n_bodies).astype(float)
+
+
+def chunks(rows: int, bins: int) -> list[slice]:
+    """Return slices of rows that make temporary arrays of CHUNK numbers."""
+    size = max(CHUNK // bins, 1)
+    return [slice(first, first + size) for first in range(0, rows, size)]

@@ -1,0 +1,261 @@
+"""Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; and what a run does with them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from balls import BALLS, edited
+
+import thirdbody
+from thirdbody.engine.rows import Rows
+from thirdbody.errors import InputError
+from thirdbody.kernels.columns import body, contact_state, patch, record, sphere
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.scene.model import Scene
+from thirdbody.trajectory.profiles import Profiler
+from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
+
+L, W, H = 60e-6, 40e-6, 50e-6  # m
+R, DENSITY = 5e-6, 7850.0
+BALL = 4.0 / 3.0 * math.pi * R**3
+
+
+def test_spheres_are_cut_into_caps():
+    slabs = Slabs(0.0, 4.0, 4)
+    volume, moment = sphere_parts(slabs, np.array([1.0, 2.25, 0.5, 9.0]), np.array([1.0, 0.5, 1.0, 1.0]))
+    assert volume[0] == pytest.approx([2.0 / 3.0 * math.pi] * 2 + [0.0, 0.0])
+    assert moment[0] == pytest.approx([-0.25 * math.pi, 0.25 * math.pi, 0.0, 0.0])
+    cap = math.pi * 0.25**2 * (3.0 * 0.5 - 0.25) / 3.0  # height 0.25 of a sphere of radius 0.5
+    assert volume[1] == pytest.approx([0.0, cap, math.pi / 6.0 - cap, 0.0]) and moment[1].sum() == pytest.approx(0.0, abs=1e-15)
+    assert volume[2].sum() == pytest.approx(math.pi * 1.5**2 * (3.0 - 1.5) / 3.0)  # the lowest half of its radius is outside
+    assert not volume[3].any()
+
+
+def test_in_a_periodic_domain_nothing_is_lost():
+    slabs, rng = Slabs(0.0, 4.0, 5, periodic=True), np.random.default_rng(1)
+    centres, radii = rng.uniform(-9.0, 9.0, 50), rng.uniform(0.1, 1.9, 50)
+    volume, moment = sphere_parts(slabs, centres, radii)
+    assert volume.sum(axis=1) == pytest.approx(4.0 / 3.0 * math.pi * radii**3)
+    assert moment.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
+    assert volume == pytest.approx(sphere_parts(slabs, centres + 4.0, radii)[0], abs=1e-12)
+    assert line_parts(slabs, centres, rng.uniform(-2.0, 2.0, 50)).sum(axis=1) == pytest.approx(1.0)
+
+
+def test_lines_are_cut_in_proportion():
+    lines = line_parts(Slabs(0.0, 4.0, 4), np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5]))
+    assert lines == pytest.approx(
+        np.array([[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]])
+    )
+
+
+def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0, 0.0),), volume=None):
+    """A state of equal clumps between plates: balls of radius R at `offsets`; contacts as (owner, partner or side, point,
+    partner's point, force on the owner)."""
+    n, each = len(position), len(offsets)
+    B, S, P = np.zeros((n, body.WIDTH)), np.zeros((n * each, sphere.WIDTH)), np.zeros((1, patch.WIDTH))
+    volume = BALL if volume is None else volume
+    B[:, body.POSITION3], B[:, body.MASS] = position, DENSITY * volume
+    B[:, body.VELOCITY3] = 0.0 if velocity is None else velocity
+    B[:, body.SPIN3] = 0.0 if spin is None else spin
+    S[:, sphere.POSITION3] = np.repeat(position, each, axis=0) + np.tile(offsets, (n, 1))
+    S[:, sphere.RADIUS], P[:, patch.HEIGHT] = R, H
+    table, histories = np.zeros((len(contacts), record.WIDTH)), np.zeros((len(contacts), contact_state.MIN_WIDTH))
+    histories[:, contact_state.SLIP] = contact_state.CLOSED
+    owners, partners, sides = [], [], []
+    for row, (owner, partner, point, other, force) in zip(table, contacts, strict=True):
+        owners.append(owner * each)
+        partners.append(-1 if partner in ("lower", "upper") else partner * each)
+        sides.append({"lower": LOWER, "upper": UPPER}.get(partner, DEBRIS))
+        row[record.POINT3], row[record.PARTNER_POINT3] = point, other
+        force, normal = np.array(force, float), -np.array(point, float) / np.linalg.norm(point)
+        row[record.NORMAL3], row[record.NORMAL_FORCE] = normal, force @ normal
+        row[record.TANGENTIAL_FORCE3] = force - (force @ normal) * normal
+    slots = SimpleNamespace(
+        histories=Rows((histories, contact_state.table)), records=Rows((table, record.table)), own=np.array(owners, int),
+        partner=np.array(partners, int), sides=np.array(sides, int), R=table, count=len(contacts),
+    )  # fmt: skip
+    world = SimpleNamespace(upper=SimpleNamespace(heights=np.zeros(1)), size=(L, W), periodic=True)
+    return SimpleNamespace(
+        bodies=Rows((B, body.table)), spheres=Rows((S, sphere.table)), P=P, slots=slots, world=world, n_bodies=n,
+        body=np.repeat(np.arange(n), each), rayleigh_radius=np.full(n, np.cbrt(3.0 * volume / (4.0 * math.pi))),
+    )  # fmt: skip
+
+
+def profiles(state, bins=10, axis=2):
+    profiler = Profiler(bins, axis)
+    return profiler.profiles(profiler(state), state)
+
+
+FORCE = np.array([2e-4, -1e-4, 1e-3])  # of the lower plate on what it carries, N
+
+
+@pytest.mark.parametrize("lean", [0.0, 3e-6], ids=["straight", "crooked"])
+def test_a_column_carries_the_force_of_the_plates_in_every_slab(lean):
+    """Whatever its shape: the force that passes a plane does not depend on where."""
+    z = np.array([5.0, 15.0, 25.0, 35.0, 45.0]) * 1e-6
+    x = lean * np.array([1.0, -1.0, 1.0, -1.0, 1.0])
+    contacts = [(0, "lower", (0.0, 0.0, -R), (0.0, 0.0, 0.0), FORCE), (4, "upper", (0.0, 0.0, R), (0.0, 0.0, 0.0), -FORCE)]
+    for k in range(4):  # the upper ball owns the contact, at the middle between both centres
+        half = 0.5 * np.array([x[k] - x[k + 1], 0.0, -2.0 * R])
+        contacts.append((k + 1, k, half, -half, FORCE))
+    found = profiles(state_of(np.column_stack([x, 0.0 * x, z]), contacts=contacts))
+    stress = found["contact_stress"].reshape(-1, 3, 3)
+    # rounding of some ten sums
+    assert stress[:, :, 2] * L * W == pytest.approx(np.tile(FORCE, (10, 1)), rel=1e-12)
+    assert found["coordination_number"] == pytest.approx(2.0)
+    assert not found["kinetic_stress"].any()
+
+
+def test_plane_couette_flow_integrates_to_the_speed_of_the_plate():
+    rng, V = np.random.default_rng(2), 0.5
+    z = rng.uniform(R, H - R, 20000)
+    position = np.column_stack([rng.uniform(0.0, L, len(z)), rng.uniform(0.0, W, len(z)), z])
+    velocity = np.outer(V * z / H, [1.0, 0.0, 0.0])
+    found = profiles(state_of(position, velocity, np.tile([0.0, V / H / 2.0, 0.0], (len(z), 1))), 25)
+    v, position = found["velocity"][:, 0], found["position"]
+    assert position == pytest.approx((np.arange(25) + 0.5) * H / 25)
+    # away from the plates the profile is the flow itself: of 20 000 balls the mean of a slab is right to a few thousandths
+    middle = (position > 2.0 * R) & (position < H - 2.0 * R)
+    assert v[middle] == pytest.approx(V * position[middle] / H, rel=0.01)
+    rate = np.polyfit(position[middle], v[middle], 1)[0]
+    assert rate * H == pytest.approx(V, rel=0.01)
+    assert found["angular_velocity"][:, 1] == pytest.approx(V / H / 2.0)
+    # no momentum is lost to the slabs, whatever the rotation
+    momentum = np.sum(found["solid_fraction"] * v) * DENSITY * L * W * H / 25
+    assert momentum == pytest.approx(DENSITY * BALL * velocity[:, 0].sum(), rel=1e-12)
+    assert np.mean(found["solid_fraction"]) == pytest.approx(len(z) * BALL / (L * W * H), rel=1e-12)
+
+
+def test_the_velocity_of_a_cut_ball_has_its_rotation():
+    omega = 1e4
+    state = state_of(np.array([[0.0, 0.0, 0.5 * H]]), spin=np.array([[0.0, omega, 0.0]]))
+    # the centroid of half a ball is 3/8 R from its centre
+    assert profiles(state, 2)["velocity"][:, 0] == pytest.approx([-0.375 * R * omega, 0.375 * R * omega])
+
+
+def test_a_gas_has_the_kinetic_stress_of_its_density():
+    c, mean = 2.0, np.array([0.3, 0.0, -0.1])
+    velocity = mean + c * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    found = profiles(state_of(np.tile([0.0, 0.0, 0.5 * H], (4, 1)), velocity), 1)
+    stress = found["kinetic_stress"].reshape(3, 3)
+    expected = np.diag([2.0, 0.0, 2.0]) * DENSITY * BALL * c**2 / (L * W * H)
+    assert stress == pytest.approx(expected, abs=1e-12 * expected.max())
+    assert found["velocity"][0] == pytest.approx(mean)
+
+
+def test_a_clump_has_its_own_volume_and_an_empty_slab_no_velocity():
+    offsets, volume = ((0.0, 0.0, 0.0), (R, 0.0, 0.0)), 1.6 * BALL
+    state = state_of(np.array([[0.0, 0.0, 0.25 * H]]), np.array([[1.0, 0.0, 0.0]]), offsets=offsets, volume=volume)
+    found = profiles(state, 2)
+    assert found["solid_fraction"] == pytest.approx([volume / (L * W * H / 2.0), 0.0])
+    assert found["velocity"][0] == pytest.approx([1.0, 0.0, 0.0]) and np.isnan(found["velocity"][1]).all()
+    across = profiles(state, 4, axis=0)
+    assert across["position"] == pytest.approx((np.arange(4) + 0.5) * L / 4)
+    assert np.sum(across["solid_fraction"]) == pytest.approx(volume / (L * W * H / 4.0))
+
+
+RAMP = 'motion = {x = [{ramp = "0.5 m/s", duration = "1 us"}, {velocity = "0.5 m/s"}]}'
+ROLLERS = edited(
+    BALLS, ('motion = {x = {velocity = "0.5 m/s"}}', RAMP), ("7e-5 kg/s", "7e-4 kg/s"), ("0.1 um", "2 um"), ("0.05 um", "0.2 um")
+)
+
+
+@pytest.fixture(scope="module")
+def rolled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("profiles") / "run"
+    with thirdbody.run(Scene.parse(f"{ROLLERS}profiles = 8\n"), out=folder, progress=False) as run:
+        yield run
+
+
+def test_a_run_records_profiles(rolled):
+    found, frames = rolled.profiles, rolled.frames
+    assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
+    assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
+    assert sum(found[f"fraction_{name}"] for name in rolled.state_names) == pytest.approx(1.0)
+    assert found["position"][-1, -1] == pytest.approx(
+        rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3
+    )  # the mean over the interval
+
+
+def test_the_stress_of_rolling_balls_is_the_force_of_the_plates(rolled):
+    stress = rolled.profiles["contact_stress"] + rolled.profiles["kinetic_stress"]
+    area = np.prod(rolled.header["domain"]["size"])
+    load = rolled.series["upper_force"][:, 2]
+    late = rolled.series["distance"] > 1e-6
+    assert stress[late, :, 2, 2] * area == pytest.approx(np.tile(load[late, None], 8), rel=0.01)
+
+
+def test_velocities_of_rolling_balls_reach_those_of_the_plates(rolled):
+    """A ball that rolls without slip is at rest below and as fast as the plate above, a straight line between."""
+    late = np.flatnonzero(rolled.series["distance"] > 1e-6)
+    for k in late:
+        gap = rolled.series["gap"][k]
+        volume, moment = sphere_parts(Slabs(0.0, gap, 8), np.array([gap / 2.0]), np.array([R]))
+        centroid = gap / 2.0 + (moment / volume)[0]
+        # the ball vibrates about rolling by a fraction of a per cent of the speed
+        assert rolled.profiles["velocity"][k, :, 0] == pytest.approx(0.5 * centroid / gap, abs=0.01 * 0.5)
+
+
+def test_profiles_go_into_tables_and_copies(rolled, tmp_path):
+    rolled.export(csv=tmp_path / "tables", pack=tmp_path / "packed.vtkhdf", frame=3)
+    with open(tmp_path / "tables" / "profiles.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8 and float(rows[2]["contact_stress_xz [Pa]"]) == rolled.profiles["contact_stress"][3, 2, 0, 2]
+    assert float(rows[5]["velocity_x [m/s]"]) == rolled.profiles["velocity"][3, 5, 0] and rows[5]["slab"] == "5"
+    assert len(rolled.to_pandas("profiles")) == 8 * rolled.frames
+    with thirdbody.open(tmp_path / "packed.vtkhdf") as copy:
+        for name, values in rolled.profiles.items():
+            np.testing.assert_array_equal(copy.profiles[name], values)
+
+
+def test_profiles_are_drawn(rolled):
+    names = ["velocity_profile", "solid_profile", "stress_profile", "states_profile"]
+    drawn = {axes.get_label(): axes for axes in rolled.plot(panels=names).axes}
+    assert list(drawn) == names
+    line = drawn["velocity_profile"].lines[0]
+    assert len(line.get_xdata()) == 8 and "velocity" in drawn["velocity_profile"].get_xlabel()
+
+
+def test_without_the_key_there_is_nothing(tmp_path):
+    with thirdbody.run(Scene.parse(BALLS), out=tmp_path / "run", progress=False) as run:
+        assert run.profiles == {} and "profiles" not in run.header
+        with h5py.File(run.path) as file:
+            assert "profiles" not in file
+        with pytest.raises(AttributeError, match="output.profiles"):
+            run.to_pandas("profiles")
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("0", "output.profiles: 0 must be at least 1 and at most 1000"),
+        ("20.5", "output.profiles: expected a whole number, got 20.5"),
+        ('"z"', "output.profiles: expected a whole number, got 'z'"),
+        ("{bins = 2000}", "output.profiles.bins: 2000 must be at least 1 and at most 1000"),
+        ('{bins = 20, axis = "w"}', "output.profiles.axis: 'w' is not one of 'x', 'y', 'z'"),
+        ("{axis = 'x'}", "output.profiles.bins: required key is missing"),
+        ("{bins = 20, bin = 3}", "output.profiles.bin: unknown key, did you mean 'bins'?"),
+    ],
+)
+def test_faulty_keys(value, message):
+    with pytest.raises(InputError) as error:
+        Scene.parse(f"{BALLS}profiles = {value}\n")
+    assert message in str(error.value)
+
+
+def test_profiles_need_two_plates():
+    upper = BALLS[BALLS.index("[plates.upper]") : BALLS.index("[solver]")]
+    text = edited(BALLS, (upper, ""), ("0.05 um", "1 us"), ('distance = "0.1 um"', 'duration = "1 us"'))
+    with pytest.raises(InputError, match="between two plates: add plates.lower and plates.upper"):
+        Scene.parse(f"{text}profiles = 5\n")
+
+
+def test_the_key_is_saved_as_it_was_given():
+    for value in ("profiles = 20\n", '[output.profiles]\nbins = 20\naxis = "x"\n'):
+        scene = Scene.parse(BALLS + value)
+        assert value in scene.to_toml() and Scene.parse(scene.to_toml()) == scene
