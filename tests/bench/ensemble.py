@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import statistics
 import time
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import thirdbody
+from thirdbody.bodies.layer_packing import projected_area
 from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
@@ -32,7 +34,10 @@ SPRINGS = 16
 @dataclass(frozen=True)
 class Case:
     """One ensemble: `integrator` explicit or implicit, `level` of the law, speed of the drag, m/s, number of bodies, and its
-    whole way and the way between two outputs, m."""
+    whole way and the way between two outputs, m.
+
+    `fraction`: of the lower plate that a layer whose bodies meet covers, seen from above; None for bodies that do not meet.
+    """
 
     integrator: str
     level: str
@@ -40,6 +45,7 @@ class Case:
     bodies: int
     path: float = PATH
     every: float = EVERY
+    fraction: float | None = None
 
     @property
     def name(self) -> str:
@@ -48,13 +54,11 @@ class Case:
 
 
 def scene_of(case: Case) -> thirdbody.Scene:
-    """The shipped scene as an ensemble: its particles, as densely laid, that do not see each other."""
+    """The shipped scene with its particles as densely laid, which do not see each other, or at another area fraction, meeting."""
     scene = thirdbody.Scene.load(SCENE)
-    stretch = (case.bodies / (scene.debris[0].count or 1)) ** 0.5
-    width, depth = scene.domain.size
     settings: dict[str, Any] = {
         "debris.0.count": case.bodies,
-        "domain.size": [f"{stretch * width:.9g} m", f"{stretch * depth:.9g} m"],
+        "domain.size": _size(scene, case.bodies),
         "contact.law": "three_spot",
         "contact.level": case.level,
         "contact.debris_contact": "none",
@@ -67,7 +71,24 @@ def scene_of(case: Case) -> thirdbody.Scene:
         settings["contact.springs"] = SPRINGS
     if case.integrator == "implicit":
         settings["solver.on_failure"] = "continue"
+    if case.fraction is not None:
+        settings["contact.debris_contact"] = "auto"
+        settings["domain.size"] = _size(scene, case.bodies, covered_fraction(case.bodies) / case.fraction)
     return scene.with_settings(settings)
+
+
+def _size(scene: thirdbody.Scene, bodies: int, factor: float = 1.0) -> list[str]:
+    """The domain for this number of bodies, its area by a factor larger than that of as dense a layer as shipped."""
+    stretch = (factor * bodies / (scene.debris[0].count or 1)) ** 0.5
+    return [f"{stretch * length:.9g} m" for length in scene.domain.size]
+
+
+@functools.cache
+def covered_fraction(bodies: int) -> float:
+    """Fraction of the lower plate that the particles of the shipped scene cover, seen from above, as densely laid as there."""
+    state = prepare(scene_of(Case("explicit", "mindlin", 1.0, bodies))).state
+    areas = (projected_area(state.S[state.body == number, :4]) for number in range(state.n_bodies))
+    return float(sum(areas) / np.prod(state.world.size[:2]))
 
 
 def warm_up(integrator: str, level: str) -> float:

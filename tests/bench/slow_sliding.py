@@ -2,6 +2,7 @@
 
     python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
     python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
+    python tests/bench/slow_sliding.py --layers [--json FILE] [--bodies N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
 and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
@@ -19,6 +20,9 @@ spread (largest less smallest, over the median) and the peer's time over ours.
 With --scale: ensembles of 1e3, 1e4 and 1e5 particles slide 30 um at 1 mm/s on all cores, a process each. Told are the seconds per
 particle (wall time), where the time goes outside the stepping (making shapes, stable poses, places, output), peak memory and
 bytes per particle. All particles are made one by one as any scene makes them; none is repeated.
+
+With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one core. Told are the seconds
+per particle for 10 um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above.
 
 Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
 the wall time in which the one thread did run; far below 100 % means that others used the core.
@@ -41,6 +45,8 @@ from scale import in_process_of_its_own
 SPEEDS = [1.0, 10e-3, 1e-3]
 LEVELS = ["mindlin", "mdr"]
 SIZES, SCALE_PATH, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
+FRACTIONS, LAYER_PATH, LAYER_EVERY = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], 2e-6, 0.5e-6
+QUICK_FRACTIONS = [0.05, 0.3]
 QUICK_SIZES, QUICK_PATH = [100, 1_000], 1e-6
 
 Rows = list[dict[str, Any]]
@@ -54,7 +60,8 @@ def main() -> None:
     report: dict[str, Any] = {"machine": machine()}
     head = report["machine"]
     console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
-    report |= part_scale(requested, console) if requested.scale else part_speeds(requested, console)
+    part = part_scale if requested.scale else part_layers if requested.layers else part_speeds
+    report |= part(requested, console)
     report["load_at_end"] = machine()["load"]
     if requested.json:
         Path(requested.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
@@ -72,6 +79,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--peer-ns", type=float, default=NS_PER_SPHERE_STEP, help="ns per sphere and step (default %(default)s)")
     parser.add_argument("--peer-fraction", type=float, default=FRACTION, help="time step in Rayleigh times (default %(default)s)")
     parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
+    parser.add_argument("--layers", action="store_true", help="the third part: layers whose bodies meet, by area fraction")
     parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
     parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
     requested = parser.parse_args()
@@ -190,6 +198,34 @@ def print_memory(rows: Rows, console: Console) -> None:
         peak = row["peak_memory"]
         table.add_row(row["engine"], f"{row['bodies']}", *(f"{peak[k] / 1e6:.0f}" for k in ("end", "built", "imported")),
                       *(f"{row['bytes_per_particle'][kind]:.0f}" for kind in kinds), f"{row['disk'] / 1e6:.1f}")  # fmt: skip
+    console.print(table)
+
+
+def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """Layers whose bodies meet: an area fraction a line."""
+    fractions = QUICK_FRACTIONS if requested.quick else FRACTIONS
+    path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (LAYER_PATH, LAYER_EVERY)
+    slowest, rows = SPEEDS[-1], []
+    for fraction in fractions:
+        cases = [Case(kind, "mindlin", slowest, requested.bodies, path, every, fraction) for kind in ("implicit", "explicit")]
+        implicit = time_implicit(cases[0], requested.repeats)
+        explicit = time_explicit(cases[1], requested.repeats, requested.patience)
+        rows.append({"fraction": fraction, "implicit": implicit, "explicit": explicit})
+    print_layers(rows, requested, console)
+    return {"way": path, "rows": rows}
+
+
+def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
+    """Seconds per particle of both engines, and their ratio."""
+    title = (
+        f"seconds per particle per {1e6 * PATH:g} um of sliding at {_speed(SPEEDS[-1])}, one core; {requested.bodies} particles"
+    )
+    table = Table("area fraction", "implicit", "steps each", "unsolved", "explicit, extrapolated", "ratio", title=title)
+    for row in rows:
+        implicit, explicit = row["implicit"], row["explicit"]
+        seconds = [engine["seconds_per_particle"]["median"] for engine in (implicit, explicit)]
+        table.add_row(f"{row['fraction']:g}", f"{seconds[0]:.3g}", f"{implicit['steps_per_particle']:.0f}",
+                      str(implicit["unsolved"]), f"{seconds[1]:.3g}", f"{seconds[1] / seconds[0]:.3g}")  # fmt: skip
     console.print(table)
 
 
