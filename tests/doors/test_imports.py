@@ -14,7 +14,7 @@ SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
 OURS = sorted(SOURCE.rglob("*.py"))
 THEIRS = sorted(PLUGINS.rglob("*.py"))
 
-GROUND = {"errors", "dimensions", "units", "quantity", "palette", "atomic_files"}
+GROUND = {"errors", "dimensions", "units", "quantity", "granular_flow", "palette", "atomic_files"}
 """Modules of the root that every room may import."""
 
 # what each room may import besides itself and the ground, at the head of a module or in a function, for type checkers too
@@ -59,6 +59,7 @@ ROOT_MODULES = {
     "dimensions": set(),
     "palette": set(),
     "quantity": set(),
+    "granular_flow": {"quantity"},
     "units": {"dimensions", "errors"},
     "atomic_files": {"errors"},
 }

@@ -13,10 +13,11 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump
 from thirdbody.engine.state import Placed, World, assemble
+from thirdbody.granular_flow import median_by_mass
 from thirdbody.kernels.columns import body
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
-from thirdbody.trajectory.bed_measures import BedMeasures, Interval, median_by_mass
+from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.names import BED, SERIES
 
 R, DENSITY, MODULUS, PRESSURE = 5e-6, 7850.0, 1e11, 1e6

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import thirdbody
+from thirdbody.granular_flow import friction_increase, inertia_verdict
 from thirdbody.plot.summary_page import page
 from thirdbody.report.tables import run_report
-from thirdbody.trajectory.bed_verdict import bed_warning, friction_increase, inertia_verdict, softness_verdict, steady
+from thirdbody.trajectory.bed_verdict import bed_warning, softness_verdict, steady
 from thirdbody.trajectory.names import BED
 
 from ..layer import write_layer

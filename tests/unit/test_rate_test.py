@@ -142,7 +142,7 @@ def test_resume_of_the_folder_inside_and_of_a_run_past_two_thirds_is_refused(fin
 def test_a_foreign_rate_test_is_refused_and_a_copy_of_the_file_alone_has_none(finished, tmp_path):
     folder = Path(shutil.copytree(finished, tmp_path / "run"))
     simulation, saved = prepare_resume(folder)
-    simulation.scene = simulation.scene.with_settings({"title": "another"})
+    simulation.requested = simulation.requested.with_settings({"title": "another"})
     with pytest.raises(InputError, match="the rate test of another run"):
         execute(simulation, folder, checkpoint=saved)
     shutil.rmtree(folder / "rate_test")

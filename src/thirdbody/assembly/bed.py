@@ -13,6 +13,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.state import Placed
 from thirdbody.engine.upper_plate import Axis, ends_of
+from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, median_by_mass
 from thirdbody.laws.elasticity import e_star
 from thirdbody.scene.model import Scene
 
@@ -25,27 +26,12 @@ SHEAR_ZONE = 10.0
 Shear zones at a wall are 5 to 10 diameters thick (GDR MiDi, Eur. Phys. J. E 14, 2004, 341); a lower bed flows throughout.
 """
 
-LAYERS = 3.0
-"""Least height of a bed over the median diameter: in a lower one most bodies touch a plate, and few only other bodies."""
-
-QUASI_STATIC, INERTIAL = 1e-3, 1e-2
-"""Inertial number up to which a bed counts as quasi-static, and above which it gives a warning.
-
-Its friction is higher by 0.001 and 0.01 then (`FRICTION_SLOPE`); the scatter of a run of some hundred bodies is about the latter.
-"""
-
-FRICTION_SLOPE = 0.26 / 0.28
-"""Increase of friction over a small inertial number: (mu_2 - mu_s)/I_0.
-
-Source: Jop, Forterre and Pouliquen, Nature 441, 2006, 727 (glass beads).
-"""
-
 
 class Bed(NamedTuple):
     """Bed of debris between two plates, SI: `height` when settled, mean `density` of the bodies, smallest E* of two of them.
 
     `pressure`: the smallest of the run; NaN where the plate is held at a gap. `diameter` and `largest_diameter`: the median, by
-    volume, and the largest of the volume-equivalent diameters. `speed`, `stroke`: largest speed of the plate, and its shortest
+    mass, and the largest of the volume-equivalent diameters. `speed`, `stroke`: largest speed of the plate, and its shortest
     stroke, infinite without one.
     """
 
@@ -97,7 +83,7 @@ def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:
     volumes = np.array([clump.volume for clump in placed.clumps])
     diameters, solid = np.cbrt(6.0 / math.pi * volumes), float(volumes.sum())
     area = scene.domain.size[0] * scene.domain.size[1]
-    median, plate = median_by_volume(diameters), schedule(scene, 0.0)
+    median, plate = median_by_mass(diameters, placed.densities * volumes), schedule(scene, 0.0)
     return Bed(
         height=max(solid / (SOLID_FRACTION * area), median),
         pressure=_smallest_load(scene, len(volumes), plate.load) / area,
@@ -108,13 +94,6 @@ def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:
         speed=plate.top_speed(),
         stroke=shortest_stroke(plate),
     )
-
-
-def median_by_volume(diameters: np.ndarray) -> float:
-    """Return d50 [m]: half of the volume is in bodies up to this diameter (n,)."""
-    order = np.sort(diameters)
-    filled = np.cumsum(order**3)
-    return float(order[np.searchsorted(filled, 0.5 * filled[-1])])
 
 
 def _smallest_load(scene: Scene, bodies: int, loads: Axis) -> float:
@@ -134,28 +113,14 @@ def _modulus(scene: Scene, choice: CompiledPhysics) -> float:
     return min(e_star(pair.a, pair.b) for pair in choice.pairs if {pair.a.name, pair.b.name} <= debris)
 
 
-def describe_bed(bed: Bed, number: float) -> str:
-    """Describe what an inertial number means for a bed."""
-    if math.isnan(number):
-        return "inertial number unknown before the run: the plate is held at a gap, so the pressure is a result"
-    if bed.layers < LAYERS:
-        return f"no bed, but less than {LAYERS:g} layers: bodies roll and slide from plate to plate, whatever this number is"
-    if number <= QUASI_STATIC:
-        return "quasi-static: friction does not depend on the speed"
-    if math.isinf(number):
-        return "not quasi-static: the load falls to zero, where the speed decides"
-    name = "nearly quasi-static" if number <= INERTIAL else "not quasi-static"
-    return f"{name}: friction is about {FRICTION_SLOPE * number:.1g} above that of slow shear"
-
-
 def fast_bed_warnings(scene: Scene, bed: Bed) -> list[str]:
     """Return a warning of a bed that is sheared too fast to be called slow, with the speed that would be slow enough."""
     number = bed.inertial_number
-    if scene.solver.inertial_number is not None or bed.layers < LAYERS or not INERTIAL < number < math.inf:
+    if scene.solver.inertial_number is not None or bed.layers < LAYERS or not FAST < number < math.inf:
         return []
-    slower = number / QUASI_STATIC
+    slower = number / SLOW
     return [
         f"this bed is not quasi-static: its inertial number is about {number:.2g}, and its friction about "
-        f"{FRICTION_SLOPE * number:.1g} above that of slow shear; solver.inertial_number = {QUASI_STATIC:g} would run at "
+        f"{friction_increase(number):.1g} above that of slow shear; solver.inertial_number = {SLOW:g} would run at "
         f"{units.pretty(bed.speed / slower, 'velocity')}, in {slower:.2g} times as many steps"
     ]

@@ -6,20 +6,20 @@ import math
 from typing import Any, NamedTuple
 
 from thirdbody import units
-from thirdbody.assembly.bed import LAYERS, Bed
+from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.inertial_number import SLOW
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load
 from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import InputError
+from thirdbody.granular_flow import LAYERS
 from thirdbody.laws.contract import BodyEffect, Law
+from thirdbody.scene.cross_checks import ALONE, NO_BED
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import Location
 from thirdbody.scene.speed_scale import at_speed
 
 KEY: Location = ("solver", "inertial_number")
-
-IMPLICIT = "is for the explicit integrator; the implicit one takes slow motion as it is, and needs no other speed"
 
 SECOND = 2
 """Index of the second among the powers of a dimension."""
@@ -74,7 +74,7 @@ def speed_scale(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> Speed
 def refuse_scale(scene: Scene, scale: SpeedScale | None) -> None:
     """Raise InputError for a scaled speed in the implicit integrator."""
     if scale is not None:
-        raise InputError(scene.fault(KEY, IMPLICIT))
+        raise InputError(scene.fault(KEY, f"{NO_BED}, and the implicit integrator is chosen here; {ALONE['inertial_number']}"))
 
 
 def at_computed_speed(scene: Scene, scale: SpeedScale | None) -> Scene:
@@ -94,15 +94,8 @@ def _two_digits(ratio: float) -> float:
 def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[Location, str] | None:
     """Return the key of a scene, and why its speed must not be scaled; None where it may."""
     upper = scene.plates.upper
-    if upper is None or not upper.motion.moving():
-        return KEY, "scales the speed of the upper plate, and here none moves: add plates.upper.motion"
-    if scene.solver.integrator == "implicit":
-        return KEY, IMPLICIT
-    if bed is None:
-        return KEY, (
-            "is for a bed, whose bodies meet each other, and here none do: bodies between the plates alone need no scaled speed, "
-            "the implicit integrator takes slow motion as it is"
-        )
+    if upper is None or bed is None:
+        return KEY, f"{NO_BED}, and here none do; {ALONE['inertial_number']}"
     if upper.gap is not None:
         return KEY, "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
     if upper.support != "rigid":

@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from thirdbody.granular_flow import SLOW
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import scale_values
-from thirdbody.trajectory.bed_verdict import SLOW
 
 MEASURES = {
     "inertial_number": ("inertial number", LINES["black"], "-"),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.assembly.bed import describe_bed
+from thirdbody.granular_flow import LAYERS, inertia_verdict
 from thirdbody.quantity import duration
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty
@@ -34,8 +34,19 @@ def bed_report(built: Simulation) -> dict[str, Any] | None:
         "inertial_number": _known(number),
         "inertial_number_largest": _known(number * bed.largest_diameter / bed.diameter),
         "softness": _known(bed.softness),
-        "verdict": describe_bed(bed, number),
+        "verdict": _verdict(bed.layers, number),
     }
+
+
+def _verdict(layers: float, number: float) -> str:
+    """Describe an inertial number that was estimated for debris of so many layers."""
+    if layers < LAYERS:
+        return f"no bed, but less than {LAYERS:g} layers: bodies roll and slide from plate to plate, whatever this number is"
+    if math.isnan(number):
+        return "inertial number unknown before the run: the plate is held at a gap, so the pressure is a result"
+    if math.isinf(number):
+        return "not quasi-static: the load falls to zero, where the speed decides"
+    return inertia_verdict(number)
 
 
 def _known(value: float) -> float | None:

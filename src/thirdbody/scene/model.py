@@ -213,7 +213,7 @@ class Scene(Part):
         output = _sound(Output, raw.get("output"), context)
         # Plates that are faulty themselves may be intended to move.
         moving = plates is None or plates.moving()
-        faults += cross_checks.rate_test_faults(raw, moving)
+        faults += cross_checks.bed_faults(raw, moving)
         return faults + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:

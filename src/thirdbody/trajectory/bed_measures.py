@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
+from thirdbody.granular_flow import LAYERS, median_by_mass
 from thirdbody.kernels.columns import body, body_extra, record
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.trajectory.shear_zone import rising_profile, shear_zone
 
 Array = NDArray[np.float64]
-
-LAYERS = 3.0
-"""Gap over the median diameter from which debris is a bed with an inside, not a layer or two."""
 
 CORE = 0.25
 """Largest fraction of the gap that is left out at each plate for the solid fraction."""
@@ -111,13 +109,6 @@ class BedMeasures:
         depth = np.clip(height - s.spheres.position[:, 2] + radius, 0.0, 2.0 * radius)
         below = np.add.reduceat(depth**2 * (3.0 * radius - depth), s.start[:-1])
         return self.volume * below / np.add.reduceat(4.0 * radius**3, s.start[:-1])
-
-
-def median_by_mass(diameters: Array, masses: Array) -> float:
-    """Return the diameter below which half the mass lies (d50 of a sieve curve) [m]."""
-    order = np.argsort(diameters, kind="stable")
-    below = np.cumsum(masses[order])
-    return float(diameters[order][np.searchsorted(below, 0.5 * below[-1] * (1.0 - 1e-12))])
 
 
 def _mean_flow(heights: Array, velocities: Array, masses: Array) -> Array:

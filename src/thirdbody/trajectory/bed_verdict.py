@@ -8,17 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from thirdbody.granular_flow import FAST, SLOW, inertia_verdict
 from thirdbody.quantity import quantity_text
 from thirdbody.trajectory.friction import averaged
 from thirdbody.trajectory.names import BED
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.statistics import mean_and_error
-
-INCREASE, SCALE = 0.26, 0.28
-"""mu(I) = mu_s + INCREASE/(SCALE/I + 1), glass beads (Jop, Forterre and Pouliquen 2006, Nature 441, 727)."""
-
-SLOW, FAST = 1e-3, 1e-2
-"""Inertial number up to which a bed counts as quasi-static, and up to which nearly: friction rises by 0.001 and 0.01."""
 
 STIFF, SOFT = 1e4, 1e3
 """Softness above which bodies count as rigid, and below which friction and solid fraction depend on the pressure."""
@@ -80,21 +75,6 @@ def steady(run: Run) -> np.ndarray:
     for cycle in drag.cycles[len(drag.cycles) // 2 :]:
         frames[cycle.start + 1 : cycle.stop] = True
     return frames if frames.any() else averaged(run)
-
-
-def friction_increase(number: float) -> float:
-    """Return by how much an inertial number raises the friction coefficient, by mu(I) of glass beads."""
-    return INCREASE * number / (SCALE + number)
-
-
-def inertia_verdict(number: float) -> str:
-    """Return whether shear at this inertial number is slow, in words."""
-    number_text, increase = quantity_text(number, "", 2), quantity_text(max(friction_increase(number), 1e-4), "", 1)
-    if number <= SLOW:
-        return f"quasi-static: I = {number_text}, friction within {increase} of its slow limit"
-    if number <= FAST:
-        return f"nearly quasi-static: I = {number_text} raises friction by about {increase}"
-    return f"not quasi-static: I = {number_text} raises friction by about {increase}"
 
 
 def softness_verdict(softness: float, overlap: float) -> str:
