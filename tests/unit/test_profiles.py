@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import shutil
 from types import SimpleNamespace
 
 import h5py
@@ -259,3 +260,16 @@ def test_the_key_is_saved_as_it_was_given():
     for value in ("profiles = 20\n", '[output.profiles]\nbins = 20\naxis = "x"\n'):
         scene = Scene.parse(BALLS + value)
         assert value in scene.to_toml() and Scene.parse(scene.to_toml()) == scene
+
+
+@pytest.mark.parametrize(
+    "text", ['{"bins": 9, "axis": "z"}', '{"bins": 0, "axis": "z"}', '{"bins":"8","axis": "z"}', '{"bins": 8, "axis": "w"}']
+)
+def test_a_damaged_number_of_slabs_is_a_fault(rolled, tmp_path, text):
+    path = tmp_path / "run.vtkhdf"
+    shutil.copy(rolled.path, path)
+    with h5py.File(path, "r+") as file:
+        assert len(file["scene/profiles"][()]) == len(text)  # so that all of it is written
+        file["scene/profiles"][()] = text.encode()
+    with pytest.raises(InputError, match="profiles"):
+        thirdbody.open(path)

@@ -1,0 +1,67 @@
+"""A bed in plane shear: profiles against the forces of the plates and the motion of the bodies; velocity accommodation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.trajectory.names import ACCOMMODATION
+
+SCENE = Path(__file__).parents[2] / "scenes" / "dense_layer.toml"
+SMALL = {
+    "debris.0.count": 150, "domain.size": ["60 um", "50 um"], "solver.distance": "12 um", "output.every": "0.4 um",
+    "output.profiles": 20,
+}  # fmt: skip
+V = 2.0  # m/s, of the scene
+
+
+@pytest.fixture(scope="module")
+def bed(tmp_path_factory):
+    scene = thirdbody.Scene.load(SCENE).with_settings(SMALL)
+    with thirdbody.run(scene, out=tmp_path_factory.mktemp("bed") / "run", progress=False) as run:
+        yield run
+
+
+def late_mean(run, values):
+    return values[run.drag.second_half].mean(axis=0)
+
+
+@pytest.mark.slow
+def test_the_stress_in_every_slab_is_the_force_of_the_plates(bed):
+    """Within 1 %: the momentum of the bed changes by less than that of the forces times the time."""
+    stress = late_mean(bed, bed.profiles["contact_stress"] + bed.profiles["kinetic_stress"])
+    force = late_mean(bed, bed.series["upper_force"] - bed.series["lower_force"]) / 2.0
+    area = np.prod(bed.header["domain"]["size"])
+    across = stress[:, :, 2] * area  # forces x, y, z of what is below each slab on what is above
+    assert across[:, 2] == pytest.approx(force[2], rel=0.01)
+    assert across[:, 0] == pytest.approx(force[0], abs=0.01 * force[2])
+    # each plate alone, at its own end: exact but for the samples of the interval
+    assert across[-1, [0, 2]] == pytest.approx(late_mean(bed, bed.series["upper_force"])[[0, 2]], rel=0.005)
+    assert across[0, [0, 2]] == pytest.approx(-late_mean(bed, bed.series["lower_force"])[[0, 2]], rel=0.005)
+
+
+@pytest.mark.slow
+def test_the_velocities_of_the_slabs_are_those_of_the_bodies(bed):
+    solid, velocity = bed.profiles["solid_fraction"], bed.profiles["velocity"][:, :, 0]
+    slabs = np.sum(solid * velocity, axis=1) / np.sum(solid, axis=1)
+    frames = [bed.bodies(k) for k in range(bed.frames)]
+    bodies = np.array([np.average(arrays["velocity"][:, 0], weights=arrays["mass"]) for arrays in frames])
+    # means over the interval against the instants at its end
+    assert late_mean(bed, slabs) == pytest.approx(late_mean(bed, bodies), rel=0.01)
+    clumps = np.average(solid, axis=1) * late_mean(bed, bed.series["gap"]) * np.prod(bed.header["domain"]["size"])
+    volume = frames[-1]["mass"].sum() / 7850.0
+    assert clumps[-1] == pytest.approx(volume, rel=0.01)  # the gap changes by less
+    v = late_mean(bed, velocity)
+    assert 0.0 < v[0] and (np.diff(v) > 0.0).mean() > 0.9 and v[-1] < V
+
+
+@pytest.mark.slow
+def test_a_bed_is_mostly_sheared_and_the_parts_add_up(bed):
+    total = sum(bed.series[name] for name in ACCOMMODATION)
+    # the first interval of the drag has part of the settling
+    assert total[bed.drag.second_half] == pytest.approx(V, rel=1e-9)
+    parts = bed.summary()["accommodation"]
+    assert parts["shear"] > 0.5 and parts["shear"] == max(parts.values()) and sum(parts.values()) == pytest.approx(1.0)
