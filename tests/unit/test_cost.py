@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,47 @@ def test_the_reference_has_the_finest_law_and_step():
     last = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)[-1]
     assert last.reference and last.level == "exact"
     assert last.changes["solver.time_step"] == f"{0.25e-10!r} s"
+
+
+@pytest.mark.parametrize("wanted", [None, 1e-3, 0.02])
+def test_a_bed_has_variants_at_other_speeds(wanted):
+    """Over the same distance; of a wanted inertial number that is what changes, and a speed beyond its range is left out."""
+    text = SCENE.replace('[contact]\ndebris_contact = "none"\n', "")
+    scene = Scene.parse(text).with_settings({} if wanted is None else {"solver.inertial_number": wanted})
+    assert not [variant for variant in variants_of(scene, THREE_SPOT, EXPLICIT) if variant.axis == "speed"]
+    variants = variants_of(scene, THREE_SPOT, replace(EXPLICIT, sheared_bed=True))
+    speeds = {variant.name: variant for variant in variants if variant.axis == "speed"}
+    names = ["mindlin, speed x9", "mindlin, speed x3", "mindlin, speed /3"]
+    assert list(speeds) == (names[1:] if wanted == 0.02 else names)  # 0.02 x 9 is above 0.1
+    for variant in speeds.values():
+        other = scene.with_settings(json.loads(json.dumps(variant.changes)))  # as the worker gets them
+        assert other.plates.upper.motion.x[0].velocity == pytest.approx(0.5 * variant.speed, rel=1e-12)
+        assert other.solver.distance == scene.solver.distance and other.output == scene.output
+        assert other.solver.inertial_number == (None if wanted is None else pytest.approx(wanted * variant.speed, rel=1e-12))
+        assert variant.changes["solver.time_step"] == "1e-10 s" and not variant.reference and not variant.default
+    costs = Costs(6.0, 0, None, ("exact", None), 9.0, 6.0)
+    assert [costs.of(speeds[name], EXPLICIT) for name in names[1:]] == pytest.approx([6.0, 18.0])
+
+
+def test_the_speed_of_a_scene_has_an_error_of_its_own(made, capsys):
+    """Against the same law at a third of the speed; that variant is never recommended, a faster one may be."""
+    assert math.isnan(cost.speed_error(made)[1]) and "speed:" not in " ".join(cost_table.speed_words(made))
+    faster = Variant("mindlin, speed x3", "speed", "mindlin", None, "explicit", speed=3.0)
+    slow = Variant("mindlin, speed /3", "speed", "mindlin", None, "explicit", speed=1.0 / 3.0)
+    made.rows[6:6] = [row("", 0.7, 0.009, variant=faster), row("", 0.1, 0.001, variant=slow)]
+    made.rows[7].outcome = outcome(friction=np.array([0.3 * 1.05 / 1.04]))
+    speed, error = cost.speed_error(made)
+    assert speed == 1.0 / 3.0 and error == pytest.approx(0.04, rel=1e-9)
+    assert cost.recommended(made)[0].variant.name == "mindlin, speed x3"
+    assert all(entry.variant.speed >= 1.0 for entry in cost.efficient(made))
+    report = cost.as_json(made)
+    assert report["speed_error"] == error and {entry["speed"] for entry in report["variants"]} == {1.0, 3.0, 1.0 / 3.0}
+    cost_table.print_study(made)
+    assert "speed: that of the scene costs 4 % in friction, against the same law and step at 1/3 of it" in capsys.readouterr().out
+    figure = cost_plot.picture(made)
+    assert {"speed x3", "speed /3"} <= {text.get_text() for text in figure.axes[0].texts}
+    assert "speed of the plate" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "that of the scene costs 4 %" in " ".join(figure.axes[0].get_title(loc="left").split())
 
 
 def test_explicit_variants_hold_their_step():

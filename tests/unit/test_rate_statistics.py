@@ -91,9 +91,11 @@ def one(change: float, error: float, margin: float, name: str = "friction", matt
     (one(-0.021, 0.004, 0.01), [], 0.0, True, "rate effect: friction falls by 0.0210 ± 0.0040 at v/3 (0.4000 ± 0.0040 at v)"),
     (one(0.004, 0.007, 0.02), [], 0.0, None,
      "undecided: friction rises by 0.0040 ± 0.0070 at v/3, with a margin of 0.02, and 0.01 would matter: "
-     "a run about 4 times as long would tell"),
+     "a run about 3.3 times as long would decide"),
     (one(0.0, 0.001, 0.003), [one(0.01, 0.001, 0.003, "solid fraction", 0.005)], 0.0, True,
      "rate effect: solid fraction rises by 0.0100 ± 0.0010 at v/3; friction 0.4000 ± 0.0040 at v"),
+    (one(0.0, 0.001, 0.003), [one(0.001, 0.01, 0.1, "solid fraction", 0.005)], 0.0, False,
+     "no rate effect: friction 0.4000 ± 0.0040 at v, 0.4000 ± 0.0040 at v/3 (0.0 sigma); undecided: solid fraction"),
     (one(0.0, 0.001, 0.003), [], 0.03, None, "undecided: the difference in friction still changes by +0.030"),
 ])  # fmt: skip
 def test_verdicts_in_words(friction, others, drift, effect, words):

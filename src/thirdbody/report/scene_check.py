@@ -179,6 +179,7 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
 
 def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
     """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
+    from thirdbody.assembly.rate_test import added_time
     from thirdbody.engine.explicit import Explicit
 
     integrator = built.integrator
@@ -193,7 +194,7 @@ def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit
         }, slow
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
-    steps = built.planned_time / dt
+    steps = (built.planned_time + added_time(built)) / dt
     each, stopped, trial = _seconds_per_step(integrator)
     return {
         "time_step": {

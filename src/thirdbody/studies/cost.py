@@ -117,7 +117,7 @@ def efficient(built: Study) -> list[Row]:
     definition, is the last.
     """
     merit = figure_of_merit(built)
-    rows = [row for row in built.rows if row.stable and row.variant.axis != "verify" and math.isfinite(row.errors[merit])]
+    rows = [row for row in built.rows if row.stable and is_choice(row) and math.isfinite(row.errors[merit])]
     saved = [row for row in rows if row is built.reference or not any(_beaten(row, other, merit) for other in rows)]
     return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
 
@@ -128,6 +128,25 @@ def _beaten(row: Row, other: Row, merit: str) -> bool:
     if better == error:
         return (other.seconds, id(other)) < (row.seconds, id(row))
     return better < error and not slower(other.timing, row.timing)
+
+
+def is_choice(row: Row) -> bool:
+    """Return whether a variant may be recommended: those that only measure an error are not."""
+    return row.variant.axis != "verify" and row.variant.speed >= 1.0
+
+
+def speed_error(built: Study) -> tuple[float, float]:
+    """Return what the scene's own speed costs in accuracy: the lowest speed over it, and the error against that variant.
+
+    In friction, or in the load (`figure_of_merit`), with the same law and step; NaN without such a variant.
+    """
+    own = built.default
+    slower = min(
+        (row for row in built.rows if row.stable and row.variant.speed < 1.0), key=lambda row: row.variant.speed, default=None
+    )
+    if own is None or slower is None or own.outcome is None or slower.outcome is None:
+        return math.nan, math.nan
+    return slower.variant.speed, errors(own.outcome, slower.outcome)[figure_of_merit(built)]
 
 
 def possible(built: Study, row: Row) -> bool:
@@ -145,9 +164,7 @@ def recommended(built: Study) -> tuple[Row, str]:
     merit = figure_of_merit(built)
     fit = Study(built.scene, built.title, [], {}, [row for row in built.rows if possible(built, row)])
     rows = [row for row in efficient(fit) if not row.variant.reference] or [built.reference]
-    good = [
-        row for row in fit.rows if row.stable and row.variant.axis != "verify" and not row.variant.reference and _good(row, merit)
-    ]
+    good = [row for row in fit.rows if row.stable and is_choice(row) and not row.variant.reference and _good(row, merit)]
     ties = _ties(good)
     default = built.default
     row = _best_of(ties, merit, default) if good else rows[-1]
@@ -227,6 +244,7 @@ def as_json(built: Study) -> dict[str, Any]:
         "took_s": built.elapsed,
         "reference": built.reference.variant.name,
         "recommended": {"variant": row.variant.name, "words": words},
+        "speed_error": speed_error(built)[1],
         "variants": [
             {
                 "name": entry.variant.name,
@@ -234,6 +252,7 @@ def as_json(built: Study) -> dict[str, Any]:
                 "level": entry.variant.level,
                 "springs": entry.variant.springs,
                 "integrator": entry.integrator,
+                "speed": entry.variant.speed,
                 "step": entry.step,
                 "wall_s": entry.wall_seconds,
                 "wall_spread_s": [min(entry.wall), max(entry.wall)] if entry.wall else None,

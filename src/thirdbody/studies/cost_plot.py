@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.palette import LINE_COLORS
 from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_table import stopped
+from thirdbody.studies.cost_table import speed_words, stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +19,7 @@ AXES = {  # axis of the study: label, colour, marker; shapes distinguish them wi
     "law": ("contact law and springs", LINE_COLORS["blue"], "o"),
     "step": ("step of the integrator", LINE_COLORS["vermilion"], "s"),
     "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
+    "speed": ("speed of the plate", LINE_COLORS["sky"], "P"),
     "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
 }
 INK, SOFT = "#222222", "#5A626C"
@@ -192,6 +193,7 @@ def _texts(figure: Any, axes: Any, built: Study) -> None:
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
         f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",
         *alone,
+        *filter(None, [speed_words(built).capitalize()]),
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))

@@ -3,7 +3,7 @@
 import math
 
 from thirdbody.report.tables import table
-from thirdbody.studies.cost import Row, Study, efficient, possible, recommended
+from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, possible, recommended, speed_error
 from thirdbody.studies.variant_runs import LEFT_OUT
 from thirdbody.system.terminal import print_line
 
@@ -31,9 +31,23 @@ def print_study(built: Study) -> None:
     print("seconds: of one core, for the integration from output to output; without start, compiling, building and outputs")
     if any(row.beside for row in built.rows):
         print("variants alternated with the scene's own, which refers their seconds to one speed of the machine")
+    if words := speed_words(built):
+        print(words)
     for message, names in stopped(built).items():
         print_line(f"{'; '.join(names)}: {message}")
     print_line(f"recommended: {recommended(built)[1]}")
+
+
+def speed_words(built: Study) -> str:
+    """Return in words what the scene's own speed costs in accuracy, empty where it is not known."""
+    speed, error = speed_error(built)
+    if math.isnan(error):
+        return ""
+    what = "friction" if figure_of_merit(built) == "friction_error" else "load or gap"
+    return (
+        f"speed: that of the scene costs {percent(error)} in {what}, against the same law and step at 1/{1.0 / speed:g} of it; "
+        "the error of the slower variant is that difference, so it is never recommended"
+    )
 
 
 def stopped(built: Study) -> dict[str, list[str]]:

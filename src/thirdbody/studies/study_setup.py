@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from thirdbody import units
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
+from thirdbody.runner.measurements import is_bed
 from thirdbody.scene.model import Scene
 from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduce_scene
 from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, measure_costs
@@ -137,10 +138,12 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
 
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
+    scene = scene.with_settings({"solver.rate_test": None}) if scene.solver.rate_test is not None else scene
     copy, built, reduction = reduce_scene(scene, plugins, maximum)
     changes, words = coarsened(copy, built) if few else ({}, [])
-    base = base_of(copy, built, plugins)
     alone = copy.domain.size != scene.domain.size and bool(built.state.world.debris_meets)
+    base = base_of(copy, built, plugins)
+    base = replace(base, sheared_bed=is_bed(built) and scene.plates.moving() and not alone)
     save(copy.with_settings(changes) if changes else copy, folder)
     return {"base": vars(base), "reduction": [*reduction, *words], "alone": alone}
 

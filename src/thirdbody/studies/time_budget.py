@@ -71,6 +71,7 @@ class Costs:
             first = base.springs or 0
             each = (self.springs - self.own) / (self.max_springs - first) if self.max_springs > first else 0.0
             seconds = max(self.own + each * (variant.springs - first), 0.1 * self.own)
+        seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
         return min(LIMIT, self.scale * seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5))
 
 

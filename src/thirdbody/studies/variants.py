@@ -1,11 +1,13 @@
 """Variants of a scene for a study of accuracy: contact law, springs, time step and integrator, one changed at a time."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from thirdbody.errors import InputError
 from thirdbody.laws.contract import LawFamily
 from thirdbody.scene.model import Scene
+from thirdbody.scene.speed_scale import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
 
 SPRINGS = (8, 16, 32, 64, 128)
@@ -19,6 +21,9 @@ FINE = {"explicit": (2.0, 0.5), "implicit": (4.0, 0.25)}
 
 FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
 """The same of the reference."""
+
+SPEEDS = (9.0, 3.0, 1.0 / 3.0)
+"""Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy."""
 
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
 """The same for the integrator that the scene does not use; 1 leaves it to its default."""
@@ -40,7 +45,8 @@ class Base:
     """Settings of the scene itself.
 
     `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step of the explicit integrator [s],
-    the smallest automatic one; `tolerance` of the implicit one.
+    the smallest automatic one; `tolerance` of the implicit one; `sheared_bed`: bodies meet each other
+    under a plate that moves.
     """
 
     kind: str
@@ -48,11 +54,15 @@ class Base:
     springs: int | None
     step: float
     tolerance: float
+    sheared_bed: bool = False
 
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the scene. `changes`: keys of the scene and their new values, None to remove the key."""
+    """Variant of the scene. `changes`: keys of the scene and their new values, None to remove the key.
+
+    `factor`: on the step or the tolerance; `speed`: on the speed of the upper plate.
+    """
 
     name: str
     axis: str
@@ -63,10 +73,13 @@ class Variant:
     default: bool = False
     reference: bool = False
     changes: Mapping[str, Any] = field(default_factory=dict)
+    speed: float = 1.0
 
 
 def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Variant]:
     """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
+
+    Beds are sheared at other speeds too, over the same distances and with the scene's own law and step.
 
     The levels of a family go from the coarsest to the finest, in its own order. Explicit variants have a fixed time step, since
     an automatic one depends on the contacts: laws would differ by their steps too, and a body that rocks into position while it
@@ -89,11 +102,39 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
     variants = [variant("law", law, base.kind) for law in laws]
     variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
     variants += [variant("integrator", own, other, factor) for factor in AROUND[other]]
+    variants += _speeds(variant("speed", own, base.kind), scene) if base.sheared_bed else []
     if own != finest:
         variants += [variant("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     if verify:
         variants += [variant("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
     return [*variants, variant("reference", finest, base.kind, minimum)]
+
+
+def _speeds(own: Variant, scene: Scene) -> list[Variant]:
+    """Return a variant at other speeds of the upper plate, but for those that the scene cannot have."""
+    variants = []
+    for speed in SPEEDS:
+        changes = {**own.changes, **_speed_changes(scene, speed)}
+        try:
+            scene.with_settings(changes)
+        except InputError:  # a wanted inertial number beyond its range
+            continue
+        name = f"{own.name}, speed {f'x{speed:g}' if speed > 1.0 else f'/{1.0 / speed:g}'}"
+        variants.append(replace(own, name=name, speed=speed, changes=changes))
+    return variants
+
+
+def _speed_changes(scene: Scene, speed: float) -> dict[str, Any]:
+    """Return the keys that `at_speed` changes."""
+    old, new = (entry.document() for entry in (scene, at_speed(scene, speed)))
+    tables = {"plates.upper": (old["plates"]["upper"], new["plates"]["upper"])}
+    tables |= {table: (old[table], new[table]) for table in ("solver", "output")}
+    return {
+        f"{table}.{key}": value
+        for table, (before, after) in tables.items()
+        for key, value in after.items()
+        if before.get(key) != value
+    }
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:

@@ -20,6 +20,9 @@ TRANSIENT = 1.0 / 6.0
 FRICTION, SOLID_FRACTION, LABELS = 0.01, 0.005, 0.05
 """Changes that matter: of the friction coefficient, of the solid fraction, of the share of bodies in a state."""
 
+NORMAL, LONGER = 2.58, 1.5
+"""Half width of 99 % of a normal distribution in standard deviations; least advised length of a longer run over that of a run."""
+
 ENOUGH = 8
 """Least number of output intervals that can be compared."""
 
@@ -75,7 +78,7 @@ class Comparison:
     @property
     def longer(self) -> float:
         """How many times as long a run would decide."""
-        return max((self.margin / self.matters) ** 2, 1.0)
+        return max((NORMAL * self.change_error / self.matters) ** 2, LONGER)
 
 
 @dataclass(frozen=True)
@@ -237,17 +240,18 @@ def verdict_of(compared: list[Comparison], drift: tuple[float, float], slow: str
     if abs(drift[0]) > max(drift[1], 2.0 * friction.matters):
         size = f"{drift[0]:+.3f}".replace("-", MINUS)
         return None, f"undecided: the difference in friction still changes by {size} over the stretch compared: run longer"
-    unclear = [entry for entry in compared if entry.effect is None]
-    if unclear:
-        worst = max(unclear, key=lambda entry: entry.longer)
+    if friction.effect is None:
         return None, (
-            f"undecided: {worst.text} at {slow}, with a margin of {worst.margin:.2g}, and {worst.matters:g} would matter: "
-            f"a run about {worst.longer:.2g} times as long would tell"
+            f"undecided: {friction.text} at {slow}, with a margin of {friction.margin:.2g}, and {friction.matters:g} would "
+            f"matter: a run about {friction.longer:.2g} times as long would decide"
         )
-    small = [entry for entry in others if entry.significant]
+    unclear = [entry.words for entry in others if entry.effect is None]
+    open_end = f"; undecided: {', '.join(unclear)}" if unclear else ""
     if friction.significant:
-        return False, f"no rate effect that matters: {'; '.join(entry.text for entry in [friction, *small])} at {slow}"
-    return False, f"no rate effect: {_both(friction, slow)}"
+        small = [entry for entry in others if entry.significant and entry.effect is False]
+        texts = "; ".join(entry.text for entry in [friction, *small])
+        return False, f"no rate effect that matters: {texts} at {slow}{open_end}"
+    return False, f"no rate effect: {_both(friction, slow)}{open_end}"
 
 
 def _both(friction: Comparison, slow: str) -> str:
