@@ -162,6 +162,7 @@ GAP = {"plates.upper.pressure": None, "plates.upper.gap": "80 um"}
 EACH = {"plates.upper.pressure": None, "plates.upper.support": "load_per_particle", "plates.upper.load": "1 mN"}
 REFUSED = {
     "no motion": ({"plates.upper.motion": None, "solver.duration": "1 us", "output.every": "1 us"}, "here it rests"),
+    "motion of no speed": ({"plates.upper.motion.x": {"ramp": "0 m/s", "duration": "1 us"}}, "here it rests"),
     "implicit": ({"solver.integrator": "implicit"}, "the implicit integrator takes slow motion as it is"),
     "no contact": ({"contact.debris_contact": "none"}, "whose bodies meet each other"),
     "gap": (GAP, "needs a pressure"),

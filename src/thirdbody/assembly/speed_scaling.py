@@ -14,7 +14,7 @@ from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import InputError
 from thirdbody.granular_flow import LAYERS
 from thirdbody.laws.contract import BodyEffect, Law
-from thirdbody.scene.cross_checks import ALONE, NO_BED
+from thirdbody.scene.cross_checks import ALONE, MOTION_OF_BEDS, NO_BED
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import Location
 from thirdbody.scene.speed_scale import at_speed
@@ -96,6 +96,8 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[L
     upper = scene.plates.upper
     if upper is None or bed is None:
         return KEY, f"{NO_BED}, and here none do; {ALONE['inertial_number']}"
+    if bed.speed == 0.0:
+        return KEY, f"{MOTION_OF_BEDS['inertial_number']} of the upper plate, and here it rests"
     if upper.gap is not None:
         return KEY, "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
     if upper.support != "rigid":
