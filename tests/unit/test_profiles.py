@@ -26,9 +26,26 @@ R, DENSITY = 5e-6, 7850.0
 BALL = 4.0 / 3.0 * math.pi * R**3
 
 
+def volumes(slabs, centres, radii):
+    """Volume and first moment of every sphere in every slab, (n, count)."""
+    parts, moments = sphere_parts(slabs, centres, radii)
+    return dense(slabs, parts, len(radii)), dense(slabs, parts._replace(amount=moments), len(radii))
+
+
+def fractions(slabs, starts, changes):
+    """Fraction of every line in every slab, (n, count)."""
+    return dense(slabs, line_parts(slabs, starts, changes), len(starts))
+
+
+def dense(slabs, parts, rows):
+    table = np.zeros((rows, slabs.count))
+    np.add.at(table, (parts.thing, parts.slab), parts.amount)
+    return table
+
+
 def test_spheres_are_cut_into_caps():
     slabs = Slabs(0.0, 4.0, 4)
-    volume, moment = sphere_parts(slabs, np.array([1.0, 2.25, 0.5, 9.0]), np.array([1.0, 0.5, 1.0, 1.0]))
+    volume, moment = volumes(slabs, np.array([1.0, 2.25, 0.5, 9.0]), np.array([1.0, 0.5, 1.0, 1.0]))
     assert volume[0] == pytest.approx([2.0 / 3.0 * math.pi] * 2 + [0.0, 0.0])
     assert moment[0] == pytest.approx([-0.25 * math.pi, 0.25 * math.pi, 0.0, 0.0])
     cap = math.pi * 0.25**2 * (3.0 * 0.5 - 0.25) / 3.0  # height 0.25 of a sphere of radius 0.5
@@ -40,15 +57,15 @@ def test_spheres_are_cut_into_caps():
 def test_in_a_periodic_domain_nothing_is_lost():
     slabs, rng = Slabs(0.0, 4.0, 5, periodic=True), np.random.default_rng(1)
     centres, radii = rng.uniform(-9.0, 9.0, 50), rng.uniform(0.1, 1.9, 50)
-    volume, moment = sphere_parts(slabs, centres, radii)
+    volume, moment = volumes(slabs, centres, radii)
     assert volume.sum(axis=1) == pytest.approx(4.0 / 3.0 * math.pi * radii**3)
     assert moment.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
-    assert volume == pytest.approx(sphere_parts(slabs, centres + 4.0, radii)[0], abs=1e-12)
-    assert line_parts(slabs, centres, rng.uniform(-2.0, 2.0, 50)).sum(axis=1) == pytest.approx(1.0)
+    assert volume == pytest.approx(volumes(slabs, centres + 4.0, radii)[0], abs=1e-12)
+    assert fractions(slabs, centres, rng.uniform(-2.0, 2.0, 50)).sum(axis=1) == pytest.approx(1.0)
 
 
 def test_lines_are_cut_in_proportion():
-    lines = line_parts(Slabs(0.0, 4.0, 4), np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5]))
+    lines = fractions(Slabs(0.0, 4.0, 4), np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5]))
     assert lines == pytest.approx(
         np.array([[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]])
     )
@@ -196,7 +213,7 @@ def test_velocities_of_rolling_balls_reach_those_of_the_plates(rolled):
     late = np.flatnonzero(rolled.series["distance"] > 1e-6)
     for k in late:
         gap = rolled.series["gap"][k]
-        volume, moment = sphere_parts(Slabs(0.0, gap, 8), np.array([gap / 2.0]), np.array([R]))
+        volume, moment = volumes(Slabs(0.0, gap, 8), np.array([gap / 2.0]), np.array([R]))
         centroid = gap / 2.0 + (moment / volume)[0]
         # the ball vibrates about rolling by a fraction of a per cent of the speed
         assert rolled.profiles["velocity"][k, :, 0] == pytest.approx(0.5 * centroid / gap, abs=0.01 * 0.5)

@@ -17,6 +17,9 @@ PLATE: dict[str, Any] = {
     "color": LINES["black"], "linestyle": "none", "marker": "s", "markersize": 4.0, "label": "plates", "clip_on": False,
 }  # fmt: skip
 
+ALONG = 0.5
+"""Cosine of the angle between the drag and the axis across the slabs from which on there is no shear stress to draw."""
+
 
 def why_no_profiles(data: RunData) -> str:
     """Return why there is no panel, empty when the run has profiles and was dragged."""
@@ -67,7 +70,9 @@ def stress_title(data: RunData) -> str:
 def draw_stress(axes: Axes, data: RunData) -> None:
     """Draw normal and shear stress across the slabs, and the forces of the plates over their area."""
     k, e = "xyz".index(_axis(data)), _direction(data)
-    lines = [("normal", _stress(data, k, False), LINES["blue"]), ("shear", _stress(data, e, True), LINES["vermilion"])]
+    lines = [("normal", _stress(data, k, False), LINES["blue"])]
+    if abs(e[k]) < ALONG:
+        lines.append(("shear", _stress(data, e, True), LINES["vermilion"]))
     factor, unit = unit_for(np.concatenate([values for _, values, _ in lines]), "Pa")
     for name, values, color in lines:
         _draw(axes, data, values / factor, color, name)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import patch
 from thirdbody.kernels.columns.sides import DEBRIS
-from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
+from thirdbody.trajectory.slabs import Parts, Slabs, line_parts, sphere_parts
 
 Array = NDArray[np.float64]
 AXES = "xyz"
@@ -94,23 +94,20 @@ class Profiler:
         density = state.bodies.mass / (4.0 / 3.0 * np.pi * state.rayleigh_radius**3)
         masses, codes = self._mass_columns(state, density), self._codes(state)
         per_body = np.column_stack([state.bodies.spin, contacts_of(state), *masses, *codes])
-        normal = np.zeros(3)
-        normal[self.axis] = 1.0
-        for part in chunks(len(radii), self.bins):
-            rows = body[part]
-            volume, moment = sphere_parts(slabs, state.spheres.position[part, self.axis], radii[part])
-            volume, moment = volume * scale[part, None], moment * scale[part, None]
+        across = np.zeros(3)
+        across[self.axis] = 1.0
+        for chunk in chunks(len(radii), self.bins):
+            rows = body[chunk]
+            parts, moment = sphere_parts(slabs, state.spheres.position[chunk, self.axis], radii[chunk])
+            parts = parts._replace(amount=parts.amount * scale[chunk][parts.thing])
+            moments = parts._replace(amount=moment * scale[chunk][parts.thing])
             spin = state.bodies.spin[rows]
-            arm = state.spheres.position[part] - state.bodies.position[rows]
-            velocity = state.bodies.velocity[rows] + np.cross(spin, arm)
-            sums[:, VOLUME] += volume.sum(axis=0)
-            # einsum without BLAS, whose bits depend on the number of its threads
-            sums[:, VELOCITY:SPIN] += np.einsum("sk,sd->kd", volume, velocity) + np.einsum(
-                "sk,sd->kd", moment, np.cross(spin, normal)
-            )
-            weighted = np.einsum("sk,sd->kd", volume, per_body[rows])
-            sums[:, SPIN:FORCE] += weighted[:, :4]
-            sums[:, MASS:] += weighted[:, 4:]
+            arm = state.spheres.position[chunk] - state.bodies.position[rows]
+            add(sums[:, VOLUME:VELOCITY], parts, np.ones((len(rows), 1)))
+            add(sums[:, VELOCITY:SPIN], parts, state.bodies.velocity[rows] + np.cross(spin, arm))
+            add(sums[:, VELOCITY:SPIN], moments, np.cross(spin, across))
+            add(sums[:, SPIN:FORCE], parts, per_body[rows, :4])
+            add(sums[:, MASS:], parts, per_body[rows, 4:])
 
     def _mass_columns(self, state: State, density: Array) -> tuple[Array, ...]:
         """Return density, momentum and its flux per volume of each body: columns MASS, MOMENTUM, FLUX."""
@@ -126,8 +123,8 @@ class Profiler:
         """Add what each contact contributes to both of its bodies."""
         slots, position = state.slots, state.bodies.position[:, self.axis]
         on = np.flatnonzero(slots.histories.slip > 0.0)
-        for part in chunks(len(on), self.bins):
-            k = on[part]
+        for chunk in chunks(len(on), self.bins):
+            k = on[chunk]
             force = slots.records.normal_force[k, None] * slots.records.normal[k] + slots.records.tangential_force[k]
             self._add_lines(slabs, position[state.body[slots.own[k]]], slots.records.point[k], force, sums)
             debris = k[slots.sides[k] == DEBRIS]
@@ -136,9 +133,15 @@ class Profiler:
 
     def _add_lines(self, slabs: Slabs, centres: Array, arms: Array, forces: Array, sums: Array) -> None:
         """Add forces on bodies times lines from the contact point to their centres of mass, which are `arms` (n, 3) before it."""
-        fractions = line_parts(slabs, centres, arms[:, self.axis])
         products = (forces[:, :, None] * -arms[:, None, :]).reshape(-1, 9)
-        sums[:, FORCE:MASS] += np.einsum("ck,cd->kd", fractions, products)
+        add(sums[:, FORCE:MASS], line_parts(slabs, centres, arms[:, self.axis]), products)
+
+
+def add(sums: Array, parts: Parts, values: Array) -> None:
+    """Add values (things, columns) to the sums (bins, columns) of the slabs, times the amount of each thing there."""
+    for column in range(sums.shape[1]):
+        weights = parts.amount * values[:, column][parts.thing]
+        sums[:, column] += np.bincount(parts.slab, weights, len(sums))
 
 
 def _kinetic(sums: Array) -> Array:
