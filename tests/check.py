@@ -15,7 +15,7 @@ BEFORE = (
     # the kernels that all scenes share, once: otherwise each process of the tests compiles them for itself
     ("kernels", ["-c", "from thirdbody.engine import explicit, implicit_common_plate, time_step"]),
 )
-TESTS = ["-m", "pytest", "-q", "-n", "2", "-m", QUICK]
+TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", QUICK]
 
 
 def before() -> list[str]:

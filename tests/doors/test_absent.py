@@ -135,7 +135,7 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     assert (second[1].get("body_effects", 0.0) != 0.0) == (not contact)
 
 
-@pytest.mark.parametrize("level", ["mindlin", "mdr"])
+@pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=pytest.mark.slow)])
 def test_elastic_pairs_have_no_dashpot(level):
     """Restitution 1 asks for no damping: the law is that of a family that has none."""
     dashpots = {"hertz_damping", "tangential_damping"}

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from each import each
 
 ROOT = Path(__file__).parents[2]
 SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
@@ -177,7 +178,7 @@ def test_every_room_and_every_module_of_the_root_has_its_rule():
         assert {path.name for path in (SOURCE / room).iterdir() if (path / "__init__.py").is_file()} >= set(inner) - {""}
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
+@each(OURS, name_of)
 def test_imports_point_down(path):
     parts = path.relative_to(SOURCE).with_suffix("").parts
     used = {room_of(name) for name, _ in imports(path) if name.split(".")[0] == "thirdbody"} - {parts[0], "", "__version__"}
@@ -188,7 +189,7 @@ def test_imports_point_down(path):
     assert used <= allowed, f"{'.'.join(parts)} must not import {sorted(used - allowed)}"
 
 
-@pytest.mark.parametrize("path", [path for path in OURS if path.relative_to(SOURCE).parts[0] in INNER], ids=name_of)
+@each([path for path in OURS if path.relative_to(SOURCE).parts[0] in INNER], name_of)
 def test_imports_point_down_inside_rooms(path):
     own = path.relative_to(SOURCE).with_suffix("").parts
     room, inside = own[0], own[1] if len(own) > 2 and own[1] in INNER[own[0]] else ""
@@ -205,19 +206,19 @@ def test_a_circle_is_found():
     assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
+@each(OURS, name_of)
 def test_imports_are_absolute(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         assert not (isinstance(node, ast.ImportFrom) and node.level), f"line {node.lineno}"
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
+@each(OURS, name_of)
 def test_the_source_never_imports_a_plug_in(path):
     plugged = {"plugins", *(p.stem for p in PLUGINS.glob("*.py")), *(f"thirdbody_{p.name}" for p in PLUGINS.iterdir())}
     assert not {name.split(".")[0] for name, _ in imports(path)} & plugged
 
 
-@pytest.mark.parametrize("path", THEIRS, ids=name_of)
+@each(THEIRS, name_of)
 def test_plug_ins_use_the_facade_and_nothing_else(path):
     for name, node in imports(path, PLUGINS, "plugins"):
         if name.split(".")[0] == "thirdbody":
@@ -246,7 +247,7 @@ def test_what_starts_with_the_command_is_light(name):
     assert not at_start(SOURCE / name) & HEAVY
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
+@each(OURS, name_of)
 def test_numba_stays_in_compiled_rooms_and_drawing_in_its_own(path):
     own, used = path.relative_to(SOURCE).parts[0], at_start(path)
     if own not in COMPILED:

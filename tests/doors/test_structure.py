@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
+from each import each
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "thirdbody"
@@ -88,7 +88,7 @@ def copied_columns(path: Path) -> set[str]:
     return copies
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
+@each(FILES, name_of)
 def test_no_function_takes_more_than_eight_arguments(path):
     found = {node.name for node in functions(path) if argument_count(node) > MOST_ARGUMENTS}
     assert not found, f"more than {MOST_ARGUMENTS} arguments: {sorted(found)}"
@@ -99,7 +99,7 @@ def test_exceptions_name_files_that_exist():
     assert set(COPIED_COLUMNS) <= names
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
+@each(FILES, name_of)
 def test_files_and_functions_stay_short(path):
     lines = len(path.read_text(encoding="utf-8").splitlines())
     assert lines <= MOST_LINES, f"{lines} lines"
@@ -130,7 +130,7 @@ def table_uses(node: ast.Subscript) -> set[str]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
+@each(FILES, name_of)
 def test_the_symbol_of_a_table_names_no_other_table(path):
     """`B` is the table of bodies everywhere, and every array of one letter that has columns is the table of that letter."""
     for node in ast.walk(tree(path)):
@@ -149,7 +149,7 @@ def test_symbols_of_tables_differ():
     assert len(alone) > 25 and len(set(alone)) == len(alone)
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
+@each(FILES, name_of)
 def test_each_table_has_a_module_of_its_own(path):
     """So a family of constants (`body.FORCE`, `patch.FORCE`) belongs to one table."""
     assert len(declared_tables(path)) <= 1
@@ -163,7 +163,7 @@ def test_tables_of_the_engine_are_declared_in_one_place():
     assert len(table_modules()) > 20
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path.parent != COLUMNS], ids=name_of)
+@each([path for path in FILES if path.parent != COLUMNS], name_of)
 def test_columns_are_read_from_the_module_of_their_table(path):
     """No bare `FORCE` imported, none named anew: every use says whose force it is."""
     for node in ast.walk(tree(path)):

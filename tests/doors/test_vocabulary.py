@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from each import each
 
 ROOT = Path(__file__).parents[2]
 CODE = sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
@@ -87,7 +88,7 @@ def wrongs(text: str, banned: dict[str, str]) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", CODE, ids=lambda path: str(path.relative_to(ROOT)))
+@each(CODE, lambda path: str(path.relative_to(ROOT)))
 def test_code_speaks_the_language_of_the_field(path):
     assert not wrongs(path.stem, PRIVATE | LOOSE) and not wrongs(path.read_text(encoding="utf-8"), PRIVATE | LOOSE)
 

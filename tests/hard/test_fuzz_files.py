@@ -25,7 +25,7 @@ import thirdbody
 
 HERE = Path(__file__).parent
 SECONDS = 30.0  # of the processor
-BATCH = 60  # of CI
+BATCH = 30  # of CI
 MANY = int(os.environ.get("FUZZ_FILES", "1000"))
 
 SCENE = (

@@ -26,7 +26,7 @@ from thirdbody.runner.simulate import execute, prepare
 
 HERE = Path(__file__).parent
 SECONDS = 30.0  # of the processor
-BATCH, MANY = 24, int(os.environ.get("FUZZ_RUNS", "1000"))
+BATCH, MANY = 12, int(os.environ.get("FUZZ_RUNS", "1000"))
 CODES = {0, 2, 3, 4, 5}
 """Done, usage, input, guard, output; anything else is no answer to a spoilt file."""
 

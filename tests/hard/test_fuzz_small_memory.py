@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 HERE = Path(__file__).parent
-MANY, BATCH = int(os.environ.get("FUZZ_HOSTILE", "500")), 20
+MANY, BATCH = int(os.environ.get("FUZZ_HOSTILE", "500")), 10
 CODES = {0, 3, 4, 5}
 
 

@@ -151,4 +151,4 @@ def test_thirty_signals_are_heard(tmp_path, integrator):
 
 @needs_proc
 def test_signals_are_heard_where_outputs_are_a_few_steps_apart(tmp_path):
-    heard(tmp_path, "explicit", 2, ("4 nm",))
+    heard(tmp_path, "explicit", 1, ("4 nm",))

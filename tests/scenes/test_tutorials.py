@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import base64
 import json
 import re
@@ -14,6 +15,8 @@ pytest.importorskip("SALib")
 
 from pages import ROOT
 from tutorials import NOTEBOOKS, PNG, executed
+
+import thirdbody
 
 KILOBYTES = 150
 
@@ -76,7 +79,13 @@ def test_every_notebook_is_listed():
     assert all(f"(tutorials/{path.name})" in page for path in NOTEBOOKS)
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+LONG = ("3_my_particles", "6_how_accurate", "9_calibration")
+"""Run behind `-m slow`: what they show besides is shown by the others and by tests of meshes, levels and sweeps."""
+
+RUN = [pytest.param(path, marks=pytest.mark.slow if path.stem in LONG else (), id=path.stem) for path in NOTEBOOKS]
+
+
+@pytest.mark.parametrize("path", RUN)
 def test_it_runs_and_shows_what_it_says(path, tmp_path):
     claims = re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE)
     notebook = executed(path, tmp_path, claims)  # raises for a failing cell
@@ -95,6 +104,16 @@ def test_its_pictures_are_stored_and_small(path):
     pictures += [found[1] for found in PNG.findall("".join("".join(o.get("data", {}).get("text/html", "")) for o in outputs))]
     assert pictures or path.stem.startswith("5"), "no outputs are stored: python tests/tutorials.py"
     assert all(len(base64.b64decode(picture)) < 1000 * KILOBYTES for picture in pictures) and len(text) < 300_000
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_its_cells_are_python_of_public_names(path):
+    """Also of those that are run behind `-m slow` only."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    code = "\n".join(re.sub(r"^[!%].*", "", "".join(cell["source"]), flags=re.MULTILINE) for cell in cells)
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "thirdbody":
+            assert hasattr(thirdbody, node.attr), node.attr
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -209,16 +209,16 @@ def linked() -> dict[str, np.ndarray]:
 
 
 REFUSED = {
-    "no room": (packing(5, 40, clumps=False), GAP.format(gap=15), ["too little room", "up to the plate", "bodies"]),
-    "twice": (BALL | {"center": np.full((2, 3), 25e-6)}, PRESSED, ["bodies 0 and 1 have the same centre", "given twice"]),
-    "links": (linked(), PRESSED, ["bodies 0 and 1 still overlap", "interlocked"]),
+    "no room": (lambda: packing(5, 40, clumps=False), GAP.format(gap=15), ["too little room", "up to the plate", "bodies"]),
+    "twice": (lambda: BALL | {"center": np.full((2, 3), 25e-6)}, PRESSED, ["bodies 0 and 1 have the same centre", "given twice"]),
+    "links": (linked, PRESSED, ["bodies 0 and 1 still overlap", "interlocked"]),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_relaxed_is_refused(case, tmp_path, command):
     table, plate, words = REFUSED[case]
-    prepared(tmp_path, table, plate)
+    prepared(tmp_path, table(), plate)
     report = command("run", "scene.toml", "-o", "run")
     assert report.code == 3 and not (tmp_path / "run").exists()
     for word in ["debris[0].file", *words]:

@@ -26,19 +26,24 @@ class BlockReader:
 
     def read(self, frame: int) -> dict[str, np.ndarray]:
         """Return all arrays of one frame, the coordinates as `position`."""
-        return Named((name, self.array(name, frame)) for name in (POSITION, *self._data))
+        rows = self.rows(frame)  # once: each look into the file costs as much as an array
+        return Named((name, self._cut(name, frame, rows)) for name in (POSITION, *self._data))
 
     def array(self, name: str, frame: int) -> np.ndarray:
         """Return one array of one frame."""
         if name != POSITION and name not in self._data:
             raise unknown_name(name, (POSITION, *self._data))
+        return self._cut(name, frame, self.rows(frame))
+
+    def _cut(self, name: str, frame: int, rows: int) -> np.ndarray:
+        """Return the rows of one frame of an array."""
         with damage_as_fault(self._path, f"{self._group.name}/{name}"):
             if name == POSITION:
                 data, offsets = self._group["Points"], self._steps["PointOffsets"]
             else:
                 data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
             start = int(offsets[frame])
-            return self._known(name, data[start : start + self.rows(frame)])
+            return self._known(name, data[start : start + rows])
 
     def rows(self, frame: int) -> int:
         with damage_as_fault(self._path, f"{self._group.name}/NumberOfPoints"):
