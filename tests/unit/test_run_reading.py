@@ -198,3 +198,10 @@ def test_a_frame_is_a_whole_number(path):
         assert run.bodies(np.int64(1))["id"].tolist() == [0, 1, 2]
         with pytest.raises(KeyError, match="did you mean 'state'"):
             run.array("clumps", "stat")
+
+
+def test_a_run_that_is_never_closed_ends_no_process_with_a_crash(path):
+    """One in a circle of references, as `Run.drag` makes it, is left over when the interpreter ends."""
+    code = "import sys, thirdbody; run = thirdbody.open(sys.argv[1]); run.summary(); run.circle = run"
+    report = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=60)
+    assert report.returncode == 0 and not report.stderr

@@ -6,6 +6,7 @@ Only committed frames are read: the file of a run that was killed, or is still r
 from __future__ import annotations
 
 import operator
+import weakref
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +31,8 @@ class RunArrays:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self._open = OpenFile(self.path)
+        # at the latest at exit: later HDF5 would use the stream of an interpreter that is gone, a segmentation fault
+        weakref.finalize(self, self._open.close)
         try:
             self._open.steady(self._connect)
         except BaseException:
