@@ -25,7 +25,7 @@ from thirdbody.trajectory.rate_test import matched_frames
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SMALL = {
-    "debris.0.count": "60", "domain.size": ["60 um", "50 um"], "solver.settle": "0.5 us",
+    "debris.0.count": "40", "domain.size": ["50 um", "40 um"], "solver.settle": "0.5 us",
     "solver.distance": "0.45 um", "output.every": "0.01 um",
 }  # fmt: skip
 FACTOR = 3.0
@@ -118,7 +118,7 @@ def after(number: int, begun):
 def test_run_and_rate_test_in_pieces_are_the_whole(finished, tmp_path):
     folder, simulation, saved = tmp_path / "cut", prepare(bed()), None
     inside = folder / "rate_test" / "run.vtkhdf"
-    for piece, begun in enumerate((lambda: True, inside.is_file, inside.is_file)):
+    for piece, begun in enumerate((lambda: True, inside.is_file)):
         with pytest.raises(Interrupted) as caught:
             execute(simulation, folder, 1 + piece % 2, checkpoint=saved, stop=after(50, begun))
         assert str(caught.value).endswith(f"thirdbody.resume({str(folder)!r})")  # never the folder inside
@@ -159,21 +159,39 @@ def test_a_new_run_replaces_the_rate_test_of_the_old_one(finished, tmp_path):
     assert not (folder / "rate_test").exists() and (folder / "run.vtkhdf").exists()
 
 
-def test_a_guard_in_the_rate_test_leaves_the_run(tmp_path, monkeypatch):
+def test_a_guard_in_the_rate_test_leaves_the_run(finished, tmp_path, monkeypatch):
     from thirdbody.runner import simulate
 
-    plain = simulate._execute
+    folder = Path(shutil.copytree(finished, tmp_path / "run"))
 
-    def spoilt(simulation, loop, checkpoint):
-        if checkpoint is not None:
-            raise GuardStop("stopped at t = 1 s: too deep")
-        return plain(simulation, loop, checkpoint)
+    def stopped(simulation, loop, checkpoint):
+        raise GuardStop("stopped at t = 1 s: too deep")
 
-    monkeypatch.setattr(simulate, "_execute", spoilt)
-    with pytest.raises(GuardStop, match="the rate test: stopped at"):
-        execute(prepare(bed()), tmp_path / "run")
-    with thirdbody.open(tmp_path / "run") as run:
-        assert run.summary()["finished"] and not run.rate_test.finished
+    simulation, saved = prepare_resume(folder)
+    monkeypatch.setattr(simulate, "_execute", stopped)
+    with pytest.raises(GuardStop, match="the rate test: stopped at t = 1 s: too deep"):
+        execute(simulation, folder, checkpoint=saved)
+    with thirdbody.open(folder) as run:
+        assert run.summary()["finished"]
+
+
+@pytest.mark.slow
+def test_strokes_are_compared_by_the_size_of_their_friction(tmp_path):
+    """A run of one and a half cycles, whose last third begins at a turn and has none inside."""
+    strokes = {
+        "plates.upper.motion": {"x": {"stroke": "0.2 um", "frequency": "2 MHz", "shape": "triangle"}},
+        "solver.duration": "0.75 us", "output.every": "0.0125 us",
+    }  # fmt: skip
+    execute(prepare(bed().with_settings(strokes)), tmp_path / "run")
+    with thirdbody.open(tmp_path / "run") as run, thirdbody.open(tmp_path / "run" / "rate_test") as test:
+        assert run.drag.stroke and run.rate_test.finished and run.rate_test.intervals == 16
+        friction = run.rate_test.quantities[0]
+        assert friction.fast > 0.1 and friction.slow > 0.1  # the plate moves against its first direction there, or along it
+        fast, slow = matched_frames(run, test, FACTOR)
+        taken = test.times[slow][-1] - test.times[0]
+        assert taken == pytest.approx(FACTOR * (run.times[fast][-1] - test.times[0]), rel=1e-2)  # ends within a step
+        # the same place at the speed of 0.8 m/s: both end within a step below 1 ns
+        assert np.abs(test.series["displacement"][slow] - run.series["displacement"][fast]).max() < 2e-9
 
 
 @pytest.mark.parametrize(("changes", "message"), [

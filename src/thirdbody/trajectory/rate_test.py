@@ -173,7 +173,8 @@ def rate_series(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     with open_run(run.path.parent / RATE_TEST / FILE_NAME) as test:
         fast, slow = matched_frames(run, test, factor)
         name = "friction_coefficient"
-        return run.series["distance"][fast], _series(run, name, fast), _series(test, name, slow)
+        strokes = run.drag.stroke  # of the whole run: its last third may be less than a stroke
+        return run.series["distance"][fast], _series(run, name, fast, strokes), _series(test, name, slow, strokes)
 
 
 def compare(run: Run, test: Run, factor: float) -> RateTest:
@@ -183,11 +184,12 @@ def compare(run: Run, test: Run, factor: float) -> RateTest:
     fast, slow = fast[skipped:], slow[skipped:]
     if len(fast) < ENOUGH:
         return RateTest(factor, True, verdict="undecided: too few output intervals in the last third to compare")
+    strokes = run.drag.stroke
     compared = [
-        _compared(name, words, matters, (_series(run, name, fast), _series(test, name, slow)))
+        _compared(name, words, matters, (_series(run, name, fast, strokes), _series(test, name, slow, strokes)))
         for name, words, matters in _quantities(run)
     ]
-    mu = [_series(part, "friction_coefficient", frames) for part, frames in ((run, fast), (test, slow))]
+    mu = [_series(part, "friction_coefficient", frames, strokes) for part, frames in ((run, fast), (test, slow))]
     still = mean_and_margin((factor * mu[1] - mu[0]) / (factor - 1.0))
     effect, verdict = verdict_of(compared, _drift(mu[1] - mu[0]), f"v/{factor:g}")
     distance = run.series["distance"]
@@ -202,10 +204,10 @@ def _quantities(run: Run) -> list[tuple[str, str, float]]:
     return [entry for entry in known if entry[0] in run.series]
 
 
-def _series(run: Run, name: str, frames: np.ndarray) -> np.ndarray:
+def _series(run: Run, name: str, frames: np.ndarray, strokes: bool) -> np.ndarray:
     """Return a series at some frames; of the friction coefficient of strokes its size."""
     values = np.asarray(run.series[name], float)[frames]
-    return np.abs(values) if name == "friction_coefficient" and run.drag.stroke else values
+    return np.abs(values) if name == "friction_coefficient" and strokes else values
 
 
 def _compared(name: str, words: str, matters: float, both: tuple[np.ndarray, np.ndarray]) -> Comparison:
