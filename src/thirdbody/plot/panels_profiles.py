@@ -8,10 +8,11 @@ from matplotlib.axes import Axes
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import quantity_text, unit_for
+from thirdbody.trajectory.bed_verdict import steady
 
 PROFILES_NOTE = (
-    "Profiles: means in slabs between the plates, over the second half of the sliding, for strokes over the last cycle (along the"
-    " motion of the plate). Stress: of contact forces and of velocities together; of the plates: their forces over the area."
+    "Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along the motion of"
+    " the plate). Stress: of contact forces and of velocities together; of the plates: their forces over the area."
 )
 PLATE: dict[str, Any] = {
     "color": LINES["black"], "linestyle": "none", "marker": "s", "markersize": 4.0, "label": "plates", "clip_on": False,
@@ -149,7 +150,7 @@ def _stress(data: RunData, component: int | np.ndarray, signed: bool) -> np.ndar
 
 def _mean(data: RunData, values: np.ndarray, signed: bool = False) -> np.ndarray:
     """Return the mean over the intervals that count, by time; `signed`: along the motion of the plate in each of them."""
-    chosen = data.drag.steady
+    chosen = steady(data.run)
     weights = np.diff(data.run.times, prepend=data.run.times[:1])[chosen]
     along = weights * (np.sign(data.drag.steps[chosen]) if signed else 1.0)
     return np.tensordot(along, values[chosen], 1) / weights.sum()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.quantity import MINUS, percent
+from thirdbody.trajectory.bed_verdict import steady
 from thirdbody.trajectory.names import ACCOMMODATION
 
 if TYPE_CHECKING:
@@ -22,14 +23,14 @@ SMALL = 0.005
 def accommodation_fractions(run: Run) -> dict[str, float] | None:
     """Return the fraction of each part in the plate's path by the keys of WORDS; their sum is 1. None without load or drag.
 
-    One-way sliding: over its second half; strokes: over the last whole cycle. Parts count along the motion of the plate in their
+    Over the steady part of the run (`bed_verdict.steady`). Parts count along the motion of the plate in their
     output interval, so a part can be negative where debris moves against it.
     """
     if any(name not in run.series for name in ACCOMMODATION) or not run.drag.dragged:
         return None
     parts = np.array([run.series[name] for name in ACCOMMODATION])
     along = np.sign(run.drag.steps) * np.diff(run.times, prepend=run.times[:1])
-    frames = run.drag.steady & np.isfinite(parts).all(axis=0)
+    frames = steady(run) & np.isfinite(parts).all(axis=0)
     paths = parts[:, frames] @ along[frames]
     total = float(paths.sum())
     return dict(zip(WORDS, (paths / total).tolist(), strict=True)) if total > 0.0 else None

@@ -110,13 +110,3 @@ class Drag:
         if not inside.any():
             inside[np.flatnonzero(moved)[-1:]] = True
         return inside
-
-    @cached_property
-    def steady(self) -> np.ndarray:
-        """Frames (F,), bool, whose output intervals stand for the drag: `second_half`, of strokes the last whole cycle."""
-        if not self.stroke:
-            return self.second_half
-        inside = np.zeros(self.frames, bool)
-        if self.cycles:
-            inside[self.cycles[-1].start + 1 : self.cycles[-1].stop] = True
-        return inside

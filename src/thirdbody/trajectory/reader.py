@@ -125,7 +125,7 @@ class Run(RunArrays):
         reason), `frames`, `bodies`, `duration` [s], `distance` [m], `friction_coefficient`, `friction_coefficient_error` and
         `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J],
         `accommodation` (fractions of the plate's path taken up by `upper_slip`, `lower_slip`, `rolling` and `shear`, over the
-        second half of the sliding or the last cycle), `fractions` (state name to fraction of the bodies, last frame), and the
+        second half of the sliding or of the cycles), `fractions` (state name to fraction of the bodies, last frame), and the
         same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`). Of a bed the means
         of its series over the steady part (`inertial_number`, `softness`, `solid_fraction`, ...) and their errors
         (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts). Of a run
