@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from thirdbody.assembly.rate_test import SlowedSimulation, added_time, slow_down
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import run_totals
-from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, read_checkpoint
+from thirdbody.runner.checkpoint import THE_RATE_TEST, THE_VERSION, Checkpoint, read_checkpoint
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import old_run_folder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
@@ -35,8 +35,8 @@ def rate_test_loop(
     folder = run.folder / RATE_TEST
     with old_run_folder(folder) as files:
         checkpoint = read_checkpoint(folder)
-        prints = run.prints | {THE_RATE_TEST: f"{factor:g}"}
-        if checkpoint.prints != prints or checkpoint.scene != run.text:
+        prints = run.prints | {THE_RATE_TEST: f"{factor:g}", THE_VERSION: checkpoint.prints[THE_VERSION]}
+        if checkpoint.prints != prints or checkpoint.scene != run.text:  # of another version it may be, as the run
             raise InputError(f"{folder}: this is the rate test of another run; run the scene again")
         slowed = slow_down(simulation, _changeover(checkpoint, folder), factor)
         times = WallTimes(run.every, run.wall_limit - (run.wall_time() - run.before))
