@@ -18,6 +18,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import bed_rheology
 import shape_map
 from pages import ROOT
 from PIL import Image, PngImagePlugin
@@ -50,11 +51,14 @@ ENTRIES = {
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
+    "angular_bed": Entry(f"{RENDER} --forces --view side"),
     "balance/three_spot": Entry("balance SCENE -o PICTURE"),
     "sweeps/long_particle": Entry(f"{RENDER} --view side"),
     "sweeps/shape_against_friction": Entry("python tests/shape_map.py SWEEP -o PICTURE"),
     "sweeps/angular_debris": Entry(),
     "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE --panel friction_coefficient --panel fraction_rolling"),
+    "sweeps/sphere_bed": Entry(f"{RENDER} --color speed --view side"),
+    "sweeps/mu_of_inertia": Entry("python tests/bed_rheology.py SWEEP -o PICTURE"),
 }
 """Scenes in the order of the page."""
 
@@ -123,6 +127,8 @@ def results(folder: Path) -> dict[str, Any]:
             "friction coefficient": with_error(friction.value, friction.error),
             "trend": friction.verdict,
             "energy per cycle": quantity_text(report["energy_per_cycle"], "J") if report.get("cycles") else "",
+            "speed": report["speed_scale"]["text"] if report.get("speed_scale") else "",
+            "bed": report.get("bed_verdict", ""),
             "states at the end": ", ".join(f"{percent(share)} {name}" for name, share in report["fractions"].items() if share),
             "share of the load": ", ".join(f"{name} {share}" for name, share in shares.items()) if len(shares) > 1 else "",
             "energy residual": f"{report['energy_residual']:.0e} of the work".replace("e-0", "e-"),
@@ -143,6 +149,8 @@ def sweep_results(folder: Path) -> dict[str, Any]:
         off = abs(shape_map.boundary(found) / shape_map.closed_form(found.friction) - 1.0).max()
         texts["boundary"] = f"within {100.0 * off:.1f} % of the closed form at every friction; points are 2 % apart"
         texts["corrugation"] = shape_map.corrugation_text(found)
+    elif Path(folder).name == "mu_of_inertia":
+        texts |= bed_rheology.texts(bed_rheology.read_sweep(folder))
     else:
         groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
         texts |= {

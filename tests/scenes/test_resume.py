@@ -41,8 +41,10 @@ CASES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "dense_layer": (
         "dense_layer",
-        {"debris.0.count": "80", "domain.size": ["60 um", "50 um"], "solver.distance": "1 um", "output.every": "0.5 um",
-         "output.profiles": 10},
+        {
+            "debris.0.count": "80", "domain.size": ["40 um", "40 um"], "solver.distance": "1 um", "output.every": "0.5 um",
+            "solver.inertial_number": "0.02", "output.profiles": 10,
+        },
     ),
     "fretting": ("fretting", {"solver.duration": "0.5 us", "output.every": "0.1 us"}),
     "fretting_rig": ("fretting_rig", {"debris.0.count": "600", "solver.duration": "2 ms", "output.every": "1 ms"}),

@@ -31,7 +31,10 @@ SHORT = {
     "three_spot.toml": {"solver.distance": "20 nm"},
     "fretting.toml": {"debris.0.count": "3", "domain.size": ["30 um", "25 um"], "solver.distance": "100 nm"},
     "fretting_rig.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
-    "dense_layer.toml": {"debris.0.count": "60", "domain.size": ["50 um", "50 um"], "solver.distance": "2 um"},
+    "dense_layer.toml": {
+        "debris.0.count": "60", "domain.size": ["35 um", "35 um"], "solver.distance": "2 um", "solver.inertial_number": "0.02",
+    },
+    "angular_bed.toml": {"debris.0.count": "40", "domain.size": ["40 um", "40 um"], "solver.distance": "2 um"},
 }  # fmt: skip
 
 
