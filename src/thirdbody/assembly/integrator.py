@@ -118,7 +118,11 @@ def _kind(state: State) -> type[Implicit]:
     from thirdbody.engine.implicit import Implicit
 
     if not _carried_together(state):
-        return Implicit
+        if not state.world.debris_meets:
+            return Implicit
+        from thirdbody.engine.implicit_islands import ImplicitIslands
+
+        return ImplicitIslands
     from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 
     return ImplicitCommonPlate

@@ -19,7 +19,7 @@ from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fraction
 from thirdbody.engine.proximity_guard import ProximityGuard
-from thirdbody.engine.state import Array, State
+from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
@@ -97,6 +97,8 @@ class Implicit:
     """
 
     divisible, together = False, False
+    meets = False
+    """Whether bodies have contact with each other."""
 
     def __init__(
         self,
@@ -159,7 +161,8 @@ class Implicit:
         search(state)
         state.world = world
         self.max_per_body = state.slots.max_per_body
-        self.near = ProximityGuard(state) if world.debris_meets else None
+        self.near = ProximityGuard(state) if world.debris_meets and not self.meets else None
+        self.stride = math.inf if self.near is None else self.near.stride
 
     def advance_to(
         self,
@@ -176,9 +179,9 @@ class Implicit:
         """
         state = self.state
         while state.time < time and state.distance < distance:
-            stop = distance if self.near is None else min(distance, state.distance + self.near.stride)
+            stop = min(distance, state.distance + self.stride)
             by_distance = self.schedule.time_of(stop - state.distance, state.time) if math.isfinite(stop) else math.inf
-            until = min(time, by_distance)
+            until = self._until(min(time, by_distance))
             path = self.schedule.path(state.time, until)
             reached = False
             try:
@@ -201,6 +204,10 @@ class Implicit:
                 done = self.memory[first:last, step_memory.TRIES].sum() - before
                 self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
                 watch()
+
+    def _until(self, until: float) -> float:
+        """Return the time [s], at most `until`, to which all bodies are advanced next."""
+        return until
 
     def _waiting(self, first: int, last: int, until: float) -> int:
         """Return the number of running bodies that have not reached a time [s] (relevant after resume)."""
@@ -241,10 +248,10 @@ class Implicit:
     def _context(self) -> Array:
         """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        force, moment = physics.force_columns
+        (force, moment), (edges, incidence) = physics.force_columns, self._plate_candidates()
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
-                own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
+                own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
                 body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, H=slots.H, R=slots.R, M=s.M,
                 pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag,
                 n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, stored=physics.stored,
@@ -256,6 +263,10 @@ class Implicit:
                 tangents=self._tangent,
             )
         )  # fmt: skip
+
+    def _plate_candidates(self) -> tuple[Numbers, Numbers]:
+        """Return `edges` and `incidence` of the candidates with plates (`engine.state.Candidates`)."""
+        return self.state.slots.edges, self.state.slots.incidence
 
     def _summed(self) -> Array:
         """Return the totals summed over all bodies."""
@@ -359,10 +370,10 @@ class Implicit:
         who = self._who(body)
         if code == Stop.OVERLAP:
             slot = int(self.memory[body, step_memory.SLOT])
-            plate = "lower" if s.slots.sides[slot] == LOWER else "upper"
-            ratio = s.slots.records.overlap[slot] / s.spheres.radius[s.slots.own[slot]]
-            limit = s.D[domain.OVERLAP_GUARD]
-            text = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
+            own, partner = int(s.slots.own[slot]), int(s.slots.partner[slot])
+            radius = s.spheres.radius[own] if partner < 0 else min(s.spheres.radius[own], s.spheres.radius[partner])
+            ratio, limit = s.slots.records.overlap[slot] / radius, s.D[domain.OVERLAP_GUARD]
+            text = f"sinks into {self._partner(slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {text}; a lower load is needed"
         if code == Stop.LEFT:
             return f"{when}: {who} left the domain"
@@ -382,13 +393,21 @@ class Implicit:
         """Return text that lists the contacts of a body with their forces."""
         slots = self.state.slots
         report = []
-        for k in range(slots.edges[body], slots.edges[body + 1]):
+        for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:
+            k = entry >> 1
             if slots.histories.slip[k] > 0.0:
-                plate = "lower" if slots.sides[k] == LOWER else "upper"
-                sphere = int(slots.own[k] - self.state.start[body])
+                sphere = int((slots.partner[k] if entry & 1 else slots.own[k]) - self.state.start[body])
                 force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
-                report.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")
+                report.append(f"sphere {sphere} on {self._partner(k, body)} with N = {force:.3g} N, T = {shear:.3g} N")
         return "its loaded spots: " + ("; ".join(report) or "none")
+
+    def _partner(self, slot: int, body: int) -> str:
+        """Return text that names what a body touches in a contact."""
+        s = self.state
+        if s.slots.partner[slot] < 0:
+            return f"the {'lower' if s.slots.sides[slot] == LOWER else 'upper'} plate"
+        both = s.body[s.slots.own[slot]], s.body[s.slots.partner[slot]]
+        return f"body {s.order[both[1] if both[0] == body else both[0]]}"
 
 
 def _own_patches(state: State) -> None:

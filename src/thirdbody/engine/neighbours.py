@@ -61,6 +61,28 @@ def plate_pairs(state: State) -> Candidates:
     return slots_of(state, own[:n].copy(), partner[:n].copy(), n, none, none)
 
 
+def search_pairs(state: State, skin: float) -> tuple[Numbers, Numbers]:
+    """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]: owners and partners, sorted."""
+    cells, capacity = grid(state, skin), max(64, state.n_spheres)
+    while True:
+        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
+        n = passes.pair_candidates(state.S, state.body, skin, cells, 0, own, partner)
+        if n <= capacity:
+            return own[:n].copy(), partner[:n].copy()
+        capacity = int(1.2 * n)
+
+
+def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
+    """Replace the candidates between bodies by these pairs, sorted by owner and partner; histories and records are carried."""
+    old, n = state.slots, state.slots.n_plates
+    own, partner = np.concatenate((old.own[:n], own)), np.concatenate((old.partner[:n], partner))
+    H, R = table(len(own), old.H.shape[1]), table(len(own), old.R.shape[1])
+    _carry(n, own, partner, old, old.H, H)
+    _carry(n, own, partner, old, old.R, R)
+    state.slots = slots_of(state, own, partner, n, H, R)
+    state.searches += 1
+
+
 def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return `outer`, `remote_body`, `lowest` and `needs` of `Candidates` for pairs of bodies (owner, partner).
 

@@ -1,11 +1,10 @@
-"""Guard against approaching bodies for an integrator without contacts between bodies."""
+"""Bodies that may have touched since the last search, and the guard of an integrator without contacts between bodies."""
 
 import numpy as np
 
-from thirdbody.engine.neighbours import grid
+from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import neighbour_search
 from thirdbody.kernels.columns import domain, sphere
 
 STRIDE = 0.25
@@ -26,40 +25,12 @@ class ProximityGuard:
         `distances` (n,): upper bounds [m] of the path lengths since the start. A path of known length between two positions
         deviates from the straight line by at most 0.5 sqrt(length^2 - line^2).
         """
-        state, initial_gap = self.state, distances - self.paths
-        own, partner = self._candidates(2.0 * float(initial_gap.max()))
+        state, paths = self.state, (distances - self.paths)[self.state.body]
+        own, partner, gap = may_have_touched(state, self.positions, paths)
         if len(own):
-            gap = self._closest(own, partner, initial_gap)
             worst = int(np.argmin(gap))
-            if gap[worst] <= 0.0:
-                raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
+            raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
         self.positions[:], self.paths[:] = state.S[:, :3], distances
-
-    def _closest(self, own: Numbers, partner: Numbers, initial_gap: Array) -> Array:
-        """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
-        S, body = self.state.S, self.state.body
-        moved = S[:, :3] - self.positions
-        strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
-        now = S[own, :3] - S[partner, :3]
-        for axis in (0, 1):
-            length = max(float(self.state.D[domain.LENGTH_X + axis]), 0.0)
-            if length > 0.0:
-                now[:, axis] -= length * np.rint(now[:, axis] / length)
-        # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
-        touch = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
-        return _apart(now, moved[own], moved[partner]) - touch
-
-    def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
-        """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]."""
-        state = self.state
-        cells = grid(state, skin)
-        capacity = max(64, state.n_spheres)
-        while True:
-            own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-            n = neighbour_search.pair_candidates(state.S, state.body, skin, cells, 0, own, partner)
-            if n <= capacity:
-                return own[:n], partner[:n]
-            capacity = int(1.2 * n)
 
     def _explain(self, i: int, j: int) -> str:
         state = self.state
@@ -68,9 +39,37 @@ class ProximityGuard:
         one, other = state.order[a], state.order[b]
         return (
             f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "
-            'and the implicit integrator has no contact between bodies: integrator = "explicit" has it, and '
+            'and under a plate that all carry the implicit integrator has no contact between bodies: '
+            'integrator = "explicit" has it, and '
             'contact.debris_contact = "none" declares an ensemble of bodies without mutual contact'
         )
+
+
+def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numbers, Numbers, Array]:
+    """Return the pairs of spheres of different bodies that may have touched: owners, partners and their smallest gaps [m].
+
+    `positions`, `paths`: positions (n, 3) of all spheres at the last search, and upper bounds (n,) of the lengths of their paths
+    since then [m].
+    """
+    own, partner = search_pairs(state, 2.0 * float(paths.max()))
+    gap = _smallest_gaps(state, positions, paths, own, partner)
+    near = gap <= 0.0
+    return own[near], partner[near], gap[near]
+
+
+def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, partner: Numbers) -> Array:
+    """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
+    S = state.S
+    moved = S[:, :3] - positions
+    strayed = 0.5 * np.sqrt(np.maximum(paths**2 - np.sum(moved**2, axis=1), 0.0))
+    now = S[own, :3] - S[partner, :3]
+    for axis in (0, 1):
+        length = max(float(state.D[domain.LENGTH_X + axis]), 0.0)
+        if length > 0.0:
+            now[:, axis] -= length * np.rint(now[:, axis] / length)
+    # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
+    touch = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
+    return _apart(now, moved[own], moved[partner]) - touch
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:

@@ -82,33 +82,45 @@ def opening_work(k, before, context, motion):
 @njit(**BARE)
 def energy_of_contacts(m, tile):
     """Return the sum [J] of friction limit times critical slip, each at most N times overlap."""
-    I, O, total = tile.inputs, tile.outputs, 0.0  # noqa: E741
+    total = 0.0
     for q in range(m):
-        pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * I[q + law_input.OVERLAP * TILE]
-        total += min(O[q + law_output.FRICTION_LIMIT * TILE] * O[q + law_output.CRITICAL_SLIP * TILE], pressed)
+        total += contact_energy(q, tile)
     return total
 
 
 @njit(**BARE)
+def contact_energy(q, tile):
+    """Return friction limit times critical slip of contact q [J], at most N times overlap."""
+    O = tile.outputs  # noqa: E741
+    pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * tile.inputs[q + law_input.OVERLAP * TILE]
+    return min(O[q + law_output.FRICTION_LIMIT * TILE] * O[q + law_output.CRITICAL_SLIP * TILE], pressed)
+
+
+@njit(**BARE)
 def work_difference(m, context, first, space):
-    """Return the estimated error [J] of the friction work, summed over m contacts; `first`: the body's first candidate.
+    """Return the estimated error [J] of the friction work, summed over m contacts; `first`: the body's first candidate."""
+    total = 0.0
+    for q in range(m):
+        total += contact_difference(q, space.before[space.slots[q] - first], context, space.tile)
+    return total
+
+
+@njit(**BARE)
+def contact_difference(q, before, context, tile):
+    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap at the start of the step [m].
 
     It is the difference between the work of the mean force and of the force at the end of the step, plus the effect of a
     changing contact radius (`GROWN`).
     """
-    I, O, total = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
-    for q in range(m):
-        old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
-        s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
-        work_done = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
-        lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * work_done - O[q + law_output.STORED_TANGENTIAL * TILE]
-        slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
-        fraction = math.sqrt(max(space.before[space.slots[q] - first], 0.0) / I[q + law_input.OVERLAP * TILE])
-        total += (
-            abs(lost - O[q + law_output.FRICTION_LOSS * TILE])
-            + GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
-        )
-    return total
+    I, O = tile.inputs, tile.outputs  # noqa: E741
+    old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
+    s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
+    work_done = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
+    lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * work_done - O[q + law_output.STORED_TANGENTIAL * TILE]
+    slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
+    fraction = math.sqrt(max(before, 0.0) / I[q + law_input.OVERLAP * TILE])
+    changed = GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
+    return abs(lost - O[q + law_output.FRICTION_LOSS * TILE]) + changed
 
 
 @njit(**BARE)
@@ -122,14 +134,29 @@ def kinetic_energy(b, B, arm):
 
 @njit(**BARE)
 def work_error(context, active, m, motion, space):
-    """Return the error of the friction work of the step over the tolerance.
-
-    The tolerance is that of the settings times a scale of energy: the body's friction work so far, plus FLOOR times its kinetic
-    energy and the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
-    """
+    """Return the error of the friction work of the step over the tolerance, that of the settings times `energy_scale`."""
     if context.force < 0:
         return 0.0
-    b, first, B = active.number, context.edges[active.number], context.B
+    error = work_error_of_plates(context, active, m, motion, space)
+    return error / max(context.settings[step_settings.WORK] * energy_scale(context, active, m, space), 1e-300)
+
+
+@njit(**BARE)
+def energy_scale(context, active, m, space):
+    """Return the scale of energy [J] for errors of the friction work of a body.
+
+    It is its friction work so far, plus FLOOR times its kinetic energy and the energy that its contacts can store (largest so
+    far: step_memory.MAX_ENERGY [J]).
+    """
+    b, B = active.number, context.B
+    stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    return B[b, body.FRICTION_WORK] + FLOOR * (stored + kinetic_energy(b, B, active.start[step_start.ARM]))
+
+
+@njit(**BARE)
+def work_error_of_plates(context, active, m, motion, space):
+    """Return the error [J] of the friction work of the contacts of a body with plates."""
+    b, first = active.number, context.edges[active.number]
     error, q = work_difference(m, context, first, space), np.int64(0)
     for e in range(first, context.edges[b + 1]):
         k = context.incidence[e] >> 1
@@ -137,6 +164,4 @@ def work_error(context, active, m, motion, space):
             q += 1
         elif is_closed(k, context.H):
             error += abs(opening_work(k, space.before[e - first], context, motion))
-    stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
-    scale = B[b, body.FRICTION_WORK] + FLOOR * (stored + kinetic_energy(b, B, active.start[step_start.ARM]))
-    return error / max(context.settings[step_settings.WORK] * scale, 1e-300)
+    return error

@@ -32,6 +32,8 @@ class Stop(IntEnum):
     """Guard: it left the domain."""
     BAD_BODY = 5
     """Guard: its position is not finite."""
+    WAITS = 6
+    """None: other bodies are advanced meanwhile."""
 
 
 TETHER, TOLERANCE_FACTOR = 1e-8, 100.0

@@ -1,0 +1,232 @@
+"""Implicit integrator with contact between bodies.
+
+After every stride of the drag, the bodies that could meet within the next one are found: those connected by such pairs form an
+island (`engine.islands`), which is advanced as one system of equations; all others are advanced alone, as in `Implicit`. Then the
+paths of all spheres are checked. Where two spheres that were no candidates may have touched, their islands go back to the start
+of the stride and are advanced again as one. So the result does not depend on how far bodies were expected to move.
+"""
+
+import time as clock
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+
+from thirdbody.engine.implicit import CALL, FEW, Implicit
+from thirdbody.engine.islands import Islands, islands_of
+from thirdbody.engine.neighbours import replace_pairs, search_pairs
+from thirdbody.engine.proximity_guard import may_have_touched
+from thirdbody.engine.state import Array, Numbers, State
+from thirdbody.errors import GuardStop
+from thirdbody.jit.packed_arguments import Packer
+from thirdbody.kernels.columns import run_totals, sphere, step_memory, step_start
+from thirdbody.kernels.implicit import island_step as kernel
+from thirdbody.kernels.implicit.island_bundles import TABLES
+from thirdbody.kernels.implicit.step_control import Stop
+
+STRIDE, MARGIN = 0.25, 1.0
+"""Drag between two searches, in radii of the smallest sphere; largest gap of candidates between bodies, in strides. A body that
+rides on the upper plate nears one that lies on the lower plate by a stride."""
+
+REST, LATER = 200.0, 0.25
+"""Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
+
+ROUNDED = 1.001
+"""Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
+
+LARGEST = 300
+"""Largest number of bodies of an island for which the implicit integrator pays."""
+
+STATE = ("B", "E", "S", "P", "M")
+"""Tables of a state that a step changes, besides those of its candidates."""
+
+COUNTS = ("searches", "largest_island", "in_islands", "repeated")
+"""What is counted: searches, bodies of the largest island, sum over searches of bodies in islands, islands advanced again."""
+
+
+class ImplicitIslands(Implicit):
+    """`Implicit` for a state whose bodies have patches of their own and contact with each other."""
+
+    meets = True
+
+    def __init__(self, state: State, *arguments: Any, **options: Any) -> None:
+        super().__init__(state, *arguments, **options)
+        self.starts = np.zeros((state.n_bodies, step_start.WIDTH))
+        self.counts = np.zeros(len(COUNTS))
+        self._pack_tables = Packer(TABLES)
+        self.islands: Islands
+        self._saved: dict[str, Array] = {}
+        self._last_watch = clock.perf_counter()
+
+    def start(self) -> None:
+        """As `Implicit.start`."""
+        super().start()
+        slots = self.state.slots
+        self._edges, self._incidence = slots.edges, slots.incidence
+        self.stride = STRIDE * float(self.state.spheres.radius.min())
+        self._search()
+
+    def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """As `Implicit.export_state`."""
+        arrays, notes = super().export_state()
+        return arrays | {"counts": self.counts}, notes
+
+    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
+        """As `Implicit.restore`."""
+        super().restore(arrays, notes)
+        self.counts[:] = arrays["counts"]
+
+    def trial(self, bodies: int, until: float) -> None:
+        """As `Implicit.trial`; the first `bodies` bodies meet each other, but no others."""
+        self.memory[bodies:, step_memory.CODE] = Stop.WAITS
+        self._advance_to(until, lambda: None, lambda: None)
+        self.memory[bodies:, step_memory.CODE] = Stop.NONE
+        self._refuse_stopped()
+
+    def summary(self) -> dict[str, Any]:
+        """As `Implicit.summary`, with the number of searches, the largest island, and the mean fraction of bodies in islands."""
+        searches, largest, inside, repeated = self.counts
+        islands = {
+            "searches": int(searches), "largest": int(largest), "repeated": int(repeated),
+            "fraction_of_bodies": inside / max(searches, 1.0) / self.state.n_bodies,
+        }  # fmt: skip
+        return super().summary() | {"islands": islands}
+
+    def _plate_candidates(self) -> tuple[Numbers, Numbers]:
+        return self._edges, self._incidence
+
+    def _until(self, until: float) -> float:
+        """Return the time [s], at most `until`, of the next search; also where the plates are at rest."""
+        now = self.state.time
+        if self.schedule.path(now, until) > 0.0:
+            return until
+        return min(until, now + max(REST * self.rayleigh, LATER * now))
+
+    def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        self._search()
+        while True:
+            self._advance_all(until, watch)
+            own, partner = self._missed()
+            if not len(own):
+                break
+            self._repeat(own, partner)
+        watch()
+
+    def _advance_all(self, until: float, watch: Callable[[], None]) -> None:
+        """Advance bodies alone, then islands."""
+        codes = self.memory[:, step_memory.CODE]
+        waiting = self.islands.member & (codes == Stop.NONE)
+        codes[waiting] = Stop.WAITS
+        try:
+            super()._advance_to(until, lambda: self._watch_rewound(watch), lambda: None)
+        finally:
+            codes[waiting] = Stop.NONE
+        parts, tables, context = self.islands.parts, self._pack_tables(self.islands.tables), self._context()
+        while going := self._going(until):
+            begun, before = clock.perf_counter(), self.memory[:, step_memory.TRIES].sum()
+            kernel.advance_islands(parts, until, max(FEW, CALL * self.pace / going), context, tables)
+            done = self.memory[:, step_memory.TRIES].sum() - before
+            self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
+            self._watch_rewound(watch)
+
+    def _going(self, until: float) -> int:
+        """Return the number of bodies in islands that have not reached a time [s] and have not stopped."""
+        tables, islands = self.islands.tables, self.islands
+        if not islands.count:
+            return 0
+        first = tables.body_edges[:-1]
+        stopped = np.maximum.reduceat(self.memory[tables.bodies, step_memory.CODE], first) > Stop.NONE
+        late = self.totals[tables.bodies[first], run_totals.TIME] < until
+        return int(islands.sizes[late & ~stopped].sum())
+
+    def _watch_rewound(self, watch: Callable[[], None]) -> None:
+        """Call `watch` about every second, with the state of the last search: only from there a run can go on."""
+        if clock.perf_counter() - self._last_watch < CALL:
+            return
+        self._last_watch, current = clock.perf_counter(), self._copied()
+        self._put(self._saved)
+        watch()
+        self._put(current)
+
+    # -- search --
+
+    def _search(self) -> None:
+        """Find the pairs that can touch within the next stride, and the islands that they make; save the state."""
+        state, going = self.state, self.memory[:, step_memory.CODE] == Stop.NONE
+        own, partner = search_pairs(state, MARGIN * self.stride)
+        both = going[state.body[own]] & going[state.body[partner]]
+        replace_pairs(state, own[both], partner[both])
+        state.S[:, sphere.PATH] = 0.0
+        self._positions = state.S[:, :3].copy()
+        self._saved = self._copied()
+        self._connect()
+        self.counts[0] += 1.0
+
+    def _connect(self) -> None:
+        """Find the islands. Raises GuardStop where one of them is too large to pay."""
+        slots = self.state.slots
+        self.islands = islands_of(self.state, slots, numba.get_num_threads())
+        self.initial_overlaps, self.max_per_body = np.zeros(slots.count), slots.max_per_body
+        largest = int(self.islands.sizes.max(initial=0))
+        self.counts[1] = max(self.counts[1], largest)
+        self.counts[2] += float(self.islands.sizes.sum())
+        if largest > LARGEST and not self.accuracy.skip_unsolved:
+            raise GuardStop(
+                f"stopped at t = {self.state.time:.6g} s: {largest} bodies could meet within the next "
+                f"{self.stride:.2g} m of sliding, and the implicit integrator solves them together: more than {LARGEST} "
+                'do not pay; integrator = "explicit", at a higher speed, or on_failure = "continue", to go on all the same'
+            )
+
+    def _missed(self) -> tuple[Numbers, Numbers]:
+        """Return the pairs of spheres that may have touched since the last search without being candidates."""
+        state, slots = self.state, self.state.slots
+        own, partner, _ = may_have_touched(state, self._positions, ROUNDED * state.S[:, sphere.PATH])
+        pairs = slice(slots.n_plates, slots.count)
+        known = np.isin(self._keys(own, partner), self._keys(slots.own[pairs], slots.partner[pairs]))
+        going = self.memory[:, step_memory.CODE] == Stop.NONE
+        new = ~known & going[state.body[own]] & going[state.body[partner]]
+        return own[new], partner[new]
+
+    def _keys(self, own: Numbers, partner: Numbers) -> np.ndarray:
+        """Return a number for each pair, in the order of candidates."""
+        return own.astype(np.int64) * self.state.n_spheres + partner
+
+    def _repeat(self, own: Numbers, partner: Numbers) -> None:
+        """Make these pairs candidates, and return the islands that they connect to the last search."""
+        state, old, n = self.state, self.state.slots, self.state.slots.n_plates
+        keys = np.union1d(self._keys(own, partner), self._keys(old.own[n:], old.partner[n:]))
+        pairs = (keys // state.n_spheres).astype(np.int32), (keys % state.n_spheres).astype(np.int32)
+        now = old.H, old.R
+        old.H, old.R = self._saved["H"], self._saved["R"]
+        replace_pairs(state, *pairs)
+        self._saved |= {"H": state.slots.H, "R": state.slots.R}
+        state.slots, (old.H, old.R) = old, now
+        replace_pairs(state, *pairs)
+        self._connect()
+        number = self.islands.number
+        back = np.isin(number, number[state.body[own]])
+        self._put(self._saved, back)
+        self.counts[3] += len(np.unique(number[back]))
+
+    # -- copies of the state --
+
+    def _tables(self) -> dict[str, Array]:
+        """Return all tables that steps change, by name."""
+        tables = {name: getattr(self.state, name) for name in STATE}
+        return tables | {"H": self.state.slots.H, "R": self.state.slots.R, "totals": self.totals, "memory": self.memory}
+
+    def _copied(self) -> dict[str, Array]:
+        """Return copies of them."""
+        return {name: table.copy() for name, table in self._tables().items()}
+
+    def _put(self, saved: dict[str, Array], bodies: np.ndarray | None = None) -> None:
+        """Put back the saved tables, or their rows for some `bodies` (n,), a mask."""
+        state, tables = self.state, self._tables()
+        chosen = np.ones(state.n_bodies, bool) if bodies is None else bodies
+        patches = np.zeros(len(state.P), bool)
+        patches[state.patch[chosen]] = True
+        rows = dict.fromkeys(tables, chosen) | {"S": chosen[state.body], "P": patches}
+        rows["H"] = rows["R"] = chosen[state.body[state.slots.own]]
+        for name, table in tables.items():
+            table[rows[name]] = saved[name][rows[name]]
