@@ -136,7 +136,8 @@ def impact(make, tolerance):
 
     In closed form the velocities change along the line of centres alone, by half of 1 + e times the approach.
     """
-    balls = [make.ball(R, (MIDDLE + x, MIDDLE + y, R), (*v, 0.0)) for x, y, v in zip((-6e-6, 6e-6), (0.0, 3e-6), APPROACH)]
+    starts = zip((-6e-6, 6e-6), (0.0, 3e-6), APPROACH, strict=True)
+    balls = [make.ball(R, (MIDDLE + x, MIDDLE + y, R), (*v, 0.0)) for x, y, v in starts]
     none = dict.fromkeys([("ball", "ball"), ("ball", "floor")], 0.0)
     simulation = dragged(make, balls, none, load=1e-6, settle=0.0, tolerance=tolerance)
     before = make.momenta(simulation)[0]

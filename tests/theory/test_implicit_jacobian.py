@@ -311,11 +311,20 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
     q /= np.linalg.norm(q, axis=1)[:, None]
     radii, normal, body_of = rng.uniform(0.5, 1.5, 6), unit(*rng.standard_normal(3)), np.repeat([0, 1], 3)
     S, B, E = np.zeros((6, sphere.WIDTH)), np.zeros((2, body.WIDTH)), np.zeros((2, body_extra.WIDTH_WITHOUT_EFFECTS))
-    S[:, sphere.RADIUS], B[:, body.MASS], E[:, body_extra.INERTIA3] = radii, rng.uniform(0.5, 2.0, 2), rng.uniform(0.2, 1.0, (2, 3))
+    S[:, sphere.RADIUS], B[:, body.MASS], E[:, body_extra.INERTIA3] = (
+        radii,
+        rng.uniform(0.5, 2.0, 2),
+        rng.uniform(0.2, 1.0, (2, 3)),
+    )
     S[:, sphere.MASS] = B[body_of, body.MASS]
     Z, P = np.zeros((2, step_start.WIDTH)), np.zeros((2, patch.WIDTH))
     Z[:, step_start.QUATERNION : step_start.QUATERNION + 4] = q
-    Z[:, step_start.ARM], Z[:, step_start.MASS_FRACTION], Z[:, step_start.NOW], Z[:, step_start.BEFORE] = (2.3, 1.7), 1.0, 1.5, 0.5
+    Z[:, step_start.ARM], Z[:, step_start.MASS_FRACTION], Z[:, step_start.NOW], Z[:, step_start.BEFORE] = (
+        (2.3, 1.7),
+        1.0,
+        1.5,
+        0.5,
+    )
     P[:, patch.FREE], P[:, patch.MASS] = 1.0, 0.2
     centres = np.einsum("nij,nj->ni", rotation_matrices(q)[[0, 1]], offsets[[0, 3]])
     Z[0, :3] = centres[1] - centres[0] + (radii[0] + radii[3] - OVERLAP) * normal

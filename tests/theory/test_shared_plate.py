@@ -351,9 +351,10 @@ R = 2e-6
 
 
 def flying(make, one, other):
-    """Two balls without friction between plates; each is (x, y, v_x, v_y). The drag has 1 m/s: metres of way are seconds."""
+    """Two balls without friction under one plate; each is (x, y, v_x, v_y). The drag has 1 m/s: metres of way are seconds."""
     pair = [make.ball(R, (x, y, R), (v_x, v_y, 0.0)) for x, y, v_x, v_y in (one, other)]
-    return alone(make, pair, drag(1.0), friction=0.0, settle=1e-7, contact=model.Contact(debris_contact="auto"))
+    contact = model.Contact(level="mindlin", debris_contact="auto")
+    return carried(make, pair, drag(1.0), plate={"load": 2e-4}, friction=0.0, settle=1e-7, contact=contact)
 
 
 GRAZE = 1e-9

@@ -350,8 +350,8 @@ def test_a_thinned_copy_has_its_bodies_apart_or_as_close_as_they_were():
     assert thin(scene, 200, 1.5) == ({}, []) and thin(scene, FEWEST, 0.1) == ({}, [])
 
 
-def test_bodies_of_a_copy_are_apart_for_the_implicit_integrator():
-    """It has no contact between bodies and stops where two come near each other."""
+def test_bodies_of_a_copy_are_apart():
+    """So bodies alone are measured, with either integrator."""
     copy, built, words = reduce_scene(crowd(), [], 1e-9)
     assert copy.debris[0].count == FEWEST and built.state.world.debris_meets and "apart" in words[0]
     place = built.state.B[:, body.POSITION : body.POSITION + 2]

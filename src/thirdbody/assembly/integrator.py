@@ -49,6 +49,8 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
         return Plan("implicit", "required by the scene")
     if not obstacle and state.world.debris_meets:
         obstacle = 'bodies may meet each other; contact.debris_contact = "none" would declare that they do not'
+        if not carried_together(state):
+            obstacle += ', solver.integrator = "implicit" solves those that meet together, which suits slow sliding'
     if not obstacle and scene.solver.time_step != "auto":
         obstacle = "the scene gives a time step"
     if not obstacle:
@@ -62,7 +64,7 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
 
 def _refuse_leaving_behind(scene: Scene, state: State) -> None:
     """Raise InputError for `on_failure = "continue"` where all bodies carry one plate together."""
-    if scene.solver.on_failure == "continue" and _carried_together(state):
+    if scene.solver.on_failure == "continue" and carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
 
@@ -117,7 +119,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
 def _kind(state: State) -> type[Implicit]:
     from thirdbody.engine.implicit import Implicit
 
-    if not _carried_together(state):
+    if not carried_together(state):
         if not state.world.debris_meets:
             return Implicit
         from thirdbody.engine.implicit_islands import ImplicitIslands
@@ -128,7 +130,7 @@ def _kind(state: State) -> type[Implicit]:
     return ImplicitCommonPlate
 
 
-def _carried_together(state: State) -> bool:
+def carried_together(state: State) -> bool:
     """Return whether all bodies carry one free plate: a rigid one under a load, or that of a foundation."""
     upper = state.world.upper
     if upper is None:

@@ -6,6 +6,7 @@ paths of all spheres are checked. Where two spheres that were no candidates may 
 of the stride and are advanced again as one. So the result does not depend on how far bodies were expected to move.
 """
 
+import math
 import time as clock
 from collections.abc import Callable
 from typing import Any
@@ -53,7 +54,7 @@ class ImplicitIslands(Implicit):
     def __init__(self, state: State, *arguments: Any, **options: Any) -> None:
         super().__init__(state, *arguments, **options)
         self.starts = np.zeros((state.n_bodies, step_start.WIDTH))
-        self.counts = np.zeros(len(COUNTS))
+        self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
         self._pack_tables = Packer(TABLES)
         self.islands: Islands
         self._saved: dict[str, Array] = {}
@@ -80,7 +81,10 @@ class ImplicitIslands(Implicit):
     def trial(self, bodies: int, until: float) -> None:
         """As `Implicit.trial`; the first `bodies` bodies meet each other, but no others."""
         self.memory[bodies:, step_memory.CODE] = Stop.WAITS
-        self._advance_to(until, lambda: None, lambda: None)
+        begun = float(self.totals[:bodies, run_totals.TIME].min())
+        strides = max(1, math.ceil(self.schedule.path(begun, until) / self.stride))
+        for stop in begun + (until - begun) * np.arange(1, strides + 1) / strides:
+            self._advance_to(float(stop), lambda: None, lambda: None)
         self.memory[bodies:, step_memory.CODE] = Stop.NONE
         self._refuse_stopped()
 
@@ -89,7 +93,7 @@ class ImplicitIslands(Implicit):
         searches, largest, inside, repeated = self.counts
         islands = {
             "searches": int(searches), "largest": int(largest), "repeated": int(repeated),
-            "fraction_of_bodies": inside / max(searches, 1.0) / self.state.n_bodies,
+            "fraction_of_bodies": float(inside / max(searches, 1.0) / self.state.n_bodies),
         }  # fmt: skip
         return super().summary() | {"islands": islands}
 
@@ -111,6 +115,9 @@ class ImplicitIslands(Implicit):
             if not len(own):
                 break
             self._repeat(own, partner)
+        largest = max(self.counts[1], self._recent[1])
+        self.counts += self._recent
+        self.counts[1] = largest
         watch()
 
     def _advance_all(self, until: float, watch: Callable[[], None]) -> None:
@@ -160,8 +167,9 @@ class ImplicitIslands(Implicit):
         state.S[:, sphere.PATH] = 0.0
         self._positions = state.S[:, :3].copy()
         self._saved = self._copied()
+        self._recent[:] = 0.0
         self._connect()
-        self.counts[0] += 1.0
+        self._recent[0], self._recent[2] = 1.0, float(self.islands.sizes.sum())
 
     def _connect(self) -> None:
         """Find the islands. Raises GuardStop where one of them is too large to pay."""
@@ -169,8 +177,7 @@ class ImplicitIslands(Implicit):
         self.islands = islands_of(self.state, slots, numba.get_num_threads())
         self.initial_overlaps, self.max_per_body = np.zeros(slots.count), slots.max_per_body
         largest = int(self.islands.sizes.max(initial=0))
-        self.counts[1] = max(self.counts[1], largest)
-        self.counts[2] += float(self.islands.sizes.sum())
+        self._recent[1] = max(self._recent[1], largest)
         if largest > LARGEST and not self.accuracy.skip_unsolved:
             raise GuardStop(
                 f"stopped at t = {self.state.time:.6g} s: {largest} bodies could meet within the next "
@@ -207,7 +214,7 @@ class ImplicitIslands(Implicit):
         number = self.islands.number
         back = np.isin(number, number[state.body[own]])
         self._put(self._saved, back)
-        self.counts[3] += len(np.unique(number[back]))
+        self._recent[3] += len(np.unique(number[back]))
 
     # -- copies of the state --
 

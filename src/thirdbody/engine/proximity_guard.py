@@ -3,12 +3,18 @@
 import numpy as np
 
 from thirdbody.engine.neighbours import search_pairs
-from thirdbody.engine.state import Array, Numbers, State
+from thirdbody.engine.state import Array, Ints, Numbers, State
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import domain, sphere
+from thirdbody.kernels.columns.sides import EVERYTHING
 
 STRIDE = 0.25
 """Drag between two checks, in radii of the smallest sphere."""
+
+
+OUTLIER = 4.0
+"""Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly: their pairs are found
+one by one, since a grid for such distances would list all pairs of all bodies."""
 
 
 class ProximityGuard:
@@ -39,7 +45,7 @@ class ProximityGuard:
         one, other = state.order[a], state.order[b]
         return (
             f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "
-            'and under a plate that all carry the implicit integrator has no contact between bodies: '
+            "and under a plate that all carry the implicit integrator has no contact between bodies: "
             'integrator = "explicit" has it, and '
             'contact.debris_contact = "none" declares an ensemble of bodies without mutual contact'
         )
@@ -51,10 +57,36 @@ def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numb
     `positions`, `paths`: positions (n, 3) of all spheres at the last search, and upper bounds (n,) of the lengths of their paths
     since then [m].
     """
-    own, partner = search_pairs(state, 2.0 * float(paths.max()))
+    usual = min(float(paths.max()), OUTLIER * float(np.quantile(paths, 0.99)))
+    own, partner = search_pairs(state, 2.0 * usual)
+    if np.any(paths > usual):
+        own, partner = _with_fast(state, paths, np.flatnonzero(paths > usual), own, partner)
     gap = _smallest_gaps(state, positions, paths, own, partner)
     near = gap <= 0.0
     return own[near], partner[near], gap[near]
+
+
+def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Numbers) -> tuple[Numbers, Numbers]:
+    """Return these pairs and those of the `fast` spheres with all within reach of both paths, sorted."""
+    S, free, n = state.S, state.S[:, sphere.SIDE] == EVERYTHING, state.n_spheres
+    keys = [own.astype(np.int64) * n + partner]
+    for i in fast[free[fast]]:
+        between = _nearest_images(state, S[:, :3] - S[i, :3])
+        reach = S[:, sphere.RADIUS] + S[i, sphere.RADIUS] + paths + paths[i]
+        near = free & (state.body != state.body[i]) & (np.sum(between**2, axis=1) < reach**2)
+        j = np.flatnonzero(near)
+        keys.append(np.minimum(i, j) * n + np.maximum(i, j))
+    both = np.unique(np.concatenate(keys))
+    return (both // n).astype(np.int32), (both % n).astype(np.int32)
+
+
+def _nearest_images(state: State, between: Array) -> Array:
+    """Return separations (n, 3) [m] to the nearest images."""
+    for axis in (0, 1):
+        length = max(float(state.D[domain.LENGTH_X + axis]), 0.0)
+        if length > 0.0:
+            between[:, axis] -= length * np.rint(between[:, axis] / length)
+    return between
 
 
 def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, partner: Numbers) -> Array:
@@ -62,11 +94,7 @@ def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, p
     S = state.S
     moved = S[:, :3] - positions
     strayed = 0.5 * np.sqrt(np.maximum(paths**2 - np.sum(moved**2, axis=1), 0.0))
-    now = S[own, :3] - S[partner, :3]
-    for axis in (0, 1):
-        length = max(float(state.D[domain.LENGTH_X + axis]), 0.0)
-        if length > 0.0:
-            now[:, axis] -= length * np.rint(now[:, axis] / length)
+    now = _nearest_images(state, S[own, :3] - S[partner, :3])
     # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
     touch = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
     return _apart(now, moved[own], moved[partner]) - touch

@@ -243,7 +243,8 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
 def debris_contact(simulation: Simulation) -> str:
     """Describe the contact between bodies in this run."""
     if simulation.state.world.debris_meets:
-        return "searched" if simulation.plan.kind == "explicit" else "watched: the run stops where two bodies come near"
+        searched = simulation.plan.kind == "explicit" or getattr(simulation.integrator, "meets", False)
+        return "searched" if searched else "watched: the run stops where two bodies come near"
     return "none: no contact between bodies"
 
 

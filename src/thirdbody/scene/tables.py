@@ -194,7 +194,7 @@ class Contact(Part):
     Example: "mdr".
     """
     debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
-    """"none" declares an ensemble: bodies do not see each other, as the implicit integrator needs. Example: "none"."""
+    """"none" declares an ensemble: bodies do not see each other. Example: "none"."""
     options: dict[str, Any] = {}
 
     @classmethod

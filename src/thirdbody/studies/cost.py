@@ -150,7 +150,7 @@ def speed_error(built: Study) -> tuple[float, float]:
 
 
 def possible(built: Study, row: Row) -> bool:
-    """Return whether the scene itself could be computed like this: the implicit integrator has no contact between bodies."""
+    """Return whether the scene itself costs as much: with the implicit integrator bodies that meet cost more."""
     return not (built.alone and row.integrator == "implicit")
 
 

@@ -187,8 +187,8 @@ _AROUND = [
 def _texts(figure: Any, axes: Any, built: Study) -> None:
     report = built.machine
     failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(built).items()]
-    alone = ["No two bodies of this copy meet; with the implicit integrator the whole scene needs contact.debris_contact = "
-             "\"none\"."] if built.alone else []  # fmt: skip
+    alone = ["No two bodies of this copy meet; with the implicit integrator those of the whole scene that meet cost more."
+             ] if built.alone else []  # fmt: skip
     lines = [
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
         f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",

@@ -18,7 +18,7 @@ def print_study(built: Study) -> None:
     print_line(f"reduced: {'; '.join(built.reduction) or 'nothing'}")
     if built.alone:
         print("no two bodies of this copy meet: contact between bodies costs and changes nothing here; variants marked i compute "
-              'the whole scene only with contact.debris_contact = "none"')  # fmt: skip
+              'the whole scene as fast only with contact.debris_contact = "none"')  # fmt: skip
     print(f"budget {built.budget:.3g} s, took {built.elapsed:.3g} s")
     print(f"on {report['cpu']}, {report['cores']} cores, one used; load before: {report['load']}")
     default = built.default

@@ -1,7 +1,8 @@
 """Contacts between the bodies of an island in an accepted step: history, records, work, energy; and the error of their friction.
 
-Each body gets half of what friction, dashpots and the integrator lose in a contact. What the forces of a contact do on its two
-bodies, less the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`).
+Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
+the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part that
+it has in that work.
 """
 
 import numpy as np
@@ -25,13 +26,7 @@ from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
-from thirdbody.kernels.implicit.friction_work import (
-    FLOOR,
-    contact_difference,
-    contact_energy,
-    energy_scale,
-    work_error_of_plates,
-)
+from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
 from thirdbody.kernels.implicit.residual import mean_velocity_factor
@@ -59,7 +54,7 @@ def pair_opening_work(k, context, motion, box):
 
 @njit(**BARE_CHUNK)
 def pair_work_errors(context, island, m, motion, pool):
-    """Write the errors of the friction work of m contacts between bodies, and the energies that they can store, to both bodies."""
+    """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
     for a in range(island.bodies.shape[0]):
         pool.errors[a, 0], pool.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)
@@ -98,9 +93,7 @@ def work_error_of_island(context, island, m, motion, pool):
 def work_on(a, force, torque, context, island, pool):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
     y, arm = pool.coordinates[a, 0], 1.0 / context.starts[island.bodies[a], step_start.ARM]
-    return (
-        force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
-    )
+    return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
 
 
 @njit(**BARE)
@@ -113,11 +106,11 @@ def add_wrench(b, sign, force, torque, B):
 
 @njit(**BARE)
 def add_losses(b, friction, damped, lost, context):
-    """Add what friction, dashpots and the integrator lost in a contact [J] to the totals of one of its bodies: its part."""
+    """Add to the totals of a body its part of what friction and dashpots dissipated in a contact, and `lost` [J]."""
     A = context.totals[b]
     A[run_totals.FRICTION_WORK] += BODY_FRACTION * friction
     A[run_totals.DAMPING_WORK] += BODY_FRACTION * damped
-    A[run_totals.NUMERICAL_LOSS] += BODY_FRACTION * lost
+    A[run_totals.NUMERICAL_LOSS] += lost
     context.B[b, body.FRICTION_WORK] += BODY_FRACTION * friction
 
 
@@ -129,7 +122,7 @@ def stored_energy(k, context):
 
 @njit(**BARE)
 def pair_recoil(q, k, dt, context, tile):
-    """Return the dashpot dissipation [J] of contact q, candidate k, that is about to open (`accept_step.recoil`); q = -1: open."""
+    """Return the dashpot dissipation [J] of contact q, candidate k, that is about to open (`accept_step.recoil`); q -1: open."""
     R, O = context.R, tile.outputs  # noqa: E741
     if not is_closed(k, context.H) or R[k, record.NORMAL_FORCE] != 0.0:
         return 0.0
@@ -148,15 +141,17 @@ def accept_closed(q, k, context, island, motion, pool, tile):
     The tile has the friction loss that is booked.
     """
     i, j, a, b = ends_of(k, context, island)
-    b_i, b_j, O, dt = island.bodies[a], island.bodies[b], tile.outputs, motion.dt
+    b_i, b_j, O, dt = island.bodies[a], island.bodies[b], tile.outputs, motion.dt  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
-    done = work_on(a, f, torque, context, island, pool) + work_on(b, (-f[0], -f[1], -f[2]), back, context, island, pool)
+    done_a = work_on(a, f, torque, context, island, pool)
+    done_b = work_on(b, (-f[0], -f[1], -f[2]), back, context, island, pool)
+    part = abs(done_a) / max(abs(done_a) + abs(done_b), 1e-300)
     power = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, context.initial_overlaps[k], tile.inputs)
     damped, friction = power * dt + pair_recoil(q, k, dt, context, tile), O[law_output.DISSIPATED * TILE + q]
     gained = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q] - stored_energy(k, context)
-    lost = -done - gained - friction - damped
-    add_losses(b_i, friction, damped, lost, context)
-    add_losses(b_j, friction, damped, lost, context)
+    lost = -(done_a + done_b) - gained - friction - damped
+    add_losses(b_i, friction, damped, part * lost, context)
+    add_losses(b_j, friction, damped, (1.0 - part) * lost, context)
     add_wrench(b_i, 1.0, f, torque, context.B)
     add_wrench(b_j, -1.0, f, back, context.B)
     context.B[b_i, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
@@ -171,8 +166,9 @@ def accept_opened(k, of_mean, context, island, motion, tile):
     gained, damped = -stored_energy(k, context), pair_recoil(np.int64(-1), k, motion.dt, context, tile)
     dragged = pair_opening_work(k, context, motion, island.box) if of_mean else 0.0
     friction = max(reset_history(k, context) + dragged, 0.0)
-    add_losses(island.bodies[a], friction, damped, -gained - friction - damped, context)
-    add_losses(island.bodies[b], friction, damped, -gained - friction - damped, context)
+    lost = 0.5 * (-gained - friction - damped)
+    add_losses(island.bodies[a], friction, damped, lost, context)
+    add_losses(island.bodies[b], friction, damped, lost, context)
 
 
 @njit(**BARE)
@@ -215,4 +211,3 @@ def remember_pair(q, k, context, island, tile):
     for c in (a, b):
         T = context.memory[island.bodies[c]]
         T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy)
-

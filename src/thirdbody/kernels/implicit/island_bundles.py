@@ -110,10 +110,11 @@ def make_pool(context, bodies, pairs, band):
     return Pool(
         np.empty((bodies, given)), np.empty((bodies, found)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
         np.zeros((bodies, TILE), np.int64), np.zeros((bodies, row)), np.zeros((bodies, 4, FREEDOMS)),
-        np.empty((bodies, FREEDOMS, FREEDOMS)), np.zeros((bodies, step_contacts.WIDTH)), np.zeros((bodies, 1, contact_sums.WIDTH)),
-        np.zeros(observed_body.WIDTH), np.empty((row, context.width)), np.zeros(bodies, np.int64), np.zeros((bodies, 2)),
-        np.zeros((bodies, 2)), np.empty((tiles, given)), np.empty((tiles, found)), np.empty((tiles, slopes)),
-        np.empty((tiles, shape)), np.zeros((tiles, TILE + SPARE), np.int64), np.empty(band), np.empty(FREEDOMS * bodies),
+        np.empty((bodies, FREEDOMS, FREEDOMS)), np.zeros((bodies, step_contacts.WIDTH)),
+        np.zeros((bodies, 1, contact_sums.WIDTH)), np.zeros(observed_body.WIDTH), np.empty((row, context.width)),
+        np.zeros(bodies, np.int64), np.zeros((bodies, 2)), np.zeros((bodies, 2)), np.empty((tiles, given)),
+        np.empty((tiles, found)), np.empty((tiles, slopes)), np.empty((tiles, shape)),
+        np.zeros((tiles, TILE + SPARE), np.int64), np.empty(band), np.empty(FREEDOMS * bodies),
         np.zeros(FREEDOMS * bodies, np.int64),
     )  # fmt: skip
 

@@ -241,4 +241,3 @@ def turn_of_normals(m, pool):
 def closed_part(q, k, context, tile):
     """Return the fraction of the step in which contact q, candidate k, was closed."""
     return closed_fraction(q, context.initial_overlaps[k], tile.inputs)
-
