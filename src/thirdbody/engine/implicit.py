@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
@@ -36,7 +37,6 @@ from thirdbody.kernels.columns import (
     step_settings,
     step_start,
 )
-from thirdbody.kernels.columns.sides import LOWER
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
@@ -373,7 +373,7 @@ class Implicit:
             own, partner = int(s.slots.own[slot]), int(s.slots.partner[slot])
             radius = s.spheres.radius[own] if partner < 0 else min(s.spheres.radius[own], s.spheres.radius[partner])
             ratio, limit = s.slots.records.overlap[slot] / radius, s.D[domain.OVERLAP_GUARD]
-            text = f"sinks into {self._partner(slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
+            text = f"sinks into {partner_of(s, slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {text}; a lower load is needed"
         if code == Stop.LEFT:
             return f"{when}: {who} left the domain"
@@ -382,32 +382,12 @@ class Implicit:
         if code == Stop.BAD_BODY:
             return f"{when}: the position of body {s.order[body]} is not a number"
         shortest = self.settings[step_settings.SHORTEST]
-        return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {self._spots(body)}"
+        return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {loaded_spots(s, body)}"
 
     def _who(self, number: int) -> str:
         """Return text that names a body by its number in the scene and its position."""
         where = ", ".join(f"{x:.4g}" for x in self.state.bodies.position[number])
         return f"body {self.state.order[number]} at ({where}) m"
-
-    def _spots(self, body: int) -> str:
-        """Return text that lists the contacts of a body with their forces."""
-        slots = self.state.slots
-        report = []
-        for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:
-            k = entry >> 1
-            if slots.histories.slip[k] > 0.0:
-                sphere = int((slots.partner[k] if entry & 1 else slots.own[k]) - self.state.start[body])
-                force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
-                report.append(f"sphere {sphere} on {self._partner(k, body)} with N = {force:.3g} N, T = {shear:.3g} N")
-        return "its loaded spots: " + ("; ".join(report) or "none")
-
-    def _partner(self, slot: int, body: int) -> str:
-        """Return text that names what a body touches in a contact."""
-        s = self.state
-        if s.slots.partner[slot] < 0:
-            return f"the {'lower' if s.slots.sides[slot] == LOWER else 'upper'} plate"
-        both = s.body[s.slots.own[slot]], s.body[s.slots.partner[slot]]
-        return f"body {s.order[both[1] if both[0] == body else both[0]]}"
 
 
 def _own_patches(state: State) -> None:

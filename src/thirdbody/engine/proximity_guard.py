@@ -13,8 +13,8 @@ STRIDE = 0.25
 
 
 OUTLIER = 4.0
-"""Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly: their pairs are found
-one by one, since a grid for such distances would list all pairs of all bodies."""
+"""Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly. Their pairs are
+found one by one: a grid for such distances would list all pairs of all bodies."""
 
 
 class ProximityGuard:

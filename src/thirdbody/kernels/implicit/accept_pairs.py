@@ -1,8 +1,8 @@
 """Contacts between the bodies of an island in an accepted step: history, records, work, energy; and the error of their friction.
 
 Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
-the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part that
-it has in that work.
+the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part
+that it has in that work.
 """
 
 import numpy as np
