@@ -191,7 +191,7 @@ def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit
             "steps": None,
             "estimated_step_time": wall,
             "trial_stopped": stopped,
-        }, slow
+        } | _islands(integrator), slow
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
     steps = (built.planned_time + added_time(built)) / dt
@@ -331,6 +331,19 @@ def _print_plate(report: dict[str, Any]) -> None:
     print(f"expected overlap {report['expected_overlap_over_radius']:.2g} of the radius")
 
 
+def _islands(integrator: Implicit) -> dict[str, Any]:
+    """Return the islands of bodies at the start, by size, where bodies have contact with each other (`engine.islands`)."""
+    if not integrator.meets:
+        return {}
+    state, islands = integrator.state, cast(Any, integrator).islands
+    covered = math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1])
+    found = {
+        "stride": integrator.stride, "largest": int(islands.sizes.max(initial=1)),
+        "fraction_of_bodies": float(islands.sizes.sum()) / state.n_bodies, "area_fraction": covered,
+    }  # fmt: skip
+    return {"islands": found}
+
+
 def _print_integration(report: dict[str, Any]) -> None:
     print_line(f"integrator {report['integrator']}: {report['integrator_reason']}")
     settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
@@ -343,6 +356,10 @@ def _print_integration(report: dict[str, Any]) -> None:
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
         print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
         print(f"settling {settling}, simulated {whole}, every body by steps of its own")
+        if islands := report.get("islands"):
+            within = f"could meet within {pretty(islands['stride'], 'length')} of sliding"
+            inside = f"{100.0 * islands['fraction_of_bodies']:.0f} % of them {within} and are solved together"
+            print(f"bodies cover {islands['area_fraction']:.2f} of the area; {inside}, at most {islands['largest']}")
         return
     step = report["time_step"]
     print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
