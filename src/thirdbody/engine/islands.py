@@ -45,8 +45,8 @@ def islands_of(state: State, slots: Candidates, parts: int) -> Islands:
     k = np.arange(slots.n_plates, slots.count)
     a, b, n = state.body[slots.own[k]], state.body[slots.partner[k]], state.n_bodies
     graph = coo_matrix((np.ones(2 * len(k)), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
-    found, number = connected_components(graph, directed=False)
-    sizes = np.bincount(number, minlength=found)
+    components, number = connected_components(graph, directed=False)
+    sizes = np.bincount(number, minlength=components)
     member = sizes[number] > 1
     near = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
     near = near[member[near]]
@@ -55,7 +55,7 @@ def islands_of(state: State, slots: Candidates, parts: int) -> Islands:
     body_edges = np.concatenate(([0], np.cumsum(sizes[large])))
     position = np.zeros(n, np.int64)
     position[bodies] = np.arange(len(bodies)) - np.repeat(body_edges[:-1], sizes[large])
-    row = np.full(found, -1)
+    row = np.full(components, -1)
     row[large] = np.arange(len(large))
     of_pair = row[number[a]]
     pairs = k[np.argsort(of_pair, kind="stable")]

@@ -337,11 +337,11 @@ def _islands(integrator: Implicit) -> dict[str, Any]:
         return {}
     state, islands = integrator.state, cast(Any, integrator).islands
     covered = math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1])
-    found = {
+    result = {
         "stride": integrator.stride, "largest": int(islands.sizes.max(initial=1)),
         "fraction_of_bodies": float(islands.sizes.sum()) / state.n_bodies, "area_fraction": covered,
     }  # fmt: skip
-    return {"islands": found}
+    return {"islands": result}
 
 
 def _print_integration(report: dict[str, Any]) -> None:

@@ -172,7 +172,7 @@ def accept_opened(k, of_mean, context, island, motion, tile):
 
 
 @njit(**BARE)
-def takes_mean(context, island):
+def is_of_mean(context, island):
     """Return whether friction dissipates the work of the mean force of the step on all bodies (`friction_work.weight_of_old`)."""
     mean = context.force >= 0
     for a in range(island.bodies.shape[0]):
@@ -183,7 +183,7 @@ def takes_mean(context, island):
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, pool):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
-    of_mean, p = takes_mean(context, island), np.int64(0)
+    of_mean, p = is_of_mean(context, island), np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
         if p < m and pool.pair_slots[p // TILE, p % TILE] == k:

@@ -105,15 +105,15 @@ def make_pool(context, bodies, pairs, band):
     """Return the scratch for islands of at most so many bodies, candidates between them, and numbers in the band."""
     history, tiles, row = context.n_history, (pairs + TILE - 1) // TILE, context.max_per_body
     given = (law_input.HISTORY + history + rolling_input.WIDTH) * TILE
-    found = (law_output.HISTORY + history + rolling_output.WIDTH) * TILE
+    results = (law_output.HISTORY + history + rolling_output.WIDTH) * TILE
     slopes, shape = contact_tangent.ROLLING_WIDTH * TILE, geometry.WIDTH * TILE
     return Pool(
-        np.empty((bodies, given)), np.empty((bodies, found)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
+        np.empty((bodies, given)), np.empty((bodies, results)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
         np.zeros((bodies, TILE), np.int64), np.zeros((bodies, row)), np.zeros((bodies, 4, FREEDOMS)),
         np.empty((bodies, FREEDOMS, FREEDOMS)), np.zeros((bodies, step_contacts.WIDTH)),
         np.zeros((bodies, 1, contact_sums.WIDTH)), np.zeros(observed_body.WIDTH), np.empty((row, context.width)),
         np.zeros(bodies, np.int64), np.zeros((bodies, 2)), np.zeros((bodies, 2)), np.empty((tiles, given)),
-        np.empty((tiles, found)), np.empty((tiles, slopes)), np.empty((tiles, shape)),
+        np.empty((tiles, results)), np.empty((tiles, slopes)), np.empty((tiles, shape)),
         np.zeros((tiles, TILE + SPARE), np.int64), np.empty(band), np.empty(FREEDOMS * bodies),
         np.zeros(FREEDOMS * bodies, np.int64),
     )  # fmt: skip

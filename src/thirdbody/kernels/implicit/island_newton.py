@@ -68,11 +68,11 @@ def rounding_force_of(context, active, diagnostics):
 
 @njit(**BARE_CHUNK)
 def measure(context, island, first, dt, pool):
-    """Return the relative norm of the residuals, the least norm that is sufficient, and whether all bodies are solved, or nearly.
+    """Return the relative norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly.
 
     `first`: these are the first ones of the step, whose forces are the scale.
     """
-    square, least, solved, nearly = 0.0, 1e300, True, True
+    square, smallest, solved, nearly = 0.0, 1e300, True, True
     for a in range(island.bodies.shape[0]):
         active, space = active_at(a, context, island), space_at(a, pool)
         now, scale = euclidean_norm(space.residual), force_scale(context, active, space.trial, dt, space.diagnostics)
@@ -86,8 +86,8 @@ def measure(context, island, first, dt, pool):
         if not (now <= max(ACCEPTED * scale, minimum) and is_balanced(context, active, dt, ACCEPTED, minimum, space)):
             nearly = False
         square += (now * pool.scales[a, 1]) ** 2
-        least = min(least, enough * pool.scales[a, 1])
-    return math.sqrt(square), least, solved, nearly
+        smallest = min(smallest, enough * pool.scales[a, 1])
+    return math.sqrt(square), smallest, solved, nearly
 
 
 @njit(**BARE_CHUNK)

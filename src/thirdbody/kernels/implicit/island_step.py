@@ -135,9 +135,13 @@ def label_bodies(context, tables, island, pool):
 
 
 @njit(**BARE_CHUNK)
-def finish_step(context, island, taken, ended, pool):
-    """Advance the clocks, counters and step lengths of all bodies. `taken`: `finished_step`; `ended`: time and whether whole."""
-    motion, error, easy, cuts, limit = taken
+def finish_step(context, island, step, ended, pool):
+    """Advance the clocks, counters and step lengths of all bodies.
+
+    `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
+    whether that is the end of the interval, and whether a breakpoint of the motion.
+    """
+    motion, error, easy, cuts, limit = step
     end, whole, at_breakpoint = ended
     for a in range(island.bodies.shape[0]):
         active, T = active_at(a, context, island), context.memory[island.bodies[a]]
