@@ -1,6 +1,7 @@
-"""How often the verdict of the rate test is wrong: one small bed of spheres, many seeds, a fast and a slow shear.
+"""How often the verdict of the rate test is wrong: one small bed of clumps, many seeds, a fast and a slow shear.
 
     python tests/bench/rate_test_seeds.py --seeds 20 --inertial-number 0.05 --strain 45
+    python tests/bench/rate_test_seeds.py --seeds 20 --strain 15 --factor 1.01   # no effect: every "effect" is false
 
 Prints one line per seed, then the frequency of each verdict. By mu(I) of smooth spheres friction changes by about 0.9 I over
 I (Jop et al. 2006), so at a third of the speed by 0.6 I: 0.03 at I = 0.05, far above the 0.01 that matters, and 0.002 at 0.004.
@@ -20,7 +21,7 @@ PRESSURE, DENSITY, DIAMETER, HEIGHT = 2.5e6, 2500.0, 10e-6, 5.0
 
 SCENE = """\
 scene = 1
-title = "a small bed of spheres"
+title = "a small bed of clumps"
 [materials.soft]
 youngs_modulus = "25 GPa"
 poisson_ratio = 0.25
