@@ -49,12 +49,12 @@ CASES = (
     Case("hundredfold_step", "time step 100 times too long: blow-up", free.hundredfold_step, EXPLICIT, ("mindlin",), False),
     Case("constant_gap", "constant gap, mu > t_max: N unbounded", plates.constant_gap),
     Case("many_dashpots", "dashpots of many spots add up: blow-up", plates.many_dashpots),
-    Case("two_meet_head_on", "two bodies block each other: coupled slip", meeting.two_meet_head_on, EXPLICIT, swept=False),
-    Case("rides_onto", "a body mounts another: contact handed over", meeting.rides_onto, EXPLICIT, swept=False),
-    Case("chain_of_ten", "ten bodies pushed against one: long chain", meeting.chain_of_ten, EXPLICIT, swept=False),
-    Case("meets_again", "bodies part and meet at once: stale history", meeting.meets_again, EXPLICIT, swept=False),
-    Case("coincident_centres", "one centre: no normal", meeting.coincident_centres, EXPLICIT, ("coulomb",), False),
-    Case("light_on_heavy", "mass ratio 1e6 between plates", meeting.light_against_heavy, EXPLICIT, swept=False),
+    Case("two_meet_head_on", "two bodies block each other: coupled slip", meeting.two_meet_head_on, BOTH, swept=False),
+    Case("rides_onto", "a body mounts another: contact handed over", meeting.rides_onto, BOTH, swept=False),
+    Case("chain_of_ten", "ten bodies pushed against one: long chain", meeting.chain_of_ten, BOTH, swept=False),
+    Case("meets_again", "bodies part and meet at once: stale history", meeting.meets_again, BOTH, swept=False),
+    Case("coincident_centres", "one centre: no normal", meeting.coincident_centres, BOTH, ("coulomb",), False),
+    Case("light_on_heavy", "mass ratio 1e6 between plates", meeting.light_against_heavy, BOTH, swept=False),
     Case("turning_pair", "rigid rotation: history must turn along", free.rotating_pair, EXPLICIT, LEVELS, False),
 )
 """In the order of `thirdbody hard`."""
