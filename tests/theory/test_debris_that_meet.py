@@ -156,6 +156,17 @@ def test_three_in_a_row_that_rub(met):
         assert abs(rubs[body]) <= 0.3 * push * (1.0 + TILT)
 
 
+def test_slow_balls_rub_on_the_post_as_much_as_friction_allows(tmp_path):
+    """At 1 mm/s nothing bounces, and each turns against what it meets until it stands: its friction is at the limit there."""
+    scene = thirdbody.Scene.parse(MEETINGS["three_that_rub"].text("implicit"))
+    slow = scene.with_settings({"plates.upper.motion.x.velocity": "1 mm/s"})
+    final = forces(thirdbody.run(slow, tmp_path / "run", progress=False))
+    first = 2.0 * MU / 1.3
+    # what closed_forms.second_of_two_stopped_spheres gives with rubs of 0.3 of the pushes
+    second = (2.0 * MU + 0.7 * first) / 1.3
+    assert [-final[0, 1][0], -final[1, 2][0]] == pytest.approx([first, second], rel=TILT)
+
+
 def test_a_chain_of_ten_is_pushed_against_a_post(met):
     """Each ball hands on what it gets, and adds 2 mu W."""
     final = forces(met("chain_of_ten"))
