@@ -24,9 +24,9 @@ from thirdbody.runner.simulate import execute
 from thirdbody.trajectory.rate_test import matched_frames
 
 SCENES = Path(__file__).parents[2] / "scenes"
-SMALL = {
-    "debris.0.count": "40", "domain.size": ["50 um", "40 um"], "solver.settle": "0.5 us",
-    "solver.distance": "0.45 um", "output.every": "0.01 um",
+SMALL: dict[str, object] = {
+    "debris.0.count": "40", "domain.size": ["30 um", "24 um"], "solver.settle": "0.5 us", "solver.inertial_number": None,
+    "plates.upper.motion.x.velocity": "2 m/s", "solver.distance": "0.45 um", "output.every": "0.01 um",
 }  # fmt: skip
 FACTOR = 3.0
 

@@ -30,12 +30,8 @@ def copy_scene(name: str, path: Path) -> list[Path]:
     if name not in questions():
         raise UsageError(f"--from {name}: no such scene, {nearest(name, questions())}")
     source = _folder(SCENES) / f"{name}.toml"
-    text = source.read_text(encoding="utf-8")
-    copies = {path: text.encode()}
-    for word in _words(tomllib.loads(text)):
-        if (source.parent / word).is_file():
-            copies[path.parent / word] = (source.parent / word).read_bytes()
-    return write_new(copies)
+    named = {path.parent / word: file.read_bytes() for word, file in _named(source).items()}
+    return write_new({path: source.read_bytes()} | named)
 
 
 def next_command(name: str) -> str:
@@ -89,6 +85,15 @@ def _folder(package: str) -> Path:
 def _first_line(file: Path) -> str:
     with open(file, encoding="utf-8") as lines:
         return lines.readline().lstrip("# ").rstrip()
+
+
+def _named(source: Path) -> dict[str, Path]:
+    """Return the files that a scene or a sweep names, and those that its scene names, by their names there."""
+    files: dict[str, Path] = {}
+    for word in _words(tomllib.loads(source.read_text(encoding="utf-8"))):
+        if (file := source.parent / word).is_file():
+            files |= {word: file} | (_named(file) if file.suffix == ".toml" else {})
+    return files
 
 
 def _words(value: Any) -> Iterator[str]:

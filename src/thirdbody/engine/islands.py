@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from thirdbody.kernels.implicit.island_bundles import IslandTables
 
 @dataclass(frozen=True)
 class Islands:
-    """Islands of at least two bodies, as tables of the kernels, with their sizes (n,).
+    """Islands of at least two bodies, as tables of the kernels (`IslandTables`), with their sizes (n,).
 
     `member` (n_bodies,): whether a body is in one; `number` (n_bodies,): the same for all bodies that are connected.
     """
 
-    tables: IslandTables
+    tables: Any  # its fields are made at run time, so type checkers do not see them
     sizes: Ints
     member: np.ndarray
     number: Ints

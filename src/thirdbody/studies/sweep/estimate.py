@@ -54,7 +54,8 @@ def estimate(plan: Plan, workers: int | None) -> Estimate:
     count = max(1, min(workers or cores(), len(missing)))
     total = each * len(missing) if missing else 0.0
     memory = max((int(trial["memory"]) for trial in trials), default=0)
-    return Estimate(len(plan.points), len(saved), count, total, total / count, int(disk * len(missing)) if missing else 0, memory,
+    bytes_written = int(disk * len(missing)) if missing and math.isfinite(disk) else 0
+    return Estimate(len(plan.points), len(saved), count, total, total / count, bytes_written, memory,
                     len(seconds), len(trials), tuple(failures))  # fmt: skip
 
 
