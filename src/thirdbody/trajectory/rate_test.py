@@ -18,7 +18,8 @@ TRANSIENT = 1.0 / 6.0
 """Fraction of the last third that is skipped after the change of speed."""
 
 FRICTION, SOLID_FRACTION, LABELS = 0.01, 0.005, 0.05
-"""Changes that matter: of the friction coefficient, of the solid fraction, of the share of bodies in a state."""
+"""Changes from the speed of the run to zero speed that matter: of the friction coefficient, of the solid fraction, of the share
+of bodies in a state. Linear in the speed, (1 - 1/factor) of them appears at the lower speed."""
 
 NORMAL, LONGER = 2.58, 1.5
 """Half width of 99 % of a normal distribution in standard deviations; least advised length of a longer run over that of a run."""
@@ -47,7 +48,7 @@ class Comparison:
     margin : float
         Half width of the confidence interval of the change at 99 %.
     matters : float
-        Change from which on it matters.
+        Change at the lower speed from which on it matters.
     effect : bool or None
         Whether the change is significant and matters; None where the margin is too wide to tell.
     """
@@ -185,8 +186,9 @@ def compare(run: Run, test: Run, factor: float) -> RateTest:
     if len(fast) < ENOUGH:
         return RateTest(factor, True, verdict="undecided: too few output intervals in the last third to compare")
     strokes = run.drag.stroke
+    seen = 1.0 - 1.0 / factor  # fraction of the change to zero speed that appears at the lower one
     compared = [
-        _compared(name, words, matters, (_series(run, name, fast, strokes), _series(test, name, slow, strokes)))
+        _compared(name, words, seen * matters, (_series(run, name, fast, strokes), _series(test, name, slow, strokes)))
         for name, words, matters in _quantities(run)
     ]
     mu = [_series(part, "friction_coefficient", frames, strokes) for part, frames in ((run, fast), (test, slow))]
@@ -198,7 +200,7 @@ def compare(run: Run, test: Run, factor: float) -> RateTest:
 
 
 def _quantities(run: Run) -> list[tuple[str, str, float]]:
-    """Return series, words and the change that matters, of what is compared."""
+    """Return series, words and the change to zero speed that matters, of what is compared."""
     known = [("friction_coefficient", "friction", FRICTION), ("solid_fraction", "solid fraction", SOLID_FRACTION)]
     known += [(f"fraction_{state}", f"share {state}", LABELS) for state in run.state_names]
     return [entry for entry in known if entry[0] in run.series]
@@ -244,7 +246,7 @@ def verdict_of(compared: list[Comparison], drift: tuple[float, float], slow: str
         return None, f"undecided: the difference in friction still changes by {size} over the stretch compared: run longer"
     if friction.effect is None:
         return None, (
-            f"undecided: {friction.text} at {slow}, with a margin of {friction.margin:.2g}, and {friction.matters:g} would "
+            f"undecided: {friction.text} at {slow}, with a margin of {friction.margin:.2g}, and {friction.matters:.2g} would "
             f"matter: a run about {friction.longer:.2g} times as long would decide"
         )
     unclear = [entry.words for entry in others if entry.effect is None]
