@@ -13,9 +13,9 @@ from thirdbody.trajectory.names import ACCOMMODATION
 SCENE = Path(__file__).parents[2] / "scenes" / "dense_layer.toml"
 SMALL = {
     "debris.0.count": 150, "domain.size": ["60 um", "50 um"], "solver.distance": "12 um", "output.every": "0.4 um",
-    "output.profiles": 20,
+    "output.profiles": 20, "plates.upper.motion.x.velocity": "2 m/s", "solver.inertial_number": None,
 }  # fmt: skip
-V = 2.0  # m/s, of the scene
+V = 2.0  # m/s
 
 
 @pytest.fixture(scope="module")
