@@ -27,7 +27,11 @@ SHORT = {"output.every": "0.05 um"}
 CASES = {
     "explicit": SHORT | {"debris.0.count": "100", "solver.distance": "2 um"},
     "implicit": SHORT | {"debris.0.count": "1200", "solver.distance": "6 um", "contact.debris_contact": "none"},
-}
+    "implicit, bodies that meet": SHORT | {
+        "debris.0.count": "400", "domain.size": '["350 um", "262 um"]', "solver.distance": "3 um",
+        "solver.integrator": "implicit", "plates.upper.motion.x.velocity": "1 mm/s",
+    },
+}  # fmt: skip
 """Some five seconds of integration each."""
 
 
