@@ -186,9 +186,9 @@ def compare(run: Run, test: Run, factor: float) -> RateTest:
     if len(fast) < ENOUGH:
         return RateTest(factor, True, verdict="undecided: too few output intervals in the last third to compare")
     strokes = run.drag.stroke
-    seen = 1.0 - 1.0 / factor  # fraction of the change to zero speed that appears at the lower one
+    visible = 1.0 - 1.0 / factor  # fraction of the change to zero speed that appears at the lower one
     compared = [
-        _compared(name, words, seen * matters, (_series(run, name, fast, strokes), _series(test, name, slow, strokes)))
+        _compared(name, words, visible * matters, (_series(run, name, fast, strokes), _series(test, name, slow, strokes)))
         for name, words, matters in _quantities(run)
     ]
     mu = [_series(part, "friction_coefficient", frames, strokes) for part, frames in ((run, fast), (test, slow))]
