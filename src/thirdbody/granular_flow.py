@@ -3,6 +3,8 @@
 The inertial number is I = shear rate * d * sqrt(density / pressure), d the diameter (GDR MiDi 2004, Eur. Phys. J. E 14, 341).
 """
 
+import math
+
 import numpy as np
 
 from thirdbody.quantity import quantity_text
@@ -22,6 +24,19 @@ def median_by_mass(diameters: np.ndarray, masses: np.ndarray) -> float:
     order = np.argsort(diameters, kind="stable")
     below = np.cumsum(masses[order])
     return float(diameters[order][np.searchsorted(below, 0.5 * below[-1] * (1.0 - 1e-12))])
+
+
+def inertial_number(shear_rate: float, diameter: float, density: float, pressure: float) -> float:
+    """Return I, the shear rate times the time in which the pressure moves a body by its diameter; infinite without pressure."""
+    return shear_rate * diameter * math.sqrt(density / pressure) if pressure != 0.0 else math.inf
+
+
+def softness(modulus: float, pressure: float) -> float:
+    """Return kappa = (E*/P)^(2/3), infinite without pressure; its inverse is of the order of the overlaps over the radius.
+
+    Source: Agnolin and Roux, Phys. Rev. E 76, 2007, 061304 (their stiffness level, with E* for E).
+    """
+    return (modulus / pressure) ** (2.0 / 3.0) if pressure != 0.0 else math.inf
 
 
 def friction_increase(number: float) -> float:

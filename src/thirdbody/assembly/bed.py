@@ -13,7 +13,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.state import Placed
 from thirdbody.engine.upper_plate import Axis, ends_of
-from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, median_by_mass
+from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, inertial_number, median_by_mass, softness
 from thirdbody.laws.elasticity import e_star
 from thirdbody.scene.model import Scene
 
@@ -58,22 +58,14 @@ class Bed(NamedTuple):
         return self.speed / min(self.height, SHEAR_ZONE * self.diameter, self.stroke)
 
     @property
-    def inertial_time(self) -> float:
-        """Time in which the pressure moves a body of median size by its diameter, d sqrt(rho/P) [s]; NaN at a held gap."""
-        return math.inf if self.pressure == 0.0 else self.diameter * math.sqrt(self.density / self.pressure)
-
-    @property
     def inertial_number(self) -> float:
-        """I, the shear rate times the inertial time. Source: GDR MiDi, Eur. Phys. J. E 14, 2004, 341."""
-        return self.shear_rate * self.inertial_time if self.speed > 0.0 else 0.0
+        """Inertial number of the median diameter; 0 at rest, NaN at a held gap."""
+        return inertial_number(self.shear_rate, self.diameter, self.density, self.pressure) if self.speed > 0.0 else 0.0
 
     @property
     def softness(self) -> float:
-        """kappa = (E*/P)^(2/3); its inverse is of the order of the overlaps over the radius.
-
-        Source: Agnolin and Roux, Phys. Rev. E 76, 2007, 061304 (their stiffness level, with E* for E).
-        """
-        return math.inf if self.pressure == 0.0 else (self.modulus / self.pressure) ** (2.0 / 3.0)
+        """Softness kappa; NaN at a held gap."""
+        return softness(self.modulus, self.pressure)
 
 
 def bed_of(scene: Scene, choice: CompiledPhysics, placed: Placed) -> Bed | None:

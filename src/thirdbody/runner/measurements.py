@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.engine.state import State, table
-from thirdbody.laws.elasticity import e_star
 from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
@@ -70,9 +69,8 @@ def bed_measures(simulation: Simulation) -> BedMeasures | None:
     """Return the measures of the bed of a run, None where it has none."""
     if not is_bed(simulation):
         return None
-    state, materials = simulation.state, simulation.choice.materials
-    softest = min(e_star(materials[k], materials[k]) for k in set(state.material.tolist()))
-    return BedMeasures(state, softest)
+    assert simulation.bed is not None  # debris meets below an upper plate
+    return BedMeasures(simulation.state, simulation.bed.modulus)
 
 
 def interval_length(simulation: Simulation) -> float:

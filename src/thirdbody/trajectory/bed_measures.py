@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
-from thirdbody.granular_flow import LAYERS, median_by_mass
+from thirdbody.granular_flow import LAYERS, inertial_number, median_by_mass, softness
 from thirdbody.kernels.columns import body, body_extra, record
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.trajectory.shear_zone import rising_profile, shear_zone
@@ -48,7 +48,7 @@ class BedMeasures:
         return {
             "inertial_number": number,
             "inertial_number_largest": number * self.largest / self.median,
-            "softness": (self.modulus / P) ** (2.0 / 3.0) if P > 0.0 else math.nan,
+            "softness": softness(self.modulus, P) if P > 0.0 else math.nan,
             "overlap_ratio": self._overlap_ratio(),
             "unbalanced_force": self._unbalanced_force(),
             "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
@@ -57,9 +57,9 @@ class BedMeasures:
         }
 
     def _inertial_number(self, interval: Interval) -> float:
-        """Return I = rate * d * sqrt(rho/P) with the median diameter (GDR MiDi 2004, Eur. Phys. J. E 14, 341)."""
+        """Return the inertial number of the median diameter."""
         zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
-        return math.nan if zone is None else zone.rate * self.median * math.sqrt(self.density / interval.pressure)
+        return math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, interval.pressure)
 
     def _loaded(self) -> NDArray[np.int64]:
         """Return the contacts that carry load."""
