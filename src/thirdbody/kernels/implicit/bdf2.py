@@ -22,10 +22,8 @@ from thirdbody.kernels.implicit.step_control import (
     EASY,
     NEARLY,
     Stop,
-    advance_clock,
     begin_step,
-    count_step,
-    guard_code,
+    finish_step,
     initial_overlaps,
     is_breakpoint,
     local_error,
@@ -35,7 +33,6 @@ from thirdbody.kernels.implicit.step_control import (
     predict,
     reduction_factor,
     rotation_of,
-    set_next_dt,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
 from thirdbody.kernels.labeller_input import update_body_memory
@@ -76,9 +73,10 @@ def set_load(context, active, dt):
 
 
 @njit(**BARE)
-def update_labeller(b, context, A, space):
-    """Update the labeller's memory of body b after its step; A: its totals."""
-    update_body_memory(b, context, A, observe_at(context.observe), space.observed, space.rows)
+def update_labeller(active, observed, context, space):
+    """Update the labeller's memory of the body after its step; `observed`: with all its contacts (`labeller_input.Observed`)."""
+    A = active.totals
+    update_body_memory(active.number, observed, A, observe_at(context.observe), space.observed, space.rows)
     A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
@@ -127,15 +125,10 @@ def step(context, active, until, space):
             reject_step(context, active, space.y)
             return
     accept_step(context, active, m, motion, False, space)
-    advance_clock(A, motion, end, whole)
-    if whole and is_breakpoint(time, context, end):
-        T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
-    count_step(T, A, dt, cuts)
-    T[step_memory.LIMITED + limit] += 1.0
-    set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= EASY, cuts > 0, limit)
+    ended = end, whole, whole and is_breakpoint(time, context, end)
+    finish_step(context, active, (motion, error, iterations <= EASY, cuts, limit), ended, space.diagnostics)
     if context.labels != 0:
-        update_labeller(b, context, A, space)
-    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
+        update_labeller(active, context, context, space)
 
 
 @njit(**CHUNK)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.options import CHUNK
+from thirdbody.jit.options import BARE, CHUNK
 from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels import signatures
 from thirdbody.kernels.bundles import Tile
@@ -71,6 +71,12 @@ class ActiveBody(NamedTuple):
     """Its row of `columns.step_memory`."""
     totals: Array
     """Its row of `columns.run_totals`."""
+
+
+@njit(**BARE)
+def active_body(b, context):
+    """Return body b, whose start of the step is a row of `starts`: of bodies that share their steps."""
+    return ActiveBody(b, context.patch[b], context.starts[b], context.memory[b], context.totals[b])
 
 
 class Workspace(NamedTuple):

@@ -12,7 +12,7 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, patch, step_memory, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
-from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, context_of, make_workspace
+from thirdbody.kernels.implicit.bundles import FREEDOMS, active_body, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import Outcome, factorise, newton, substitute
 from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
@@ -37,12 +37,6 @@ from thirdbody.kernels.implicit.step_control import (
 )
 from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.predicates import is_upper
-
-
-@njit(**BARE)
-def active_body(b, context):
-    """Return body b, whose start of the step is a row of `starts`."""
-    return ActiveBody(b, context.patch[b], context.starts[b], context.memory[b], context.totals[b])
 
 
 @njit(**BARE)
@@ -151,7 +145,7 @@ def accept_body(context, b, end, whole, cuts, motion, space):
     advance_clock(active.totals, motion, end, whole)
     count_step(active.memory, active.totals, motion.dt, cuts)
     if context.labels != 0:
-        update_labeller(b, context, active.totals, space)
+        update_labeller(active, context, context, space)
     active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
 
 

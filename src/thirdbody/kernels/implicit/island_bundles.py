@@ -26,7 +26,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE
-from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, Workspace
+from thirdbody.kernels.implicit.bundles import FREEDOMS, Workspace, active_body
 
 Array = np.ndarray
 
@@ -145,5 +145,4 @@ def tile_count(t, m):
 @njit(**BARE)
 def active_at(a, context, island):
     """Return the body at position a of the island."""
-    b = island.bodies[a]
-    return ActiveBody(b, context.patch[b], context.starts[b], context.memory[b], context.totals[b])
+    return active_body(island.bodies[a], context)

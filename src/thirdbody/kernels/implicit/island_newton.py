@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import body, patch, step_contacts, step_start
+from thirdbody.kernels.columns import body, patch, step_start
 from thirdbody.kernels.implicit.band_matrix import factorise_band, substitute_band
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at
@@ -19,13 +19,13 @@ from thirdbody.kernels.implicit.newton import (
     CONVERGED,
     HALVINGS,
     LEAPS,
-    ROUNDING,
     Outcome,
     euclidean_norm,
     force_scale,
     is_balanced,
     is_settled,
     limit_correction,
+    rounding_at,
 )
 from thirdbody.kernels.implicit.pair_contacts import add_pair_forces, gather_pairs, limit_pair_overlaps, limit_pair_reversal
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
@@ -58,12 +58,10 @@ def evaluate(context, island, part, motion, pool):
 @njit(**BARE)
 def rounding_force_of(context, active, diagnostics):
     """Return the residual [N] caused by rounding (`newton.rounding_force`): contacts between bodies feel all coordinates."""
-    if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
-        return 0.0
     b, B, far = active.number, context.B, abs(context.P[active.patch, patch.HEIGHT])
     for k in range(3):
         far = max(far, abs(B[b, body.POSITION + k]) + active.start[step_start.ARM])
-    return ROUNDING * far * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+    return rounding_at(far, diagnostics)
 
 
 @njit(**BARE_CHUNK)

@@ -13,7 +13,7 @@ from thirdbody.kernels.columns import run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs, work_error_of_island
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.band_matrix import row_length
-from thirdbody.kernels.implicit.bdf2 import PACKED, observe_at, prescribed_displacement, set_load
+from thirdbody.kernels.implicit.bdf2 import PACKED, prescribed_displacement, set_load, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, context_of
 from thirdbody.kernels.implicit.friction_work import MIN_CUT
 from thirdbody.kernels.implicit.island_bundles import Island, active_at, make_pool, space_at, tables_of
@@ -25,10 +25,8 @@ from thirdbody.kernels.implicit.step_control import (
     EASY,
     NEARLY,
     Stop,
-    advance_clock,
     begin_step,
-    count_step,
-    guard_code,
+    finish_step,
     initial_overlaps,
     is_breakpoint,
     local_error,
@@ -38,10 +36,9 @@ from thirdbody.kernels.implicit.step_control import (
     predict,
     reduction_factor,
     rotation_of,
-    set_next_dt,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
-from thirdbody.kernels.labeller_input import Observed, update_body_memory
+from thirdbody.kernels.labeller_input import Observed
 from thirdbody.kernels.periodic import box_of
 
 
@@ -128,30 +125,7 @@ def label_bodies(context, tables, island, pool):
         context.M, context.drag, context.n_history, context.width,
     )  # fmt: skip
     for a in range(island.bodies.shape[0]):
-        b = island.bodies[a]
-        A = context.totals[b]
-        update_body_memory(b, observed, A, observe_at(context.observe), pool.observed, pool.rows)
-        A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
-
-
-@njit(**BARE_CHUNK)
-def finish_step(context, island, step, ended, pool):
-    """Advance the clocks, counters and step lengths of all bodies.
-
-    `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
-    whether that is the end of the interval, and whether a breakpoint of the motion.
-    """
-    motion, error, easy, cuts, limit = step
-    end, whole, at_breakpoint = ended
-    for a in range(island.bodies.shape[0]):
-        active, T = active_at(a, context, island), context.memory[island.bodies[a]]
-        advance_clock(active.totals, motion, end, whole)
-        if at_breakpoint:
-            T[step_memory.LAST_DT] = 0.0
-        count_step(T, active.totals, motion.dt, cuts)
-        T[step_memory.LIMITED + limit] += 1.0
-        set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
-        T[step_memory.CODE], T[step_memory.SLOT] = guard_code(island.bodies[a], context, pool.diagnostics[a])
+        update_labeller(active_at(a, context, island), observed, context, space_at(a, pool))
 
 
 @njit(**BARE_CHUNK)
@@ -200,7 +174,9 @@ def island_step(context, tables, island, until, pool):
             return
     accept_bodies(context, island, m, motion, pool)
     ended = end, whole, whole and is_breakpoint(time, context, end)
-    finish_step(context, island, (motion, error, iterations <= EASY, cuts, limit), ended, pool)
+    for a in range(island.bodies.shape[0]):
+        step = motion, error, iterations <= EASY, cuts, limit
+        finish_step(context, active_at(a, context, island), step, ended, pool.diagnostics[a])
     if context.labels != 0:
         label_bodies(context, tables, island, pool)
 

@@ -147,16 +147,21 @@ def force_scale(context, active, y, dt, diagnostics):
 @njit(**BARE)
 def rounding_force(context, active, diagnostics):
     """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights."""
-    if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
-        return 0.0
     b, B = active.number, context.B
     radius = abs(B[b, body.POSITION + 2])
     if not surface.FLAT:
         radius = max(radius, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
     radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
-    return (
-        ROUNDING * radius * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
-    )  # Hertz: dN/dd = 1.5 N/d
+    return rounding_at(radius, diagnostics)
+
+
+@njit(**BARE)
+def rounding_at(coordinate, diagnostics):
+    """Return the residual [N] caused by rounding of a coordinate [m]."""
+    if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
+        return 0.0
+    # Hertz: dN/dd = 1.5 N/d
+    return ROUNDING * coordinate * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
 
 
 @njit(**BARE)

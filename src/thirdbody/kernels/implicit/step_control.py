@@ -263,3 +263,22 @@ def guard_code(b, context, diagnostics):
     if out > 0:
         return np.int64(Stop.LEFT), -1.0
     return np.int64(Stop.NONE), -1.0
+
+
+@njit(**BARE)
+def finish_step(context, active, step, ended, diagnostics):
+    """Advance the clock, counters and step length of the body after an accepted step.
+
+    `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
+    whether that is the end of the interval, and whether a breakpoint of the motion.
+    """
+    motion, error, easy, cuts, limit = step
+    end, whole, at_breakpoint = ended
+    T = active.memory
+    advance_clock(active.totals, motion, end, whole)
+    if at_breakpoint:
+        T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
+    count_step(T, active.totals, motion.dt, cuts)
+    T[step_memory.LIMITED + limit] += 1.0
+    set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
+    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(active.number, context, diagnostics)
