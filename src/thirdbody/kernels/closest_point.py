@@ -1,0 +1,234 @@
+"""The point of a height field that is closest to a point above it, and the geometry of a contact there.
+
+Let c be the centre of a sphere and p = (x, y, h) a point of the surface with the tangents t_x = (1, 0, h_x), t_y = (0, 1, h_y).
+A local minimum of f = (p - c)^2/2 is a zero of
+
+    g_i = p_i - c_i + (h - c_z) h_i      with the derivatives      F = G + (h - c_z) H,      G = I + grad h grad h
+
+(G: metric, H: second derivatives of h). With M = F^-1 it moves with the centre by dp = M (t.dc); all derivatives follow.
+Distance and normal are those along c - p. On a field of zeros they are exactly the height of c and (0, 0, 1).
+"""
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.kernels.columns import height_field as head
+from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, within_period
+
+CLOSE = 1e-6
+"""In units of a cell: a correction of Newton's method that is completed by Taylor's series, to rounding, without another one."""
+
+LOCAL = 1e-2
+"""In units of a cell: a correction that is accepted whether or not the distance becomes smaller, which rounding would decide."""
+
+ITERATIONS, HALVINGS = 100, 30
+"""Most iterations, and halvings of a correction: each goes down, by one cell at most."""
+
+CURVED = 0.1
+"""Smallest curvature of f/2 along any direction that a correction assumes where f is not convex; it is 1 on a plane."""
+
+FLATTEST = 0.01
+"""Smallest (R/R_eff)^2: in a hollow nearly as narrow as itself a sphere has at most ten times its own radius."""
+
+
+class Foot(NamedTuple):
+    """A local minimum of the distance between a point and the surface."""
+
+    x: float
+    """Where it is [m], from straight below the point: the same in every period."""
+    y: float
+    distance: float
+    """Distance [m], negative below the surface."""
+    normal: tuple[float, float, float]
+    """Unit normal, upwards."""
+    jet: Jet
+    """The surface there."""
+    inverse: tuple[float, float, float]
+    """M: xx, xy, yy"""
+    evaluations: int
+    """Number of evaluations of the surface."""
+
+
+@njit(**BARE)
+def gradient_of(jet, o_x, o_y, below):
+    """Return g at the offset (o_x, o_y) from the centre; `below`: h - c_z [m]."""
+    return o_x + below * jet.x, o_y + below * jet.y
+
+
+@njit(**BARE)
+def matrix_of(jet, below):
+    """Return F: xx, xy, yy; `below`: h - c_z [m]."""
+    return 1.0 + jet.x * jet.x + below * jet.xx, jet.x * jet.y + below * jet.xy, 1.0 + jet.y * jet.y + below * jet.yy
+
+
+@njit(**BARE)
+def inverse_of(a, b, c):
+    """Return the inverse of the symmetric matrix (a, b; b, c)."""
+    inverse = 1.0 / (a * c - b * b)
+    return c * inverse, -b * inverse, a * inverse
+
+
+@njit(**BARE)
+def smallest_eigenvalue(a, b, c):
+    """Return the smaller eigenvalue of the symmetric matrix (a, b; b, c)."""
+    half = 0.5 * (a - c)
+    return 0.5 * (a + c) - math.sqrt(half * half + b * b)
+
+
+@njit(**BARE)
+def correction_of(g, matrix):
+    """Return the correction (2,) of Newton's method, downhill, and whether f is convex here."""
+    a, b, c = matrix
+    low = smallest_eigenvalue(a, b, c)
+    if low <= 0.0:
+        a, c = a - low + max(CURVED, -low), c - low + max(CURVED, -low)
+    xx, xy, yy = inverse_of(a, b, c)
+    return -(xx * g[0] + xy * g[1]), -(xy * g[0] + yy * g[1]), low > 0.0
+
+
+@njit(**BARE)
+def step_off_a_saddle(matrix, spacing):
+    """Return a step (2,) [m] of a quarter cell from a saddle or a maximum, along which f falls fastest."""
+    a, b, c = matrix
+    low = smallest_eigenvalue(a, b, c)
+    x, y = (low - c, b) if abs(low - c) >= abs(low - a) else (b, low - a)
+    size = math.sqrt(x * x + y * y)
+    return (0.25 * spacing * x / size, 0.25 * spacing * y / size) if size > 0.0 else (0.25 * spacing, 0.0)
+
+
+@njit(**BARE)
+def higher_correction(jet, below, d_x, d_y):
+    """Return what the third derivatives of f add to the correction (d_x, d_y) of Newton's method (2,) [m]."""
+    s_x, s_y = jet.xx * d_x + jet.xy * d_y, jet.xy * d_x + jet.yy * d_y
+    slope, bend = jet.x * d_x + jet.y * d_y, s_x * d_x + s_y * d_y
+    third_x = (jet.xxx * d_x + 2.0 * jet.xxy * d_y) * d_x + jet.xyy * d_y * d_y
+    third_y = (jet.xxy * d_x + 2.0 * jet.xyy * d_y) * d_x + jet.yyy * d_y * d_y
+    g_x = 0.5 * (jet.x * bend + 2.0 * slope * s_x + below * third_x)
+    g_y = 0.5 * (jet.y * bend + 2.0 * slope * s_y + below * third_y)
+    a, b, c = matrix_of(jet, below)
+    xx, xy, yy = inverse_of(a, b, c)
+    return -(xx * g_x + xy * g_y), -(xy * g_x + yy * g_y)
+
+
+@njit(**BARE)
+def foot_at(centre, offset, jet, evaluations):
+    """Return the `Foot` at an offset (2,) [m] from below the centre (3,) [m]."""
+    n = 1.0 / math.sqrt(1.0 + jet.x * jet.x + jet.y * jet.y)
+    n_x, n_y, below = (0.0 - jet.x) * n, (0.0 - jet.y) * n, jet.h - centre[2]
+    distance = (0.0 - below) * n - (offset[0] * n_x + offset[1] * n_y)
+    a, b, c = matrix_of(jet, below)
+    return Foot(offset[0], offset[1], distance, (n_x, n_y, n), jet, inverse_of(a, b, c), evaluations)
+
+
+@njit(**BARE_CHUNK)
+def closest(field, centre, o_x, o_y):
+    """Return the `Foot` of a centre (3,) [m], in the coordinates of the surface, downhill from the offset (o_x, o_y) [m].
+
+    From an offset that is right to a hundredth of a cell, such as the last one of a sphere that moves, it takes two evaluations.
+    """
+    length_x, length_y = field[head.LENGTH_X], field[head.LENGTH_Y]
+    x, y, z = within_period(centre[0], length_x), within_period(centre[1], length_y), centre[2]
+    d_x, d_y = 1.0 / field[head.RATE_X], 1.0 / field[head.RATE_Y]
+    spacing = min(d_x, d_y)
+    jet, evaluations = jet_at(field, x + o_x, y + o_y), 1
+    while True:
+        below = jet.h - z
+        g, matrix = gradient_of(jet, o_x, o_y, below), matrix_of(jet, below)
+        m_x, m_y, convex = correction_of(g, matrix)
+        small = math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
+        if small and convex or evaluations >= ITERATIONS:
+            break
+        if small:
+            m_x, m_y = step_off_a_saddle(matrix, spacing)
+        part = 1.0 / max(1.0, abs(m_x) / d_x, abs(m_y) / d_y)
+        m_x, m_y = part * m_x, part * m_y
+        square = o_x * o_x + o_y * o_y + below * below
+        near = convex and math.sqrt(m_x * m_x + m_y * m_y) <= LOCAL * spacing
+        for _ in range(HALVINGS):
+            jet = jet_at(field, x + (o_x + m_x), y + (o_y + m_y))
+            evaluations += 1
+            now = (o_x + m_x) * (o_x + m_x) + (o_y + m_y) * (o_y + m_y) + (jet.h - z) * (jet.h - z)
+            if near or now < square:
+                break
+            m_x, m_y = 0.5 * m_x, 0.5 * m_y
+        o_x, o_y = o_x + m_x, o_y + m_y
+    if convex:
+        more_x, more_y = higher_correction(jet, below, m_x, m_y)
+        jet = jet_beside(jet, m_x + more_x, m_y + more_y)
+        o_x, o_y = o_x + m_x + more_x, o_y + m_y + more_y
+    return foot_at(centre, (o_x, o_y), jet, evaluations)
+
+
+@njit(**BARE)
+def curvatures(jet):
+    """Return sum and product of the principal curvatures [1/m, 1/m^2], positive where the surface bulges upwards."""
+    square = 1.0 / (1.0 + jet.x * jet.x + jet.y * jet.y)
+    trace = (1.0 + jet.y * jet.y) * jet.xx - 2.0 * jet.x * jet.y * jet.xy + (1.0 + jet.x * jet.x) * jet.yy
+    return (0.0 - trace) * (square * math.sqrt(square)), (jet.xx * jet.yy - jet.xy * jet.xy) * (square * square)
+
+
+@njit(**BARE)
+def radius_ratio(jet, radius):
+    """Return (R/R_eff)^2 = (1 + R k_1)(1 + R k_2) of a sphere of radius R [m] on the surface, at least FLATTEST."""
+    total, product = curvatures(jet)
+    return max(1.0 + radius * (total + radius * product), FLATTEST)
+
+
+@njit(**BARE)
+def effective_radius(jet, radius):
+    """Return the effective radius R_eff [m] of a sphere on the surface; exactly its radius on a plane."""
+    return radius / math.sqrt(radius_ratio(jet, radius))
+
+
+@njit(**BARE)
+def ratio_derivatives(jet, radius):
+    """Return (R/R_eff)^2 (`radius_ratio`) and its derivatives (2,) [1/m] along x and y of the surface."""
+    h_x, h_y, xx, xy, yy = jet.x, jet.y, jet.xx, jet.xy, jet.yy
+    square = 1.0 / (1.0 + h_x * h_x + h_y * h_y)
+    cube, fourth = square * math.sqrt(square), square * square
+    trace, determinant = (1.0 + h_y * h_y) * xx - 2.0 * h_x * h_y * xy + (1.0 + h_x * h_x) * yy, xx * yy - xy * xy
+    ratio = 1.0 + radius * (radius * determinant * fourth - trace * cube)
+    if ratio <= FLATTEST:
+        return FLATTEST, 0.0, 0.0
+    # of the trace by first and by third derivatives, of the determinant, and of 1 + h_x^2 + h_y^2 along x, then along y
+    t_x = 2.0 * (h_y * xy * xx - (xx * h_y + h_x * xy) * xy + h_x * xx * yy)
+    t_x += (1.0 + h_y * h_y) * jet.xxx - 2.0 * h_x * h_y * jet.xxy + (1.0 + h_x * h_x) * jet.xyy
+    t_y = 2.0 * (h_y * yy * xx - (xy * h_y + h_x * yy) * xy + h_x * xy * yy)
+    t_y += (1.0 + h_y * h_y) * jet.xxy - 2.0 * h_x * h_y * jet.xyy + (1.0 + h_x * h_x) * jet.yyy
+    d_x, d_y = jet.xxx * yy + xx * jet.xyy - 2.0 * xy * jet.xxy, jet.xxy * yy + xx * jet.yyy - 2.0 * xy * jet.xyy
+    q_x, q_y = 2.0 * square * (h_x * xx + h_y * xy), 2.0 * square * (h_x * xy + h_y * yy)
+    return (
+        ratio,
+        radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x)),
+        radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y)),
+    )
+
+
+@njit(**BARE)
+def log_radius_gradient(foot, radius):
+    """Return the gradient (3,) [1/m] of ln R_eff with the centre of the sphere; it lies along the surface."""
+    ratio, r_x, r_y = ratio_derivatives(foot.jet, radius)
+    xx, xy, yy = foot.inverse
+    factor = -0.5 / ratio
+    g_x, g_y = factor * (xx * r_x + xy * r_y), factor * (xy * r_x + yy * r_y)
+    return g_x, g_y, g_x * foot.jet.x + g_y * foot.jet.y
+
+
+@njit(**BARE)
+def normal_derivative(foot):
+    """Return the derivative of the normal with the centre, a symmetric matrix [1/m]: xx, xy, xz, yy, yz, zz.
+
+    A principal curvature k at the distance D gives k/(1 + k D) along its direction.
+    """
+    jet, (m_xx, m_xy, m_yy) = foot.jet, foot.inverse
+    # -n_z G^-1 H M, symmetric, between the tangents
+    factor = (0.0 - foot.normal[2]) / (1.0 + jet.x * jet.x + jet.y * jet.y)
+    a, b, c = 1.0 + jet.y * jet.y, -jet.x * jet.y, 1.0 + jet.x * jet.x
+    h_xx, h_xy = jet.xx * m_xx + jet.xy * m_xy, jet.xx * m_xy + jet.xy * m_yy
+    h_yx, h_yy = jet.xy * m_xx + jet.yy * m_xy, jet.xy * m_xy + jet.yy * m_yy
+    xx, xy, yy = factor * (a * h_xx + b * h_yx), factor * (a * h_xy + b * h_yy), factor * (b * h_xy + c * h_yy)
+    xz, yz = xx * jet.x + xy * jet.y, xy * jet.x + yy * jet.y
+    return xx, xy, xz, yy, yz, xz * jet.x + yz * jet.y

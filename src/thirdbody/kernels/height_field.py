@@ -1,0 +1,162 @@
+"""A periodic height field: height of a surface over its mean plane [m], a bicubic B-spline with continuous curvature.
+
+It is one row of numbers, so that kernels get it as they get all tables:
+
+* the head (`columns.height_field`): periods, numbers of cells, bounds;
+* the coefficients, (count_x + 3, count_y + 3), x by x: coefficient (i, j) of the node at x = i length_x/count_x and
+  y = j length_y/count_y is entry (i + 1, j + 1), and the three more per axis repeat the first ones, so no stencil wraps around;
+* the pyramid (`nearby_minima`): level l has a block for 2^l by 2^l cells with a height that the surface does not exceed there.
+
+Within a cell the surface lies between the smallest and the largest of its 16 coefficients, and its derivatives between those of
+the differences of the coefficients (the convex hull of a B-spline): all bounds follow from this.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE
+from thirdbody.kernels.columns import height_field as head
+
+Array = np.ndarray
+
+SIXTH = 1.0 / 6.0
+
+
+class Jet(NamedTuple):
+    """Height of a surface and its derivatives at a point."""
+
+    h: float
+    x: float
+    y: float
+    xx: float
+    xy: float
+    yy: float
+    xxx: float
+    xxy: float
+    xyy: float
+    yyy: float
+
+
+@njit(**BARE)
+def spline_weights(t):
+    """Return the weights of four coefficients at t in [0, 1) of a cell: of the value and of its three derivatives."""
+    u = 1.0 - t
+    return (
+        (
+            SIXTH * u * u * u,
+            SIXTH * (4.0 + t * t * (3.0 * t - 6.0)),
+            SIXTH * (1.0 + t * (3.0 + t * (3.0 - 3.0 * t))),
+            SIXTH * t * t * t,
+        ),
+        (-0.5 * u * u, 0.5 * t * (3.0 * t - 4.0), 0.5 * (1.0 + t * (2.0 - 3.0 * t)), 0.5 * t * t),
+        (u, 3.0 * t - 2.0, 1.0 - 3.0 * t, t),
+        (-1.0, 3.0, -3.0, 1.0),
+    )
+
+
+@njit(**BARE)
+def weighted(w, c):
+    """Return the sum of four coefficients with their weights."""
+    return w[0] * c[0] + w[1] * c[1] + w[2] * c[2] + w[3] * c[3]
+
+
+@njit(**BARE)
+def cell_of(x, rate, count):
+    """Return the cell of a coordinate and where in it, in [0, 1). `rate`: cells per metre."""
+    u = x * rate
+    whole = math.floor(u)
+    i = np.int64(whole)
+    if i < 0 or i >= count:  # a remainder takes longer than all else here
+        i %= np.int64(count)
+    return i, u - whole
+
+
+@njit(**BARE)
+def within_period(x, length):
+    """Return the coordinate of the same point in the first period."""
+    return x - length * math.floor(x / length)
+
+
+@njit(**BARE)
+def jet_at(field, x, y):
+    """Return height and derivatives at a point (x, y) [m] (`Jet`)."""
+    n_x, n_y = field[head.COUNT_X], field[head.COUNT_Y]
+    rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
+    (i, t_x), (j, t_y) = cell_of(x, rate_x, n_x), cell_of(y, rate_y, n_y)
+    stride = np.int64(n_y) + 3
+    at = head.WIDTH + i * stride + j
+    w, v = spline_weights(t_x), spline_weights(t_y)
+    c_0 = field[at], field[at + 1], field[at + 2], field[at + 3]
+    at += stride
+    c_1 = field[at], field[at + 1], field[at + 2], field[at + 3]
+    at += stride
+    c_2 = field[at], field[at + 1], field[at + 2], field[at + 3]
+    at += stride
+    c_3 = field[at], field[at + 1], field[at + 2], field[at + 3]
+    value = weighted(v[0], c_0), weighted(v[0], c_1), weighted(v[0], c_2), weighted(v[0], c_3)
+    first = weighted(v[1], c_0), weighted(v[1], c_1), weighted(v[1], c_2), weighted(v[1], c_3)
+    second = weighted(v[2], c_0), weighted(v[2], c_1), weighted(v[2], c_2), weighted(v[2], c_3)
+    third = weighted(v[3], c_0), weighted(v[3], c_1), weighted(v[3], c_2), weighted(v[3], c_3)
+    return Jet(
+        weighted(w[0], value),
+        weighted(w[1], value) * rate_x, weighted(w[0], first) * rate_y,
+        weighted(w[2], value) * (rate_x * rate_x), weighted(w[1], first) * (rate_x * rate_y),
+        weighted(w[0], second) * (rate_y * rate_y),
+        weighted(w[3], value) * (rate_x * rate_x * rate_x), weighted(w[2], first) * (rate_x * rate_x * rate_y),
+        weighted(w[1], second) * (rate_x * rate_y * rate_y), weighted(w[0], third) * (rate_y * rate_y * rate_y),
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def jet_beside(jet, d_x, d_y):
+    """Return the jet at a small distance (d_x, d_y) [m] from that of `jet`, by Taylor's series."""
+    h, x, y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
+    m_xx, m_xy, m_yy = xxx * d_x + xxy * d_y, xxy * d_x + xyy * d_y, xyy * d_x + yyy * d_y
+    third_x, third_y = m_xx * d_x + m_xy * d_y, m_xy * d_x + m_yy * d_y
+    second_x, second_y = xx * d_x + xy * d_y, xy * d_x + yy * d_y
+    return Jet(
+        h + (x + 0.5 * second_x + SIXTH * third_x) * d_x + (y + 0.5 * second_y + SIXTH * third_y) * d_y,
+        x + second_x + 0.5 * third_x, y + second_y + 0.5 * third_y,
+        xx + m_xx, xy + m_xy, yy + m_yy, xxx, xxy, xyy, yyy,
+    )  # fmt: skip
+
+
+def pack_field(coefficients: Array, length_x: float, length_y: float) -> Array:
+    """Return a height field as one row from its spline coefficients (count_x, count_y) [m] and its periods [m]."""
+    wrapped = np.pad(np.asarray(coefficients, float), ((1, 2), (1, 2)), mode="wrap")
+    count_x, count_y = np.shape(coefficients)
+    levels = _pyramid(wrapped)
+    first = head.WIDTH + wrapped.size
+    row = np.zeros(head.WIDTH)
+    row[head.LENGTH_X], row[head.LENGTH_Y], row[head.COUNT_X], row[head.COUNT_Y] = length_x, length_y, count_x, count_y
+    row[head.RATE_X], row[head.RATE_Y] = count_x / length_x, count_y / length_y
+    row[head.MAX_HEIGHT], row[head.MIN_HEIGHT] = wrapped.max(), wrapped.min()
+    row[head.MAX_SLOPE], row[head.MAX_CURVATURE] = _bounds(wrapped, length_x / count_x, length_y / count_y)
+    row[head.LEVELS] = len(levels)
+    row[head.OFFSETS][: len(levels)] = first + np.cumsum([0] + [level.size for level in levels[:-1]])
+    return np.concatenate([row, wrapped.ravel()] + [level.ravel() for level in levels])
+
+
+def _bounds(c: Array, d_x: float, d_y: float) -> tuple[float, float]:
+    """Return bounds of the slope and of the norm of the second derivatives [1/m], from the differences of coefficients."""
+    along, across = np.diff(c, axis=0) / d_x, np.diff(c, axis=1) / d_y
+    slope = math.hypot(np.abs(along).max(), np.abs(across).max())
+    xx, yy, xy = np.diff(along, axis=0) / d_x, np.diff(across, axis=1) / d_y, np.diff(along, axis=1) / d_y
+    return slope, float(max(np.abs(xx).max(), np.abs(yy).max()) + np.abs(xy).max())
+
+
+def _pyramid(c: Array) -> list[Array]:
+    """Return the levels of the pyramid, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
+    blocks = c
+    for axis in (0, 1):
+        n = blocks.shape[axis] - 3
+        blocks = np.max([np.take(blocks, range(k, k + n), axis) for k in range(4)], axis=0)
+    levels: list[Array] = []
+    while not levels or max(blocks.shape) > 1:
+        blocks = np.pad(blocks, [(0, n % 2) for n in blocks.shape], mode="edge")
+        blocks = np.maximum(np.maximum(blocks[::2, ::2], blocks[1::2, ::2]), np.maximum(blocks[::2, 1::2], blocks[1::2, 1::2]))
+        levels.append(blocks)
+    return levels
