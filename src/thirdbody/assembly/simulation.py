@@ -18,6 +18,7 @@ from thirdbody.assembly.integrator import Plan, carried_together, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
+from thirdbody.assembly.surfaces import plate_surfaces, refuse_surfaces, surface_notes
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import Placed, State, World, assemble
@@ -132,9 +133,11 @@ def build(
     and compiled.
     """
     registry = registry or discover()
+    surfaces = plate_surfaces(scene)
+    refuse_surfaces(scene, surfaces)
     choice = compile_physics(scene, registry)
     labeller = choice.labeller
-    warnings = [*unusual_values(scene), *_similarity_warnings(choice)]
+    warnings = [*unusual_values(scene), *surface_notes(surfaces), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")

@@ -12,6 +12,7 @@ from thirdbody.cli.new import new
 from thirdbody.cli.option_groups import Cluster, Execution, Film, Image, Json, MeshFit, Parts, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
+from thirdbody.cli.surface import surface
 from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.dask_client import dask_client
@@ -244,6 +245,7 @@ def shapes(
         print_line(out, err=json)
 
 
+app.command(cls=Command)(surface)
 app.command(cls=Command)(sweep)
 app.command(cls=Command)(cost)
 app.command(cls=Command)(hard)

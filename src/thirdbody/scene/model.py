@@ -32,6 +32,7 @@ from thirdbody.scene.overrides import apply_settings
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
 from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
+from thirdbody.scene.surface_checks import surface_faults
 from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Output, Pair, Plates, Solver, UpperPlate
 from thirdbody.scene.toml_writer import save_text, toml_text
 
@@ -219,7 +220,11 @@ class Scene(Part):
     def checks(self) -> list[Wrong]:
         """Return faults between tables that are valid on their own."""
         return (
-            self._too_many() + self._out_of_plane() + self._same_names() + cross_checks.interval_faults(self.solver, self.output)
+            self._too_many()
+            + self._out_of_plane()
+            + self._same_names()
+            + surface_faults(self.plates, self.domain)
+            + cross_checks.interval_faults(self.solver, self.output)
         )
 
     def _same_names(self) -> list[Wrong]:

@@ -27,7 +27,7 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
         for k, entry in enumerate(entries):
             location: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
             try:
-                result.append(_stage_of(entry, info, kinds, example))
+                result.append(table_by_leading_key(entry, info, kinds, example))
             except ValidationError as error:
                 faults += [((*location, *where), text) for where, text in wrongs_of(error)]
             except ValueError as error:
@@ -43,8 +43,8 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
     return WrapValidator(read)
 
 
-def _stage_of(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
-    """Return one stage, of the kind whose leading key it has."""
+def table_by_leading_key(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
+    """Return one table, of the kind whose leading key it has. Raises ValueError, or ValidationError with its faults."""
     if isinstance(value, tuple(kinds.values())):
         return value
     if not isinstance(value, Mapping):

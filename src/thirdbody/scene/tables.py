@@ -33,6 +33,7 @@ from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
 from thirdbody.scene.load_history import Loading
 from thirdbody.scene.motion import Motion
 from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
+from thirdbody.scene.surfaces import Surface
 
 
 class Material(Part):
@@ -104,6 +105,11 @@ class LowerPlate(Part):
 
     material: Text
     """Name of its material. Example: "steel"."""
+    surface: Surface | None = None
+    """Heights above the mean plane, which is that of the plate: random (`rms`), waves and grooves (`wave`), or measured (`file`).
+
+    Example: {rms = "0.2 um", hurst = 0.8, long = "20 um", short = "2 um"}.
+    """
 
 
 _LOADINGS = ("load", "pressure", "gap")
@@ -138,6 +144,8 @@ class UpperPlate(Part):
     preload: Force | None = None
     """Load on each patch of a foundation beside its spring; it comes on top of `load`. Example: "10 uN"."""
     motion: Motion = Motion()
+    surface: Surface | None = None
+    """As of the lower plate, towards the debris; it moves with the plate. Example: {file = "scan.x3p", short = "2 um"}."""
     mass: PositiveMass | None = None
     """Mass of the plate, or of each patch; by default that of all debris (rigid), or of the mean body. Example: "1e-11 kg"."""
     damping: Damping | None = None

@@ -176,6 +176,10 @@ def save(scene: Scene, folder: Path) -> None:
         for k, debris in enumerate(scene.debris)
         for key in debris.file_keys
     }
+    for side in ("lower", "upper"):
+        file = getattr(getattr(getattr(scene.plates, side), "surface", None), "file", None)
+        if file is not None:
+            changes[f"plates.{side}.surface.file"] = _absolute(scene, file)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

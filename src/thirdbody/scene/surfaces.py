@@ -1,0 +1,186 @@
+"""Surfaces of the plates: a random self-affine one, waves and grooves, or a measured one from a file."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import ValidationError, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
+
+from thirdbody import units
+from thirdbody.scene.field_types import Choice, Flag, Length, PositiveLength, Quantity, Seed, Text, listing
+from thirdbody.scene.json_schema import ShortForm
+from thirdbody.scene.schema_base import Part, Wrong, bundle, wrongs_of
+from thirdbody.scene.stages import table_by_leading_key
+
+Direction = Annotated[float | Literal["x", "y"], Quantity(dimension="angle", words=("x", "y"))]
+
+
+class SelfAffine(Part):
+    """A random self-affine surface: the power spectrum is flat from the longest wave of the domain to `long`, falls as
+    q^(-2 - 2 `hurst`) to `short`, and is zero beyond (Persson et al. 2005); phases are random.
+    """
+
+    rms: PositiveLength
+    """Root mean square of the height. Example: "0.2 um"."""
+    hurst: Annotated[float, Quantity(gt=0, le=1)] = 0.8
+    """Hurst exponent. Example: 0.7."""
+    long: PositiveLength
+    """Wavelength above which the spectrum is flat; at most the smaller side of the domain. Example: "20 um"."""
+    short: PositiveLength
+    """Shortest wavelength: what is shorter belongs to the contact law. Example: "2 um"."""
+    seed: Seed = 1
+    """Seed of the phases; the two plates differ with the same seed. Example: 7."""
+    curvature: Flag = True
+    """Whether the curvature of the surface changes the radius of contacts (normal law `hertz`). Example: false."""
+
+    def checks(self) -> list[Wrong]:
+        """Return faults between the wavelengths."""
+        if self.short < self.long:
+            return []
+        return [(("short",), f"must be less than long, {units.pretty(self.long, 'length')}")]
+
+
+class Sine(Part):
+    """A sinusoidal wave."""
+
+    amplitude: PositiveLength
+    """Amplitude: crests are this much above the mean, valleys below. Example: "0.3 um"."""
+    wavelength: PositiveLength
+    """Wavelength; a whole number of waves must fit the domain. Example: "20 um"."""
+    direction: Direction = "x"
+    """Direction in which the height changes: an axis, or an angle from x towards y. Example: "y"."""
+    phase: Annotated[float, Quantity(dimension="angle")] = 0.0
+    """Phase of the cosine: at 0 a crest is at the origin. Example: "90 deg"."""
+
+    def shortest(self) -> float:
+        """Return the shortest wavelength [m]."""
+        return self.wavelength
+
+
+class Groove(Part):
+    """A row of equal grooves with straight flanks, between lands; corners are rounded so that curvature is continuous."""
+
+    depth: PositiveLength
+    """Depth of a groove. Example: "2 um"."""
+    width: PositiveLength
+    """Width at the top, between the corners before rounding. Example: "8 um"."""
+    flank: Annotated[float, Quantity(dimension="angle", gt=0, le=math.radians(80.0))]
+    """Angle between flank and plane. Example: "40 deg"."""
+    rounding: PositiveLength | None = None
+    """Half the length of a rounded corner; the radius there is at least this over tan(flank). By default a fifth of the flank.
+
+    Example: "0.5 um".
+    """
+    wavelength: PositiveLength
+    """Distance from groove to groove; a whole number must fit the domain. Example: "20 um"."""
+    direction: Direction = "x"
+    """Direction across the grooves: an axis, or an angle from x towards y. Example: "y"."""
+    phase: Annotated[float, Quantity(dimension="angle")] = 0.0
+    """Position of the first groove: at 0 the middle of one is at the origin, 360 deg are one distance. Example: "90 deg"."""
+
+    def run(self) -> float:
+        """Return the length of a flank along the plane [m]."""
+        return self.depth / math.tan(self.flank)
+
+    def corner(self) -> float:
+        """Return half the length of a rounded corner [m]."""
+        return 0.2 * self.run() if self.rounding is None else self.rounding
+
+    def shortest(self) -> float:
+        """Return the length over which the slope changes [m], which takes the role of a wavelength."""
+        return 2.0 * self.corner()
+
+    def checks(self) -> list[Wrong]:
+        """Return faults between the lengths."""
+        faults: list[Wrong] = []
+        run, corner = units.pretty(self.run(), "length"), units.pretty(self.corner(), "length")
+        if 2.0 * self.run() > self.width * (1.0 + 1e-9):
+            deepest = units.pretty(0.5 * self.width * math.tan(self.flank), "length")
+            faults.append((("depth",), f"the two flanks, {run} each, are wider than the groove; allowed: at most {deepest}"))
+        if 2.0 * self.corner() > self.run() * (1.0 + 1e-9):
+            faults.append((("rounding",), f"{corner} is more than half the flank, {run}: nothing of it would be straight"))
+        if self.width + 2.0 * self.corner() > self.wavelength:
+            faults.append((("wavelength",), f"a groove with its rounded corners is wider ({units.pretty(self.width, 'length')} "
+                            f"and {corner} on each side): no land would be left"))  # fmt: skip
+        return faults
+
+
+_WAVES: dict[str, type[Part]] = {"amplitude": Sine, "depth": Groove}
+
+
+def _read_waves(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    entries = list(value) if isinstance(value, list | tuple) else [value]
+    if not entries:
+        raise ValueError("the list of waves is empty")
+    result, faults = [], list[Wrong]()
+    for k, entry in enumerate(entries):
+        location: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
+        try:
+            result.append(table_by_leading_key(entry, info, _WAVES, '{amplitude = "0.3 um", wavelength = "20 um"}'))
+        except ValidationError as error:
+            faults += [((*location, *where), text) for where, text in wrongs_of(error)]
+        except ValueError as error:
+            faults.append((location, str(error)))
+    if faults:
+        raise bundle(faults)
+    return tuple(result)
+
+
+class Waves(Part):
+    """A sum of waves and rows of grooves."""
+
+    wave: Annotated[tuple[Sine | Groove, ...], WrapValidator(_read_waves), ShortForm()]
+    """A wave or a row of grooves, or a list of them that are added. Example: {amplitude = "0.3 um", wavelength = "20 um"}."""
+    curvature: Flag = True
+    """As for a self-affine surface. Example: false."""
+
+
+class Crop(Part):
+    """The part of a measured surface that is used, from its first point."""
+
+    x: Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)] | None = None
+    """First and last position along x. Example: ["10 um", "90 um"]."""
+    y: Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)] | None = None
+    """First and last position along y. Example: ["10 um", "90 um"]."""
+
+    def checks(self) -> list[Wrong]:
+        """Return faults of ranges that are empty."""
+        ranges = (("x", self.x), ("y", self.y))
+        return [((key,), "the first position must be at least 0, and below the last")
+                for key, ends in ranges if ends is not None and not 0.0 <= ends[0] < ends[1]]  # fmt: skip
+
+
+class SurfaceFile(Part):
+    """A measured surface: NPZ or X3P (ISO 25178-72), made periodic. `thirdbody surface` converts other formats."""
+
+    file: Text
+    """NPZ or X3P file, relative to the scene. Example: "scan.npz"."""
+    level: Annotated[Literal["mean", "plane", "curved"], Choice()] = "plane"
+    """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. Example: "curved"."""
+    crop: Crop | None = None
+    """Part of the file that is used, in its own coordinates. Example: {x = ["10 um", "90 um"]}."""
+    short: PositiveLength | None = None
+    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file.
+
+    Example: "2 um".
+    """
+    join: Annotated[Literal["blend", "mirror"], Choice()] = "blend"
+    """How copies meet: "blend" fades a tenth of the length into the next copy, "mirror" turns every second copy round.
+
+    Example: "mirror".
+    """
+    missing: Annotated[float, Quantity(ge=0, le=0.5)] = 0.05
+    """Largest fraction of points without a value; they are filled from their surroundings. Example: 0.1."""
+    curvature: Flag = True
+    """As for a self-affine surface. Example: false."""
+
+
+_SURFACES: dict[str, type[Part]] = {"rms": SelfAffine, "wave": Waves, "file": SurfaceFile}
+
+
+def _read_surface(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    return table_by_leading_key(value, info, _SURFACES, '{rms = "0.2 um", long = "20 um", short = "2 um"}')
+
+
+Surface = Annotated[SelfAffine | Waves | SurfaceFile, WrapValidator(_read_surface)]

@@ -1,0 +1,54 @@
+"""Bounded reading of members of a ZIP archive in memory: damage and bombs are one clear fault."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from thirdbody.errors import Fault, InputError
+
+MAX_MEMBER = 400_000_000
+"""Bytes of the largest member that is unpacked."""
+
+DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
+          zipfile.BadZipFile, zlib.error)  # fmt: skip
+"""What damage of an archive makes zipfile and numpy raise."""
+
+
+@contextmanager
+def damage_reported(file: str) -> Iterator[None]:
+    """Turn any error of reading a damaged archive into one fault of the file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MemoryError:
+        raise InputError(Fault("", "does not fit into memory", file)) from None
+    except DAMAGE as error:
+        reason = f"{type(error).__name__}: {error}".strip().splitlines()[0][:120]
+        raise InputError(Fault("", f"is damaged or cut short ({reason}); write it again", file)) from None
+
+
+def opened_archive(file: str, data: bytes) -> zipfile.ZipFile:
+    """Return the archive in the bytes of a file. Raises InputError."""
+    if not data:
+        raise InputError(Fault("", "is empty", file))
+    if not data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        raise InputError(Fault("", "is no ZIP archive, which NPZ and X3P files are", file))
+    return zipfile.ZipFile(io.BytesIO(data))
+
+
+def member(file: str, archive: zipfile.ZipFile, name: str, largest: int = MAX_MEMBER) -> bytes:
+    """Return the bytes of one member. Raises InputError when it is missing or unpacks to more than `largest` bytes."""
+    try:
+        entry = archive.getinfo(name)
+    except KeyError:
+        raise InputError(Fault(name, "is missing in the archive", file)) from None
+    if entry.file_size > largest:  # zipfile unpacks no more than this size
+        size = f"{entry.file_size / 1e6:.0f} MB unpacked, at most {largest / 1e6:.0f} MB are read"
+        raise InputError(Fault(name, f"has {size}", file))
+    with damage_reported(file):
+        return archive.read(entry)

@@ -1,0 +1,206 @@
+"""Files of measured surfaces that are spoilt: one clear message each, at the key of the scene, exit code 3."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thirdbody.assembly.surfaces import plate_surfaces
+from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
+from thirdbody.surfaces.read_scan import read_scan
+
+N_X, N_Y, STEP = 60, 50, 1e-6
+HEIGHTS = np.random.default_rng(1).normal(scale=1e-7, size=(N_Y, N_X))
+SCENE = """
+scene = 1
+domain = {size = ["40 um", "30 um"]}
+materials.steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.3, density = "7850 kg/m3"}
+pairs = [{between = ["steel", "steel"], friction = 0.3, restitution = 0.6}]
+debris = [{material = "steel", kind = "spheres", radius = "5 um", count = 1}]
+plates.lower = {material = "steel", surface = {file = "FILE"}}
+solver = {duration = "1 us"}
+output = {every = "1 us"}
+"""
+
+
+def archive(**members: bytes | str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in members.items():
+            file.writestr(name, data)
+    return stream.getvalue()
+
+
+def npz(drop: str = "", **changes: object) -> bytes:
+    arrays = {"heights": HEIGHTS * 1e6, "spacing": STEP * 1e6, "unit": "um"} | changes
+    stream = io.BytesIO()
+    np.savez(stream, **{name: np.asarray(value) for name, value in arrays.items() if name != drop})
+    return stream.getvalue()
+
+
+def bomb() -> bytes:
+    """An archive whose directory says that its first member unpacks to 401 MB."""
+    data = bytearray(archive(**{"heights.npy": npy_header((10, 10)), "spacing.npy": b"", "unit.npy": b""}))
+    at = data.index(b"PK\x01\x02") + 24
+    data[at : at + 4] = (401_000_000).to_bytes(4, "little")
+    return bytes(data)
+
+
+def npy_header(shape: tuple[int, ...]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def xml(letter: str = "D", extra: str = "", **texts: object) -> str:
+    t = {
+        "feature": "SUR",
+        "axis": "I",
+        "dx": STEP,
+        "dy": STEP,
+        "nx": N_X,
+        "ny": N_Y,
+        "nz": 1,
+        "z": "",
+        "link": "bindata/data.bin",
+    }
+    t |= texts
+    return f"""<?xml version="1.0" encoding="UTF-8"?>{extra}
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2"><Record1><Revision>ISO5436 - 2000</Revision>
+<FeatureType>{t["feature"]}</FeatureType><Axes>
+<CX><AxisType>{t["axis"]}</AxisType><DataType>D</DataType><Increment>{t["dx"]}</Increment><Offset>0</Offset></CX>
+<CY><AxisType>I</AxisType><DataType>D</DataType><Increment>{t["dy"]}</Increment><Offset>0</Offset></CY>
+<CZ><AxisType>A</AxisType><DataType>{letter}</DataType>{t["z"]}</CZ></Axes></Record1>
+<Record3><MatrixDimension><SizeX>{t["nx"]}</SizeX><SizeY>{t["ny"]}</SizeY><SizeZ>{t["nz"]}</SizeZ></MatrixDimension>
+<DataLink><PointDataLink>{t["link"]}</PointDataLink>{t.get("more", "")}</DataLink></Record3></p:ISO5436_2>"""
+
+
+def x3p(main: str | None = None, data: bytes | None = None, **members: bytes) -> bytes:
+    raw = HEIGHTS.astype("<f8").tobytes() if data is None else data
+    return archive(**{"main.xml": xml() if main is None else main, "bindata/data.bin": raw} | members)
+
+
+ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+HOLES = np.where(np.random.default_rng(2).random(HEIGHTS.shape) < 0.3, np.nan, HEIGHTS)
+BAD = {
+    "missing": ("m.npz", None, ["there is no such file"]),
+    "other suffix": ("a.gwy", b"x", ["suffix '.gwy'", "expected .npz or .x3p", "thirdbody surface FILE"]),
+    "empty": ("a.npz", b"", ["is empty"]),
+    "no archive": ("a.npz", b"\x00" * 300, ["is no ZIP archive"]),
+    "empty x3p": ("a.x3p", b"", ["is empty"]),
+    "pickle": ("a.npz", npz(heights=np.array([{}], object)), ["heights", "pickle"]),
+    "bare pickle": ("a.npz", pickle.dumps(HEIGHTS), ["is no ZIP archive"]),
+    "cut npz": ("a.npz", npz()[:3000], ["damaged or cut short"]),
+    "flipped npz": ("a.npz", npz()[:5000] + b"\x7f" + npz()[5001:], ["damaged or cut short"]),
+    "no unit": ("a.npz", npz("unit"), ["unit", "is missing"]),
+    "unknown array": ("a.npz", npz(hights=HEIGHTS), ["hights", "did you mean 'heights'"]),
+    "unit of another dimension": ("a.npz", npz(unit="s"), ["unit", "is a time, expected a length"]),
+    "unknown unit": ("a.npz", npz(unit="mu"), ["unknown unit 'mu'"]),
+    "three dimensions": ("a.npz", npz(heights=np.zeros((5, 5, 5))), ["has shape (5, 5, 5), expected (n_y, n_x)"]),
+    "complex": ("a.npz", npz(heights=HEIGHTS * 1j), ["holds complex128, expected real numbers"]),
+    "three spacings": ("a.npz", npz(spacing=[1, 2, 3]), ["spacing", "expected one number, or those along x and y"]),
+    "no spacing": ("a.npz", npz(spacing=[1.0, 0.0]), ["0 m along y must be a positive length"]),
+    "few points": ("a.npz", npz(heights=np.zeros((3, 9))), ["9 x 3 points, at least 4 x 4"]),
+    "all missing": ("a.npz", npz(heights=HEIGHTS * np.nan), ["every point is missing"]),
+    "many missing": ("a.npz", npz(heights=HOLES * 1e6), ["of the points have no height", "at most 5"]),
+    "infinite": ("a.npz", npz(heights=np.where(HEIGHTS > 2e-7, np.inf, HEIGHTS)), ["of its points are infinite"]),
+    "heights in nm": ("a.npz", npz(heights=HEIGHTS * 1e12), ["from lowest to highest on", "is the unit right?"]),
+    "kilometres": ("a.npz", npz(unit="km", heights=HEIGHTS), ["apart", "is the unit right?"]),
+    "1e9 points": ("a.npz", archive(**{"heights.npy": npy_header((10**5, 10**4)), "spacing.npy": b"", "unit.npy": b""}),
+                   ["1e+09 points, at most 3e+07"]),
+    "bomb": ("a.npz", bomb(), ["401 MB unpacked, at most 400 MB"]),
+    "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}), ["is cut short"]),
+    "cut x3p": ("a.x3p", x3p()[:9000], ["damaged or cut short"]),
+    "no main.xml": ("a.x3p", archive(other=b"x"), ["main.xml", "is missing in the archive"]),
+    "no data": ("a.x3p", archive(**{"main.xml": xml()}), ["bindata/data.bin", "is missing in the archive"]),
+    "short data": ("a.x3p", x3p(data=HEIGHTS.tobytes()[:-8]), ["23992 bytes, expected 24000 for 60 x 50 points"]),
+    "torn xml": ("a.x3p", x3p(xml()[:-40]), ["main.xml", "is not valid XML"]),
+    "no xml": ("a.x3p", x3p("hello"), ["main.xml", "is not valid XML"]),
+    "xml bomb": ("a.x3p", x3p(xml(extra=ENTITY, nx="&b;")), ["declares a document type"]),
+    "foreign entity": ("a.x3p", x3p(xml(extra='<!DOCTYPE x SYSTEM "file:///etc/passwd">')), ["declares a document type"]),
+    "deep xml": ("a.x3p", x3p("<a>" * 200 + "</a>" * 200), ["nested deeper than 100"]),
+    "large xml": ("a.x3p", x3p("<a>" + " " * 11_000_000 + "</a>"), ["main.xml", "11 MB unpacked, at most 10 MB"]),
+    "profile": ("a.x3p", x3p(xml(feature="PRF")), ["FeatureType", "'PRF', expected SUR"]),
+    "absolute axis": ("a.x3p", x3p(xml(axis="A")), ["CX/AxisType", "'A', expected I"]),
+    "no type": ("a.x3p", x3p(xml(letter="Q")), ["CZ/DataType", "'Q', expected I or L or F or D"]),
+    "no increment": ("a.x3p", x3p(xml(dx="")), ["CX/Increment", "missing, expected a number"]),
+    "increment of words": ("a.x3p", x3p(xml(dx="one")), ["CX/Increment", "'one', expected a number"]),
+    "negative increment": ("a.x3p", x3p(xml(dx=-1e-6)), ["along x must be a positive length"]),
+    "increment in um": ("a.x3p", x3p(xml(dx=1.0, dy=1.0)), ["is the unit right?"]),
+    "no size": ("a.x3p", x3p(xml(nx="")), ["SizeX", "missing, expected a number"]),
+    "half a point": ("a.x3p", x3p(xml(nx="60.5")), ["SizeX", "60.5 must be a whole number"]),
+    "layers": ("a.x3p", x3p(xml(nz=3)), ["SizeZ", "3 layers, expected 1"]),
+    "1e9 points of x3p": ("a.x3p", x3p(xml(nx=10**5, ny=10**4)), ["100000 x 10000 points, at most 3e+07"]),
+    "no link": ("a.x3p", x3p(xml(link="")), ["PointDataLink", "missing"]),
+    "checksum": ("a.x3p", x3p(xml(more=f"<MD5ChecksumPointData>{'0' * 32}</MD5ChecksumPointData>")), ["differs from its checksum"]),
+    "short mask": ("a.x3p", x3p(xml(more="<ValidPointsLink>v</ValidPointsLink>"), v=b"\xff"), ["1 bytes, expected 375: a bit per point"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_spoilt_file_gives_one_clear_message(case, tmp_path):
+    name, data, words = BAD[case]
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "scene.toml").write_text(SCENE.replace("FILE", name), encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        plate_surfaces(Scene.load(tmp_path / "scene.toml"))
+    text = str(error.value)
+    assert all(word in text for word in words), text
+    assert "scene.toml:7:" in text and "plates.lower.surface." in text and name in text
+    assert len(error.value.faults) == 1 and error.value.exit_code == 3
+
+
+def test_all_faults_of_one_file_come_at_once(tmp_path):
+    (tmp_path / "a.x3p").write_bytes(x3p(xml(feature="PRF", dx="", nz=2, letter="Q")))
+    with pytest.raises(InputError) as error:
+        read_scan(tmp_path / "a.x3p")
+    assert len(error.value.faults) == 4
+
+
+@pytest.mark.parametrize("letter", ["I", "L", "F", "D"])
+def test_every_type_of_x3p_is_read_with_its_increment_offset_and_mask(letter, tmp_path):
+    step, offset = (1e-10, 2e-6) if letter in "IL" else (1.0, 0.0)
+    kind = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}[letter]
+    raw = (np.rint(HEIGHTS / step) if letter in "IL" else HEIGHTS).astype(kind)
+    valid = np.ones(raw.size, np.uint8)
+    valid[[0, 7, 1234]] = 0
+    bits = np.packbits(valid, bitorder="little").tobytes()
+    scale = f"<Increment>{step}</Increment><Offset>{offset}</Offset>" if letter in "IL" else ""
+    sums = f"<MD5ChecksumPointData>{hashlib.md5(raw.tobytes()).hexdigest().upper()}</MD5ChecksumPointData>"
+    main = xml(letter, z=scale, more=f"{sums}<ValidPointsLink>bindata/valid.bin</ValidPointsLink>", dy=2e-6)
+    (tmp_path / "a.x3p").write_bytes(x3p(main, raw.tobytes(), **{"bindata/valid.bin": bits}))
+    scan = read_scan(tmp_path / "a.x3p")
+    assert scan.heights.shape == (N_Y, N_X) and scan.spacing == (1e-6, 2e-6)  # x changes fastest
+    assert np.flatnonzero(np.isnan(scan.heights)).tolist() == [0, 7, 1234]
+    rounding = {"I": 0.51e-10, "L": 0.51e-10, "F": 1e-13, "D": 0.0}[letter]
+    assert np.nanmax(np.abs(scan.heights - HEIGHTS - offset)) <= rounding + 1e-20
+
+
+def test_npz_units_of_heights_and_spacing_may_differ(tmp_path):
+    (tmp_path / "a.npz").write_bytes(npz(heights=HEIGHTS * 1e9, height_unit="nm", spacing=[0.5, 2.0]))
+    scan = read_scan(tmp_path / "a.npz")
+    assert scan.spacing == pytest.approx((0.5e-6, 2e-6), rel=1e-15)
+    np.testing.assert_allclose(scan.heights, HEIGHTS, rtol=1e-15)
+
+
+def test_the_readers_agree_with_surface_topography(tmp_path: Path):
+    topography = pytest.importorskip("SurfaceTopography")
+    from SurfaceTopography.IO.X3P import write_x3p
+
+    from thirdbody.surfaces.other_formats import read_any_scan
+
+    theirs = topography.Topography(HEIGHTS.T * 1e6, (N_X * 1.0, N_Y * 2.0), unit="um")
+    write_x3p(theirs, str(tmp_path / "a.x3p"), dtype="I")
+    theirs.to_netcdf(str(tmp_path / "a.nc"))
+    for name, error in (("a.x3p", np.ptp(HEIGHTS) / 65000.0), ("a.nc", 1e-20)):
+        scan = read_any_scan(tmp_path / name)
+        assert scan.spacing == pytest.approx((1e-6, 2e-6), rel=1e-12)
+        assert np.abs(scan.heights - HEIGHTS).max() <= error

@@ -1,0 +1,243 @@
+"""Surfaces as data: random ones with their spectrum, waves and grooves, scans made periodic, the spline, the statistics."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from thirdbody.assembly.surfaces import plate_surfaces
+from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
+from thirdbody.surfaces import grid
+from thirdbody.surfaces.height_map import HeightMap
+from thirdbody.surfaces.levelling import fill_missing, levelled
+from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
+from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.statistics import surface_statistics
+from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
+
+SIZE = (100e-6, 80e-6)
+ROUGH = Spectrum(0.2e-6, 0.8, 20e-6, 4e-6)
+STEEL = {"youngs_modulus": 210e9, "poisson_ratio": 0.3, "density": 7850.0}
+
+
+def scene(lower: dict, upper: dict | None = None, **domain: object) -> Scene:
+    plates: dict = {"lower": {"material": "steel", "surface": lower}}
+    if upper:
+        plates["upper"] = {"material": "steel", "load": 1e-3, "surface": upper}
+    return Scene.of({
+        "materials": {"steel": STEEL}, "pairs": [{"between": ["steel", "steel"], "friction": 0.3, "restitution": 0.6}],
+        "debris": [{"kind": "spheres", "material": "steel", "radius": 5e-6, "count": 1}],
+        "domain": {"size": SIZE} | domain, "plates": plates, "solver": {"duration": 1e-6}, "output": {"every": "1 us"},
+    })  # fmt: skip
+
+
+def random_heights(per_wave: int = grid.POINTS_PER_WAVE, short: float = 4e-6, seed: int = 1, stream: int = 0) -> np.ndarray:
+    shape = grid.grid_counts(SIZE, (4e-6 / per_wave,) * 2)
+    return self_affine(shape, SIZE, ROUGH._replace(short=short), seed, stream)
+
+
+def test_a_random_surface_has_its_rms_height_and_spectrum():
+    heights = random_heights()
+    spacing = (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0])
+    assert np.sqrt(np.mean(heights**2)) == pytest.approx(0.2e-6, rel=1e-12)
+    assert abs(heights.mean()) < 1e-12 * 0.2e-6
+    law = surface_statistics(heights, spacing).law
+    # rings of a factor 2^(1/4): the knee and the end are known to one of them
+    assert law.hurst == pytest.approx(0.8, abs=0.05) and law.rolls_off
+    assert law.long == pytest.approx(20e-6, rel=0.19) and law.short == pytest.approx(4e-6, rel=0.42)
+
+
+def test_power_outside_the_band_is_zero_and_flat_above_the_long_wavelength():
+    power = np.abs(np.fft.fft2(random_heights())) ** 2
+    n_y, n_x = power.shape
+    q = np.hypot(np.fft.fftfreq(n_y, 1.0 / n_y)[:, None] / SIZE[1], np.fft.fftfreq(n_x, 1.0 / n_x)[None, :] / SIZE[0])
+    inside, flat = (q > 0) & (q <= 1.0 / 4e-6 * (1 + 1e-9)), (q > 0) & (q < 1.0 / 20e-6)
+    assert power[~inside].max() < 1e-20 * power.max()  # rounding of the transform
+    assert np.ptp(power[flat]) < 1e-9 * power.max()
+    steep = power[inside] * np.maximum(q[inside], 1.0 / 20e-6) ** 3.6
+    assert np.ptp(steep) < 1e-9 * steep.max()
+
+
+def test_the_surface_does_not_depend_on_the_grid_and_shorter_waves_are_added():
+    coarse, fine = random_heights(8), random_heights(16)
+    assert fine[::2, ::2].shape == coarse.shape
+    np.testing.assert_allclose(fine[::2, ::2], coarse, atol=1e-12 * 0.2e-6)
+    longer, shorter = (np.fft.fft2(random_heights(16, short)) for short in (8e-6, 4e-6))
+    low = np.abs(longer) > 1e-9 * np.abs(longer).max()
+    np.testing.assert_allclose(np.angle(shorter[low] / longer[low]), 0.0, atol=1e-6)  # the same phases
+
+
+def test_seeds_and_plates_differ():
+    fields = [random_heights(seed=seed, stream=stream).ravel() for seed, stream in ((1, 0), (1, 1), (2, 0))]
+    # some 40 waves longer than the knee carry most of the height: independent fields correlate by 1/sqrt(80), here below 5 of it
+    assert np.abs(np.corrcoef(fields)[np.triu_indices(3, 1)]).max() < 0.5
+    both = plate_surfaces(scene(*({"rms": 2e-7, "long": 2e-5, "short": 4e-6},) * 2))
+    assert np.abs(np.corrcoef(both["lower"].heights.ravel(), both["upper"].heights.ravel()))[0, 1] < 0.5
+
+
+def test_the_first_phases_are_those_of_pcg64():
+    from thirdbody.surfaces.self_affine import _uniform
+
+    assert _uniform(3, 1, 0).tolist() == [0.6990345474368357, 0.17433552137309583, 0.6451185321972944]
+
+
+def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surface():
+    coarse, fine = random_heights(8), random_heights(32)
+    surface = plate_surfaces(scene({"rms": 2e-7, "long": 2e-5, "short": 4e-6}))["lower"]
+    np.testing.assert_allclose(surface.heights, coarse, atol=1e-18)
+    y, x = np.mgrid[0 : fine.shape[0], 0 : fine.shape[1]] / 4.0
+    spline = map_coordinates(surface.coefficients, [y, x], order=3, mode="grid-wrap", prefilter=False)
+    np.testing.assert_allclose(spline[::4, ::4], coarse, atol=1e-13 * 0.2e-6)
+    # the docstring of POINTS_PER_WAVE says 3e-5 to 8e-5 for a decade of wavelengths; shorter ones weigh more here
+    assert (spline - fine).std() < 2e-4 * 0.2e-6
+
+
+def test_a_sine_has_the_statistics_of_a_sine():
+    amplitude, wavelength = 0.3e-6, 20e-6
+    surface = plate_surfaces(scene({"wave": {"amplitude": amplitude, "wavelength": wavelength, "phase": 1.0}}))["lower"]
+    statistics, k = surface_statistics(surface.heights, surface.spacing), 2.0 * math.pi / wavelength
+    assert statistics.rms_height == pytest.approx(amplitude / math.sqrt(2.0), rel=1e-12)
+    assert statistics.rms_slope == pytest.approx(amplitude * k / math.sqrt(2.0), rel=1e-4)  # of the spline: (k h)^4/180
+    # of the spline: (k h)^2/12 = 0.32 % at 32 points, and the crest lies up to half a step from a point
+    assert statistics.crest_curvature == pytest.approx(amplitude * k**2, rel=0.01)
+    assert statistics.valley_curvature == pytest.approx(amplitude * k**2, rel=0.01)
+    assert statistics.kurtosis == pytest.approx(1.5, rel=1e-12) and abs(statistics.skewness) < 1e-12
+    assert statistics.law is None
+
+
+def test_parseval_holds_for_the_spectrum():
+    heights = random_heights()
+    spectrum = surface_statistics(heights, (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0])).spectrum
+    assert np.sum(spectrum.power * spectrum.waves) / (SIZE[0] * SIZE[1]) == pytest.approx(0.04e-12, rel=1e-9)
+
+
+def test_a_wave_in_any_direction_has_whole_numbers_in_the_domain():
+    nearest = grid.whole_waves(SIZE, 10e-6, math.radians(40.0))
+    assert nearest.along == (8, 5)
+    assert 1.0 / nearest.wavelength == pytest.approx(math.hypot(8 / SIZE[0], 5 / SIZE[1]), rel=1e-12)
+    heights = sine_heights(phases((64, 80), nearest.along, 0.0), 1.0)
+    power = np.abs(np.fft.fft2(heights))
+    assert np.argwhere(power > 1.0).tolist() == [[5, 8], [59, 72]]
+
+
+def test_a_groove_has_straight_flanks_and_continuous_curvature():
+    n, period = 20000, 20e-6
+    profile = GrooveProfile(2e-6, 8e-6, 3e-6, 0.5e-6, period)
+    z = groove_heights(phases((1, n), (1, 0), 0.0), profile)[0]
+    x, step = np.arange(n) * period / n, period / n
+    assert z.min() == pytest.approx(-2e-6, rel=1e-12) and z.max() == pytest.approx(0.0, abs=1e-21)
+    flank = (x > 1e-6 + 0.51e-6) & (x < 4e-6 - 0.51e-6)
+    np.testing.assert_allclose(np.diff(z[flank]) / step, 2.0 / 3.0, rtol=1e-6)
+    second = np.diff(z, 2) / step**2
+    assert second.max() == pytest.approx(2.0 / 3.0 / 0.5e-6, rel=0.01)  # the peak of the triangle, sampled
+    # continuous: between neighbours it changes by slope/corner^2 times the step, and no more
+    assert np.abs(np.diff(second)).max() < 1.01 * (2.0 / 3.0) / 0.5e-6**2 * step
+    v = groove_heights(phases((1, n), (1, 0), 0.0), GrooveProfile(3e-6, 6e-6, 3e-6, 0.6e-6, period))[0]
+    assert v.min() == pytest.approx(-3e-6 + 0.6e-6 / 3.0, rel=1e-9)  # a V: the bottom is rounded by corner slope/3
+
+
+def scan(shape: tuple[int, int] = (240, 300), step: float = 0.5e-6) -> HeightMap:
+    """A part of a larger random surface, tilted, so that it is not periodic."""
+    size = (400 * step, 320 * step)
+    heights = self_affine((320, 400), size, ROUGH, 3, 0)[: shape[0], : shape[1]]
+    return HeightMap(heights + np.linspace(0.0, 5e-6, shape[1]), (step, step), "scan.npz")
+
+
+@pytest.mark.parametrize("join", ["blend", "mirror"])
+def test_a_scan_becomes_a_smooth_periodic_surface(join):
+    original = scan()
+    surface = periodic_scan(original, (200e-6, 100e-6), ScanOptions(short=4e-6, join=join))
+    inner = surface_statistics(levelled(original.heights, "plane"), original.spacing, periodic=False)
+    statistics = surface_statistics(surface.heights, surface.spacing)
+    # a window of 150 um shows some seven of the longest waves: its rms height scatters by a tenth
+    assert statistics.rms_height == pytest.approx(inner.rms_height, rel=0.25)
+    assert statistics.rms_slope == pytest.approx(inner.rms_slope, rel=0.25)
+    # a seam with a step or a kink would show as the steepest slope or the sharpest crest
+    assert statistics.max_slope < 1.2 * inner.max_slope and statistics.crest_curvature < 1.2 * inner.crest_curvature
+    copies = surface.copies
+    parts = surface.heights.reshape(copies[1], surface.heights.shape[0] // copies[1], copies[0], -1)
+    assert np.ptp(parts, axis=(0, 2)).max() < 1e-15
+    assert any("copies of" in note for note in surface.notes)
+
+
+def test_the_inside_of_a_scan_is_left_as_it_is():
+    # no wave shorter than 4 um: a filter at 2.5 um, which passes from 3.75 um on, must change nothing; mirror keeps every point
+    original = scan()
+    surface = periodic_scan(original, (200e-6, 160e-6), ScanOptions("mean", short=2.5e-6, join="mirror"))
+    assert surface.copies == (1, 1)
+    x = np.arange(40, 160) * surface.spacing[0] / original.spacing[0]
+    y = np.arange(40, 120) * surface.spacing[1] / original.spacing[1]
+    expected = map_coordinates(original.heights, np.meshgrid(y, x, indexing="ij"), order=3)
+    difference = surface.heights[40:120, 40:160] - expected
+    # 8 points per shortest wave and the kink of the tilt at the seam, whose trace falls off within some wavelengths
+    assert np.ptp(difference) < 0.01 * 0.2e-6
+
+
+def test_missing_points_are_filled_or_refused():
+    whole = scan()
+    holes = whole.heights.copy()
+    holes[100:110, 50:60] = np.nan
+    holes[np.random.default_rng(1).random(holes.shape) < 0.01] = np.nan
+    filled = fill_missing(holes)
+    lost = np.isnan(holes)
+    assert not np.isnan(filled).any() and np.array_equal(filled[~lost], holes[~lost])
+    assert (filled - whole.heights)[lost].std() < 0.2 * 0.2e-6  # holes of 5 um, a quarter of the long wavelength
+    part = HeightMap(holes, whole.spacing, "scan.npz")
+    notes = periodic_scan(part, (100e-6, 100e-6), ScanOptions(short=4e-6)).notes
+    assert "had no height and were filled" in notes[0]
+    with pytest.raises(InputError, match="of the points have no height; at most 0.5"):
+        periodic_scan(part, (100e-6, 100e-6), ScanOptions(short=4e-6, missing=0.005))
+
+
+def test_levelling_takes_away_what_it_says():
+    y, x = np.mgrid[0:30, 0:40] * 1e-6
+    plane, curved = 2e-6 + 0.3 * x - 0.1 * y, 100.0 * x**2 - 50.0 * x * y
+    assert np.abs(levelled(plane, "plane")).max() < 1e-18
+    assert np.abs(levelled(plane + curved, "curved")).max() < 1e-18
+    assert np.ptp(levelled(plane, "mean")) == pytest.approx(np.ptp(plane), rel=1e-12)
+
+
+FAULTS = {
+    "not periodic": ({"wave": {"amplitude": 1e-7, "wavelength": 20e-6}}, {"periodic": False}, "domain.periodic must be true"),
+    "no whole waves": ({"wave": {"amplitude": 1e-7, "wavelength": 30e-6}}, {}, 'nearest: 3 along x and 0 along y: wavelength = "33.3333 um"'),
+    "long": ({"rms": 1e-7, "long": 90e-6, "short": 4e-6}, {}, "at most the smaller side of the domain, 80 um"),
+    "short": ({"rms": 1e-7, "long": 9e-6, "short": 9e-6}, {}, "must be less than long, 9 um"),
+    "grid": ({"rms": 1e-7, "long": 9e-6, "short": 9e-9}, {}, "at most 3e+07 in all"),
+    "hurst": ({"rms": 1e-7, "hurst": 1.2, "long": 9e-6, "short": 4e-6}, {}, "1.2 must be greater than 0 and at most 1"),
+    "two kinds": ({"rms": 1e-7, "wave": []}, {}, "give one of rms, wave, file"),
+    "no kind": ({"height": 1e-7}, {}, "give one of rms, wave, file"),
+    "wide flanks": ({"wave": {"depth": 5e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}}, {}, "at most 3 um"),
+    "crop": ({"file": "a.npz", "crop": {"x": [5e-6, 2e-6]}}, {}, "must be at least 0, and below the last"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_faults_of_a_surface_are_told_with_what_is_allowed(case):
+    surface, domain, text = FAULTS[case]
+    with pytest.raises(InputError) as error:
+        scene(surface, **domain)
+    assert text in str(error.value) and "plates.lower.surface" in str(error.value)
+
+
+def test_all_faults_of_both_plates_come_at_once():
+    with pytest.raises(InputError) as error:
+        scene(
+            {"rms": -1e-7, "long": 9e-6, "shrt": 4e-6}, {"wave": [{"amplitude": 1e-7, "wavelength": 20e-6}, {"amplitude": 1.0}]}
+        )
+    keys = {fault.key for fault in error.value.faults}
+    assert keys == {"plates.lower.surface.rms", "plates.lower.surface.shrt", "plates.upper.surface.wave[1].wavelength"}
+
+
+def test_a_scene_with_surfaces_is_saved_and_read_again(tmp_path: Path):
+    groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}
+    given = scene(
+        {"wave": [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]},
+        {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}},
+    )
+    given.save(tmp_path / "scene.toml")
+    assert Scene.load(tmp_path / "scene.toml") == given
