@@ -217,7 +217,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("case", FAULTS)
-def test_faults_of_a_surface_are_told_with_what_is_allowed(case):
+def test_faults_of_a_surface_name_what_is_allowed(case):
     surface, domain, text = FAULTS[case]
     with pytest.raises(InputError) as error:
         scene(surface, **domain)

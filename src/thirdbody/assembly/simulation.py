@@ -133,10 +133,8 @@ def build(
     and compiled.
     """
     registry = registry or discover()
-    surfaces = plate_surfaces(scene)
-    refuse_surfaces(scene, surfaces)
+    surfaces = refuse_surfaces(scene, plate_surfaces(scene))
     choice = compile_physics(scene, registry)
-    labeller = choice.labeller
     warnings = [*unusual_values(scene), *surface_notes(surfaces), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
@@ -166,7 +164,7 @@ def build(
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
         simulation = Simulation(
-            scene, requested, choice, labeller, state, slow, chosen, upper, warnings, force, relaxed
+            scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed
         )  # fmt: skip
         _refuse_unreached(simulation)
         _examine_interval(simulation)
@@ -180,7 +178,7 @@ def build(
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
     simulation = Simulation(
-        scene, requested, choice, labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale
+        scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale
     )  # fmt: skip
     _refuse_unreached(simulation)
     _examine_interval(simulation)

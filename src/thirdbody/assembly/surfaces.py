@@ -38,11 +38,12 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
     return surfaces
 
 
-def refuse_surfaces(scene: Scene, surfaces: Mapping[str, Surface]) -> None:
-    """Raise InputError for a scene with surfaces: contact with them is not there yet."""
+def refuse_surfaces(scene: Scene, surfaces: dict[str, Surface]) -> dict[str, Surface]:
+    """Return no surfaces. Raises InputError for a scene with some: contact with them is not there yet."""
     message = "a run with a rough plate is not there yet; `thirdbody surface SCENE` describes and draws it"
     if surfaces:
         raise InputError(scene.fault(("plates", side, "surface"), message) for side in surfaces)
+    return surfaces
 
 
 def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:

@@ -64,10 +64,10 @@ def _wave_faults(wave: Sine | Groove, size: tuple[float, float]) -> Iterator[Wro
     nearest = grid.whole_waves(size, wave.wavelength, grid.angle_of(wave.direction))
     if nearest.deviation > grid.FIT:
         fitting = f'{nearest.along[0]} along x and {nearest.along[1]} along y: wavelength = "{1e6 * nearest.wavelength:.6g} um"'
-        turned = "" if isinstance(wave.direction, str) else f', direction = "{math.degrees(nearest.angle):.6g} deg"'
+        angle = "" if isinstance(wave.direction, str) else f', direction = "{math.degrees(nearest.angle):.6g} deg"'
         yield (
             ("wavelength",),
-            f"{units.pretty(wave.wavelength, 'length')} does not fit the periodic domain; nearest: {fitting}{turned}",
+            f"{units.pretty(wave.wavelength, 'length')} does not fit the periodic domain; nearest: {fitting}{angle}",
         )
 
 
