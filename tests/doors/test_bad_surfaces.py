@@ -116,7 +116,8 @@ BAD = {
     "1e9 points": ("a.npz", archive(**{"heights.npy": npy_header((10**5, 10**4)), "spacing.npy": b"", "unit.npy": b""}),
                    ["1e+09 points, at most 3e+07"]),
     "bomb": ("a.npz", bomb(), ["401 MB unpacked, at most 400 MB"]),
-    "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}), ["is cut short"]),
+    "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}),
+                    ["is cut short"]),
     "cut x3p": ("a.x3p", x3p()[:9000], ["damaged or cut short"]),
     "no main.xml": ("a.x3p", archive(other=b"x"), ["main.xml", "is missing in the archive"]),
     "no data": ("a.x3p", archive(**{"main.xml": xml()}), ["bindata/data.bin", "is missing in the archive"]),
@@ -139,8 +140,10 @@ BAD = {
     "layers": ("a.x3p", x3p(xml(nz=3)), ["SizeZ", "3 layers, expected 1"]),
     "1e9 points of x3p": ("a.x3p", x3p(xml(nx=10**5, ny=10**4)), ["100000 x 10000 points, at most 3e+07"]),
     "no link": ("a.x3p", x3p(xml(link="")), ["PointDataLink", "missing"]),
-    "checksum": ("a.x3p", x3p(xml(more=f"<MD5ChecksumPointData>{'0' * 32}</MD5ChecksumPointData>")), ["differs from its checksum"]),
-    "short mask": ("a.x3p", x3p(xml(more="<ValidPointsLink>v</ValidPointsLink>"), v=b"\xff"), ["1 bytes, expected 375: a bit per point"]),
+    "checksum": ("a.x3p", x3p(xml(more=f"<MD5ChecksumPointData>{'0' * 32}</MD5ChecksumPointData>")),
+                 ["differs from its checksum"]),
+    "short mask": ("a.x3p", x3p(xml(more="<ValidPointsLink>v</ValidPointsLink>"), v=b"\xff"),
+                   ["1 bytes, expected 375: a bit per point"]),
 }  # fmt: skip
 
 

@@ -122,7 +122,7 @@ def test_faults_in_python_are_input_errors_with_all_faults():
     report = [str(fault) for fault in caught.value.faults]
     assert report == [
         "colour: unknown key, known: closing, damping, gap, load, loading, mass, material, motion, preload, pressure, stiffness, "
-        "support",
+        "support, surface",
         "gap: give only one of load, pressure, gap: load is given too",
     ]
     with pytest.raises(InputError, match="every: .* no unit.* or give every_kind"):

@@ -204,7 +204,8 @@ def test_levelling_takes_away_what_it_says():
 
 FAULTS = {
     "not periodic": ({"wave": {"amplitude": 1e-7, "wavelength": 20e-6}}, {"periodic": False}, "domain.periodic must be true"),
-    "no whole waves": ({"wave": {"amplitude": 1e-7, "wavelength": 30e-6}}, {}, 'nearest: 3 along x and 0 along y: wavelength = "33.3333 um"'),
+    "no whole waves": ({"wave": {"amplitude": 1e-7, "wavelength": 30e-6}}, {},
+                       'nearest: 3 along x and 0 along y: wavelength = "33.3333 um"'),
     "long": ({"rms": 1e-7, "long": 90e-6, "short": 4e-6}, {}, "at most the smaller side of the domain, 80 um"),
     "short": ({"rms": 1e-7, "long": 9e-6, "short": 9e-6}, {}, "must be less than long, 9 um"),
     "grid": ({"rms": 1e-7, "long": 9e-6, "short": 9e-9}, {}, "at most 3e+07 in all"),
