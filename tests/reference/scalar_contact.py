@@ -13,6 +13,7 @@ from scalar_bodies import Vector, added, arm_of, cross, dot, three
 from scalar_laws import Answer, Laws
 
 from thirdbody.kernels.columns import contact_state, patch, record, sphere
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.laws.kernel_data import Contact, Turn
 
 
@@ -57,9 +58,9 @@ def between(a: list[float], b: list[float], world: Surroundings) -> Vector:
 
 
 def plate_overlap(row: list[float], partner: int, P: list[list[float]]) -> float:
-    """Overlap of a sphere with the plate -1, the lower one, or with patch p of the upper one, -2 - p."""
+    """Overlap of a sphere with the plate -1, the lower one, or with patch p of the upper one, -1 - (1 + p) BASINS."""
     z, r = row[sphere.Z], row[sphere.RADIUS]
-    return r - z if partner == -1 else r - (P[-partner - 2][patch.HEIGHT] - z)
+    return r - z if partner == -1 else r - (P[(-1 - partner) // BASINS - 1][patch.HEIGHT] - z)
 
 
 def touches(S: list[list[float]], i: int, j: int, world: Surroundings) -> bool:
@@ -78,7 +79,7 @@ def frame_of(S: list[list[float]], i: int, j: int, world: Surroundings) -> Frame
 def with_plate(a: list[float], partner: int, world: Surroundings) -> Frame:
     """A sphere and a plate, which neither turns nor has a mass."""
     up = 1.0 if partner < -1 else 0.0
-    plate = up * world.v_x, up * world.v_y, up * world.P[max(-partner - 2, 0)][patch.VELOCITY]
+    plate = up * world.v_x, up * world.v_y, up * world.P[max((-1 - partner) // BASINS - 1, 0)][patch.VELOCITY]
     n, r, overlap = (0.0, 0.0, 1.0 - 2.0 * up), a[sphere.RADIUS], plate_overlap(a, partner, world.P)
 
     def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:

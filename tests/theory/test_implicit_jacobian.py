@@ -39,6 +39,7 @@ from thirdbody.kernels.columns import (
     step_memory,
     step_settings,
     step_start,
+    surface_contact,
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.band_matrix import entry, row_length
@@ -47,6 +48,7 @@ from thirdbody.kernels.implicit.island_bundles import TABLES, IslandTables, make
 from thirdbody.kernels.implicit.island_newton import evaluate as evaluate_island
 from thirdbody.kernels.implicit.island_step import island_of
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.signatures import LAW
 
@@ -54,6 +56,8 @@ UNCACHED = OPTIONS | {"cache": False}
 
 NORMAL, POINT, BEND = patch.WIDTH, patch.WIDTH + 3, patch.WIDTH + 6
 """Columns of the table of patches, added here: unit normal, a point of the surface, curvature. The last row is the lower body."""
+
+FLAT = np.zeros((0, surface_contact.WIDTH))
 
 HISTORY = 4
 """Force and moment of a contact at the start of the step."""
@@ -92,7 +96,7 @@ def tangents(I, K, n, _):  # noqa: E741
             K[k * TILE + q] = values[k]
 
 
-def replace_flat_plates(surface: ModuleType, first_body: ModuleType, predicates: ModuleType) -> None:
+def replace_flat_plates(first_body: ModuleType, jacobian: ModuleType, predicates: ModuleType) -> None:
     """Replace the flat plates by planes or spheres that the table of patches describes."""
     is_upper, patch_of_partner = predicates.is_upper, predicates.patch_of_partner
 
@@ -117,17 +121,43 @@ def replace_flat_plates(surface: ModuleType, first_body: ModuleType, predicates:
             d_z / math.copysign(far, k),
         )
 
-    first_body.overlap = njit(**BARE)(lambda j, x, radius, P: radius - from_surface(j, x, P)[0])
-    first_body.normal = njit(**BARE)(lambda j, x, P: from_surface(j, x, P)[1])
-    first_body.curvature = njit(**BARE)(lambda j, x, P: P[row_of(j, P), BEND])
-    surface.FLAT = False
+    @njit(**BARE)
+    def from_candidate(k, context):
+        i, S = context.own[k], context.S
+        return from_surface(context.partner[k], (S[i, sphere.X], S[i, sphere.Y], S[i, sphere.Z]), context.P)
+
+    @njit(**BARE)
+    def turning(k, context):
+        """Turning of the normal in all directions along the surface."""
+        distance, (x, y, z) = from_candidate(k, context)
+        bend = context.P[row_of(context.partner[k], context.P), BEND]
+        h = bend / (1.0 + bend * distance)
+        return h * (1.0 - x * x), h * (1.0 - y * y), h * (1.0 - z * z), -h * x * y, -h * x * z, -h * y * z
+
+    @njit(**BARE)
+    def normal_before(k, move, context):
+        i, S = context.own[k], context.S
+        x = S[i, sphere.X] - move[0], S[i, sphere.Y] - move[1], S[i, sphere.Z] - move[2]
+        return from_surface(context.partner[k], x, context.P)[1]
+
+    @njit(**BARE)
+    def overlap(k, context):
+        return context.S[context.own[k], sphere.RADIUS] - from_candidate(k, context)[0]
+
+    first_body.is_rough = njit(**BARE)(lambda context: True)
+    first_body.overlap, first_body.normal_before = overlap, normal_before
+    first_body.normal = njit(**BARE)(lambda k, context: from_candidate(k, context)[1])
+    first_body.effective_radius = njit(**BARE)(lambda k, context: 1.0)
+    jacobian.turning_at = turning
 
 
 def fresh_kernels(change: Callable[[ModuleType, ModuleType, ModuleType], None]) -> tuple[ModuleType, ...]:
     """Import the kernels anew, with first bodies changed before others use them: bundles, residual, jacobian."""
     saved = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[:2] == ["thirdbody", "kernels"]}
     try:
-        change(*(importlib.import_module(f"thirdbody.kernels.{name}") for name in ("surface", "first_body", "predicates")))
+        change(
+            *(importlib.import_module(f"thirdbody.kernels.{name}") for name in ("first_body", "implicit.jacobian", "predicates"))
+        )
         names = ("bundles", "residual", "jacobian")
         return tuple(importlib.import_module(f"thirdbody.kernels.implicit.{name}") for name in names)
     finally:
@@ -170,7 +200,7 @@ def on_any_surface():
 
 @pytest.fixture(scope="module")
 def on_plates():
-    return compiled(fresh_kernels(lambda surface, first_body, predicates: None))
+    return compiled(fresh_kernels(lambda first_body, jacobian, predicates: None))
 
 
 # -- a body of four spheres between two surfaces --
@@ -209,13 +239,13 @@ def tables(lower: np.ndarray, upper: np.ndarray, bend: float, force: float, clos
         H[k, contact_state.AXIS3], H[k, contact_state.SLIP] = axis, contact_state.CLOSED
         H[k, contact_state.LAW :] = force * np.array([0.6, -0.8, 0.5, 0.3])
         before[k] = -0.3 * OVERLAP if closing and p == 0 else 0.9 * OVERLAP
-    partner = np.repeat(np.array([-1, -2], np.int32), n)
+    partner = np.repeat(np.array([-1, -1 - BASINS], np.int32), n)
     settings = np.zeros(step_settings.WIDTH)
     settings[step_settings.INERTIAL] = 1.0
     return {
         "own": np.tile(np.arange(n, dtype=np.int32), 2), "partner": partner, "kind": np.zeros(2 * n, np.int32),
         "edges": np.array([0, 2 * n], np.int32), "incidence": 2 * np.arange(2 * n, dtype=np.int32),
-        "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B, "E": E, "P": P, "H": H, "starts": Z,
+        "start": np.array([0, n]), "offsets": OFFSETS, "Q": FLAT, "S": S, "B": B, "E": E, "P": P, "H": H, "starts": Z,
         "memory": np.zeros((1, step_memory.WIDTH)), "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": before,
         "settings": settings, "max_per_body": 2 * n, "n_history": HISTORY, "rolling": MOMENTS, "force": 0, "moment": 2,
         "stored": -1,
@@ -336,7 +366,7 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
     given = {
         "own": np.zeros(1, np.int32), "partner": np.full(1, 3, np.int32), "kind": np.zeros(1, np.int32),
         "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
-        "S": S, "B": B, "E": E, "P": P, "H": H, "starts": Z, "memory": np.zeros((2, step_memory.WIDTH)),
+        "S": S, "B": B, "E": E, "P": P, "Q": FLAT, "H": H, "starts": Z, "memory": np.zeros((2, step_memory.WIDTH)),
         "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": 1,
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY, "rolling": MOMENTS,
         "force": 0, "moment": 2, "stored": -1, "law": address(law, LAW), "tangents": address(tangents, LAW),

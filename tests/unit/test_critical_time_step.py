@@ -14,10 +14,11 @@ from thirdbody.engine.state import rotation_matrices
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
-from thirdbody.kernels.columns import body, body_extra, domain, law_input, patch, sphere
+from thirdbody.kernels.columns import body, body_extra, domain, law_input, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.stiffness_matrix import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.signatures import LAW
 
 NEAR = 0.3
@@ -45,6 +46,10 @@ def stiffness(I, O, n, P):  # noqa: E741
 
 PAIRS = np.array([1.0, 0.8, 0.0, 0.0, 2.0, 0.0, 0.0, 0.5, 0.5, 1.1, 0.3, 1.5, 1.0, 0.7, 0.2, 0.0])
 """Four kinds of contact: without and with dashpots, without tangential spring, stiffer along than across, rolling."""
+
+
+FLAT = np.zeros((0, surface_contact.WIDTH))
+"""No rough plates."""
 
 
 def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool = False, free: float = 1.0):
@@ -75,7 +80,8 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     D[domain.LENGTH_X] = D[domain.LENGTH_Y] = size
     state = SimpleNamespace(
         n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=D, patch=patch_of, dt=0.0,
-        time=0.0, order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
+        time=0.0, A=np.zeros(run_totals.WIDTH),
+        order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
         world=SimpleNamespace(upper=None),
     )  # fmt: skip
@@ -87,21 +93,33 @@ def find(state, rng) -> None:
     """The candidates of a state, in their order: plates first."""
     S, body = state.S, state.body
     flat = [(i, -1) for i in range(len(S)) if S[i, 2] - S[i, 3] < NEAR]
-    flat += [(i, -2 - state.patch[body[i]]) for i in range(len(S)) if S[i, 2] + S[i, 3] > state.P[0, patch.HEIGHT] - NEAR]
+    flat += [
+        (i, partner_code(state.patch[body[i]], 0)) for i in range(len(S)) if S[i, 2] + S[i, 3] > state.P[0, patch.HEIGHT] - NEAR
+    ]
     pairs = [(i, j) for i in range(len(S)) for j in range(i + 1, len(S)) if body[i] != body[j] and gap(state, i, j)[0] < NEAR]
     own, partner = np.array(sorted(flat) + pairs, np.int32).reshape(-1, 2).T.copy()
     spheres, incidence = incidences(len(own), own, partner, len(S))
     state.slots = SimpleNamespace(
         own=own, partner=partner, kind=rng.integers(0, 4, len(own)).astype(np.int32), edges=spheres[state.start],
-        incidence=incidence, n_plates=len(flat), count=len(own),
+        incidence=incidence, n_plates=len(flat), count=len(own), Q=FLAT,
     )  # fmt: skip
+
+
+def partner_code(p: int, basin: int) -> int:
+    """The partner code of patch p of the upper plate."""
+    return -1 - (1 + p) * BASINS - basin
+
+
+def patch_of(j: int) -> int:
+    """The patch of a partner code; 0 for the lower plate."""
+    return max((-1 - j) // BASINS - 1, 0)
 
 
 def gap(state, i: int, j: int) -> tuple[float, np.ndarray]:
     """How far sphere i is from sphere j or from a plate, and the normal from there."""
     S = state.S
     if j < 0:
-        top = state.P[max(-j - 2, 0), patch.HEIGHT]
+        top = state.P[patch_of(j), patch.HEIGHT]
         return (S[i, 2] if j == -1 else top - S[i, 2]) - S[i, 3], np.array([0.0, 0.0, 1.0 if j == -1 else -1.0])
     apart = S[i, :3] - S[j, :3]
     apart[:2] -= state.D[:2] * np.round(apart[:2] / state.D[:2])
@@ -126,8 +144,8 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
             other, heavy = state.S[j, sphere.RADIUS], state.S[j, sphere.MASS]
             radius, mass, twice = radius * other / (radius + other), mass * heavy / (mass + heavy), 2.0
         report = answers.py_func(-distance, radius, mass, kind, PAIRS)
-        if j < -1 and state.P[-2 - j, patch.FREE]:
-            patches[-2 - j] += 2.0 * np.array(report)[[0, 3]] / state.P[-2 - j, patch.MASS]
+        if j < -1 and state.P[patch_of(j), patch.FREE]:
+            patches[patch_of(j)] += 2.0 * np.array(report)[[0, 3]] / state.P[patch_of(j), patch.MASS]
             twice = 2.0
         along = np.outer(n, n)
         for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
@@ -240,7 +258,7 @@ def test_of_twins_the_first_limits():
     state.S[:, 2], state.order = state.S[:, 3] - 0.1, np.array([1, 0])
     state.slots = SimpleNamespace(
         own=np.array([0, 1], np.int32), partner=np.array([-1, -1], np.int32), kind=np.zeros(2, np.int32), n_plates=2, count=2,
-        edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32),
+        edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32), Q=FLAT,
     )  # fmt: skip
     assert bound(state, [SOFT], 0, 0.3).body == 1
     assert _contact_bounds(state, 0.0, 0.3)[0].tolist() == [0, 1]

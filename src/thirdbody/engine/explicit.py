@@ -11,7 +11,7 @@ from thirdbody.engine.guards import Guards
 from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import plate_pairs, search
-from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
+from thirdbody.engine.state import Array, Candidates, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
@@ -74,6 +74,9 @@ class Explicit:
         self.packer = Packer(KINDS)
         self.agree: Callable[[Bound], Bound] = lambda bound: bound  # of the parts of a run on their bound of the time step
         self.independent = not coupling(state, True)
+        if self.independent and state.world.rough:
+            # all spheres are candidates: what a body does must not depend on when others make a search due
+            state.skin = state.D[domain.SKIN] = math.inf
         groups = -(-state.n_bodies // (body_pass.BODIES * contact_pass.GROUP)) if self.independent else 0
         self.ledgers = np.zeros((groups, run_totals.WIDTH))
 
@@ -81,7 +84,7 @@ class Explicit:
         """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
-        self.pairs = plate_pairs(self.state) if self.independent else None
+        self.pairs = self._all_pairs()
         self._advance(1, math.inf, math.inf, 0.0)
         self.state.A[run_totals.STEPS] = self.state.A[run_totals.ELAPSED] = 0.0
         self._choose_step()
@@ -132,7 +135,11 @@ class Explicit:
     def restrict(self, first: int, last: int) -> None:
         """Keep the ledgers of bodies `first` to `last` - 1, which are whole groups, before the first step (`engine.parts`)."""
         size = body_pass.BODIES * contact_pass.GROUP
-        self.ledgers, self.pairs = self.ledgers[first // size : -(-last // size)].copy(), plate_pairs(self.state)
+        self.ledgers, self.pairs = self.ledgers[first // size : -(-last // size)].copy(), self._all_pairs()
+
+    def _all_pairs(self) -> Candidates | None:
+        """Return the pairs that bound the time step where bodies are independent; None: the present candidates."""
+        return plate_pairs(self.state) if self.independent and not self.state.world.rough else None
 
     def sum_up(self) -> None:
         """Update the totals of the run from the ledgers of its groups."""
@@ -179,12 +186,12 @@ class Explicit:
         given = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
             slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
-            s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
+            s.S, s.B, s.E, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
-            s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
+            s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
-            self.law, self.effects, self.observe, self.work,
+            self.law, self.effects, self.observe, s.update_surfaces, self.work,
         )  # fmt: skip
         return self.packer(given)
 

@@ -7,7 +7,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import domain, run_totals
+from thirdbody.kernels.columns import domain, height_field, run_totals
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid."""
@@ -16,7 +16,7 @@ TRAVEL_GUARD = 0.25
 """Largest displacement of a body in one step over the radius of its first sphere: beyond it contacts can be missed."""
 
 FLOOR = 1.0
-"""Depth of a body's centre below the lower plate at which it has left, in equivalent radii of the largest body."""
+"""Depth of a centre of mass below the lowest point of the lower plate at which a body has left, in radii of the largest body."""
 
 RESIDUAL_GUARD = 0.1
 """Largest residual of the energy balance over its scale (`Ledger.relative_residual`). Valid runs stay below 1e-2; in an unstable
@@ -37,7 +37,8 @@ class Guards:
         """Write the limits into the tables of a state."""
         state.D[domain.OVERLAP_GUARD], state.D[domain.TRAVEL_GUARD] = self.overlap, self.travel
         if state.world.lower is not None:
-            state.D[domain.FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+            lowest = float(state.lower_surface[height_field.MIN_HEIGHT]) if len(state.lower_surface) else 0.0
+            state.D[domain.FLOOR] = lowest - FLOOR * float(state.rayleigh_radius.max())
 
 
 class EnergyGuard:

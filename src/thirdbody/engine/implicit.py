@@ -252,8 +252,9 @@ class Implicit:
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
-                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, H=slots.H, R=slots.R, M=s.M,
+                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, Q=slots.Q, H=slots.H, R=slots.R, M=s.M,
                 pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag,
+                lower=s.lower_surface, upper=s.upper_surface, update_surfaces=s.update_surfaces,
                 n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, stored=physics.stored,
                 width=loaded_contact.MEMORY + physics.contact_memory, has_effects=int(physics.has_effects), law=self._law,
                 effects=self._effects, observe=self._observe, patch=s.patch, settings=self.settings, totals=self.totals,

@@ -4,10 +4,10 @@ import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, sides_of, table
 from thirdbody.kernels import neighbour_search as passes
-from thirdbody.kernels import surface
-from thirdbody.kernels.columns import contact_state, domain, remote_force, run_totals, sphere
+from thirdbody.kernels.columns import contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rigid_body import BODIES
 
 
@@ -23,16 +23,30 @@ def search(state: State, recorded: bool = True) -> None:
     _carry(n_plates, own, partner, old, old.H, H)
     if recorded:
         _carry(n_plates, own, partner, old, old.R, R)
-    state.slots = slots_of(state, own, partner, n_plates, H, R)
+    Q = _closest_points(state, n_plates, own, partner, old)
+    state.slots = slots_of(state, own, partner, n_plates, (Q, H, R))
     state.search_poses.position[:] = state.bodies.position
     state.search_poses.quaternion[:] = state.bodies.quaternion
     state.A[run_totals.MAX_DISPLACEMENT] = 0.0
     state.patches.search_height[:] = state.patches.height
     state.searches += 1
+    if state.world.rough:
+        update_closest_points(state)
 
 
-def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Candidates:
-    """Return the candidates with history H, record R, and the index tables of the pairs."""
+def update_closest_points(state: State) -> None:
+    """Update the closest points of rough plates for the present positions."""
+    from thirdbody.kernels.rough_plates import RoughPlates
+    from thirdbody.kernels.surface_minima import update
+
+    slots = state.slots
+    tables = slots.own, slots.partner, state.S, state.P, slots.Q, state.D, state.lower_surface, state.upper_surface
+    update(0, slots.n_plates, RoughPlates(*tables))
+
+
+def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: tuple[Array, Array, Array]) -> Candidates:
+    """Return the candidates with their `rows` (closest points Q, histories H, records R), and the index tables of the pairs."""
+    Q, H, R = rows
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     can_touch = np.diff(spheres) > 0
     owner_body = state.body[own]
@@ -45,7 +59,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
         outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)), edges=spheres[state.start], incidence=incidence,
         near=np.flatnonzero(can_touch).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
-        cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, H=H,
+        cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q, H=H,
         F=np.zeros((len(remote_body), remote_force.WIDTH)), R=R,
     )  # fmt: skip
 
@@ -56,9 +70,9 @@ def plate_pairs(state: State) -> Candidates:
     Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
     when other bodies made it due.
     """
-    n, own, partner = _plate_candidates(state, np.inf, 2 * surface.BASINS * state.n_spheres)
+    n, own, partner = _plate_candidates(state, np.inf, 2 * BASINS * state.n_spheres)
     none = np.zeros((n, contact_state.LAW))
-    return slots_of(state, own[:n].copy(), partner[:n].copy(), n, none, none)
+    return slots_of(state, own[:n].copy(), partner[:n].copy(), n, (state.slots.Q[:0], none, none))
 
 
 def search_pairs(state: State, skin: float) -> tuple[Numbers, Numbers]:
@@ -79,7 +93,7 @@ def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
     H, R = table(len(own), old.H.shape[1]), table(len(own), old.R.shape[1])
     _carry(n, own, partner, old, old.H, H)
     _carry(n, own, partner, old, old.R, R)
-    state.slots = slots_of(state, own, partner, n, H, R)
+    state.slots = slots_of(state, own, partner, n, (old.Q, H, R))
     state.searches += 1
 
 
@@ -123,8 +137,28 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 def _plate_candidates(state: State, distance: float, capacity: int) -> tuple[int, Numbers, Numbers]:
     """Return the number of candidates with plates, and tables of `capacity` rows that begin with them."""
     own, partner, world = np.empty(capacity, np.int32), np.empty(capacity, np.int32), state.world
-    plates = world.lower is not None, world.upper is not None
-    return passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, distance, own, partner), own, partner
+    limits = (
+        _limit(world.lower is not None, world.lower_surface, distance),
+        _limit(world.upper is not None, world.upper_surface, distance),
+    )
+    return passes.plate_candidates(state.S, state.P, state.body, state.patch, limits, own, partner), own, partner
+
+
+def _limit(exists: bool, surface: Array | None, distance: float) -> tuple[int, float]:
+    """Return the number of basins of a plate, and the height [m] below which spheres may be nearer to it than `distance` [m]."""
+    if surface is None:
+        return int(exists), distance
+    return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
+
+
+def _closest_points(state: State, n_plates: int, own: Numbers, partner: Numbers, old: Candidates) -> Array:
+    """Return the closest points of rough plates for new candidates, those of old ones carried over; no rows if both are flat."""
+    Q = table(n_plates if state.world.rough else 0, surface_contact.WIDTH)
+    Q[:, surface_contact.DISTANCE] = Q[:, surface_contact.SEARCHED] = np.inf
+    if len(Q):
+        new_rows = passes.CandidateRows(0, n_plates, own, partner, Q)
+        passes.carry_history(new_rows, passes.CandidateRows(0, old.n_plates, old.own, old.partner, old.Q))
+    return Q
 
 
 def grid(state: State, skin: float) -> passes.Grid:

@@ -15,8 +15,8 @@ import numpy as np
 
 from thirdbody.engine.snapshot import Snapshot, restore, snapshot
 from thirdbody.engine.state import State, sides_of, table
-from thirdbody.kernels import surface
 from thirdbody.kernels.columns.sides import UPPER
+from thirdbody.kernels.predicates import BASINS
 
 if TYPE_CHECKING:
     from thirdbody.engine.energy import Ledger
@@ -106,12 +106,13 @@ def _cut(captured: Snapshot, state: State, part: Range) -> Snapshot:
     arrays["slots_partner"] = _moved(partner[mine], part.first if own_patches else 0)
     for name in ("slots_H", "slots_R"):
         arrays[name] = arrays[name][mine]
+    arrays["slots_Q"] = arrays["slots_Q"][mine[mine < len(arrays["slots_Q"])]]
     return Snapshot(arrays, captured.notes | {"plates": int(np.count_nonzero(mine < captured.notes["plates"]))})
 
 
 def _moved(partner: np.ndarray, patches: int) -> np.ndarray:
     """Return the partner codes after the patches were numbered from `patches` (negative: before 0) on."""
-    return np.where(sides_of(partner) == UPPER, partner + np.int32(patches * surface.BASINS), partner).astype(np.int32)
+    return np.where(sides_of(partner) == UPPER, partner + np.int32(patches * BASINS), partner).astype(np.int32)
 
 
 def join(parts: Sequence[Snapshot], cuts: Sequence[Range], state: State) -> Snapshot:
@@ -129,7 +130,7 @@ def join(parts: Sequence[Snapshot], cuts: Sequence[Range], state: State) -> Snap
     arrays["slots_partner"] = np.concatenate(
         [_moved(part.arrays["slots_partner"], -cut.first if own_patches else 0) for part, cut in both]
     )
-    for name in ("slots_H", "slots_R"):
+    for name in ("slots_Q", "slots_H", "slots_R"):
         arrays[name] = np.concatenate([part.arrays[name] for part in parts])
     searches, plates = (([part.notes[name] for part in parts]) for name in ("searches", "plates"))
     return Snapshot(arrays, first.notes | {"searches": max(searches), "plates": sum(plates)})

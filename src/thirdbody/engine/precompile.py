@@ -161,7 +161,7 @@ def _search() -> None:
     body_of, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
     periodic = np.array([True, True])
     grid, none = Grid(np.zeros(3), np.ones(3), count, periodic, 1.0, 1.0), CandidateRows(0, 0, own, own, H)
-    neighbour_search.plate_candidates(S, P, body_of, body_of, (True, True), 0.0, own, own)
+    neighbour_search.plate_candidates(S, P, body_of, body_of, ((1, 0.0), (1, 0.0)), own, own)
     neighbour_search.pair_candidates(S, body_of, 0.0, grid, 0, own, own)
     neighbour_search.carry_history(none, none)
     neighbour_search.incidences(0, own, own, 1)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 FIXED = ("S", "B", "E", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; without S where it is the same array as B."""
 
-SLOTS = ("own", "partner", "H", "R")
-"""Arrays that define the candidates: pairs, histories and records."""
+SLOTS = ("own", "partner", "Q", "H", "R")
+"""Arrays that define the candidates: pairs, closest points, histories and records."""
 
 
 @dataclass
@@ -77,10 +77,12 @@ def _fixed(state: State) -> dict[str, Array]:
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
     """Return the candidates of a snapshot; index tables that follow from the pairs are computed again."""
-    own, partner, H, R = (captured.arrays[f"slots_{name}"] for name in SLOTS)
+    own, partner, Q, H, R = (captured.arrays[f"slots_{name}"] for name in SLOTS)
     empty = {f"slots_{name}": getattr(state.slots, name)[:0] for name in SLOTS}
-    wanted = {name: np.empty((len(own), *rows.shape[1:]), rows.dtype) for name, rows in empty.items()}
+    plates = int(captured.notes["plates"])
+    counts = dict.fromkeys(empty, len(own)) | {"slots_Q": plates if state.world.rough else 0}
+    wanted = {name: np.empty((counts[name], *rows.shape[1:]), rows.dtype) for name, rows in empty.items()}
     if not len(R):  # not needed, so not stored
         R = np.zeros_like(wanted["slots_R"])
     check(captured.arrays | {"slots_R": R}, wanted)
-    return slots_of(state, own, partner, int(captured.notes["plates"]), H, R)
+    return slots_of(state, own, partner, plates, (Q, H, R))

@@ -15,7 +15,6 @@ from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels import surface
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -27,15 +26,22 @@ from thirdbody.kernels.columns import (
     run_totals,
     search_pose,
     sphere,
+    surface_contact,
 )
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = NDArray[np.int32]
 """Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
+
+
+FLAT = np.zeros(0)
+"""Heights of a flat plate: none."""
 
 
 class _Reordered(Sequence[Clump]):
@@ -81,7 +87,11 @@ class Placed:
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`."""
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
+
+    `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
+    `curved`: whether their curvature enters the effective radius.
+    """
 
     size: tuple[float, float]
     periodic: bool
@@ -89,6 +99,14 @@ class World:
     lower: int | None
     upper: UpperPlate | None
     debris_meets: bool
+    lower_surface: Array | None = None
+    upper_surface: Array | None = None
+    curved: bool = True
+
+    @property
+    def rough(self) -> bool:
+        """Whether a plate is rough."""
+        return self.lower_surface is not None or self.upper_surface is not None
 
 
 @dataclass(frozen=True)
@@ -134,6 +152,7 @@ class Physics:
 class Candidates:
     """Sorted candidate contacts, those with plates first.
 
+    Q: closest points of rough plates, one row per candidate with a plate, or no rows.
     H: history, one row per candidate. R: record of the last observed step, or no rows. F: remote forces.
     `closed` (n,): 1: in contact; 2: in contact one step ago.
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
@@ -159,6 +178,7 @@ class Candidates:
     lowest: Numbers
     needs: Numbers
     n_plates: int
+    Q: Array
     H: Array
     F: Array
     R: Array
@@ -176,7 +196,7 @@ class Candidates:
     @property
     def patches(self) -> Ints:
         """Patch of the upper plate (n,) that is the partner of each candidate; negative for any other partner."""
-        return (-1 - self.partner.astype(np.int64)) // surface.BASINS - 1
+        return (-1 - self.partner.astype(np.int64)) // BASINS - 1
 
     @property
     def histories(self) -> Rows:
@@ -246,6 +266,25 @@ class State:
         return float(self.D[domain.REACH])
 
     @property
+    def lower_surface(self) -> Array:
+        """Heights of the lower plate (`kernels.height_field`), empty where it is flat."""
+        return FLAT if self.world.lower_surface is None else self.world.lower_surface
+
+    @property
+    def upper_surface(self) -> Array:
+        """The same of the upper plate."""
+        return FLAT if self.world.upper_surface is None else self.world.upper_surface
+
+    @cached_property
+    def update_surfaces(self) -> int:
+        """Address of the function that updates the contacts with rough plates; 0 where both are flat, and none is compiled."""
+        if not self.world.rough:
+            return 0
+        from thirdbody.kernels.surface_minima import update
+
+        return address(update, UPDATE)
+
+    @property
     def given(self) -> Ints:
         """Row (n_bodies,) of each body of the scene."""
         return np.argsort(self.order)
@@ -290,14 +329,15 @@ class State:
 
 def sides_of(partner: Numbers) -> Ints:
     """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.predicates`)."""
-    return np.where(partner >= 0, DEBRIS, np.where(partner < -surface.BASINS, UPPER, LOWER))
+    return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 
 def empty_slots(memory: int, record: int) -> Candidates:
     """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH)), np.zeros((0, record))
-    return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
+    Q = np.zeros((0, surface_contact.WIDTH))
+    return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
@@ -368,6 +408,7 @@ def _limits(world: World, skin: float, reach: float) -> Array:
     D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
     D[domain.SKIN], D[domain.REACH] = skin, reach
     D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
+    D[domain.CURVED] = float(world.curved)
     return D
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, State
-from thirdbody.kernels.columns import patch
+from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
 
@@ -76,13 +76,19 @@ def _contact_bounds(
     slots, physics = candidates or state.slots, state.physics
     context = critical_time_step.Assembly(
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
-        state.E, _pressed(state, horizon), state.D, physics.pairs,
+        state.E, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     bounds = critical_time_step.empty_bounds(state.n_bodies, len(state.P))
     scratch = critical_time_step.make_scratch(state.n_bodies, slots.count)
-    ahead = critical_time_step.Horizon(horizon, max_overlap)
+    ahead = critical_time_step.Horizon(horizon, max_overlap, *_drag_velocity(state))
     result = critical_time_step.shortest_steps(context, ahead, physics.stiffness_at, bounds, scratch)
     return bounds.number[:result], bounds.bodies[:result], bounds.patches
+
+
+def _drag_velocity(state: State) -> tuple[float, float]:
+    """Return the velocity of the upper plate along x and y in the last step [m/s]."""
+    speed = state.A[run_totals.PLATE_SPEED]
+    return float(speed * state.A[run_totals.HEADING]), float(speed * state.A[run_totals.HEADING + 1])
 
 
 def _pressed(state: State, horizon: float) -> Array:

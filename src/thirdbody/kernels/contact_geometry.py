@@ -13,7 +13,7 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, set4, transpose, with_last
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, contact_state, geometry, law_input, law_output, sphere
+from thirdbody.kernels.columns import body, contact_state, geometry, law_input, law_output, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.periodic import image
 
@@ -46,19 +46,19 @@ def write_vector(G, at, v):
 
 
 @njit(**BARE)
-def gather_plate_geometry(q, i, j, context, motion, tile):
-    """Write normals, overlap, arms and radii of sphere i on plate j into element q."""
-    S, P, I, G, half = context.S, context.P, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
-    x, r, (v_x, v_y, v_z) = first_body.centre(i, S), S[i, sphere.RADIUS], first_body.velocity(j, P, motion)
+def gather_plate_geometry(q, k, context, motion, tile):
+    """Write normals, overlap, arms and radii of candidate k, a contact with a plate, into element q."""
+    i, S, I, G, half = context.own[k], context.S, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
+    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], first_body.velocity(context.partner[k], context.P, motion)
     u_x, u_y, u_z = S[i, sphere.MID_VELOCITY], S[i, sphere.MID_VELOCITY + 1], S[i, sphere.MID_VELOCITY + 2]
-    before = x[0] - half * (u_x - v_x), x[1] - half * (u_y - v_y), x[2] - half * (u_z - v_z)
-    write_vector(G, q + geometry.NORMAL * TILE, first_body.normal(j, x, P))
-    write_vector(G, q + geometry.MID_NORMAL * TILE, first_body.normal(j, before, P))
-    overlap = first_body.overlap(j, x, r, P)
+    move = half * (u_x - v_x), half * (u_y - v_y), half * (u_z - v_z)
+    write_vector(G, q + geometry.NORMAL * TILE, first_body.normal(k, context))
+    write_vector(G, q + geometry.MID_NORMAL * TILE, first_body.normal_before(k, move, context))
+    overlap = first_body.overlap(k, context)
     G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r - 0.5 * overlap, 0.0
     G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE] = r, r
     I[q + law_input.OVERLAP * TILE] = overlap
-    I[q + law_input.RADIUS * TILE] = first_body.effective_radius(r, first_body.curvature(j, x, P))
+    I[q + law_input.RADIUS * TILE] = first_body.effective_radius(k, context)
 
 
 @njit(**BARE)
@@ -66,7 +66,7 @@ def gather_plate_contact(q, k, context, motion, tile):
     """Gather candidate k, a contact with a plate, into element q."""
     i, j, S, G = context.own[k], context.partner[k], context.S, tile.geometry
     r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], first_body.velocity(j, context.P, motion)
-    gather_plate_geometry(q, i, j, context, motion, tile)
+    gather_plate_geometry(q, k, context, motion, tile)
     for t in range(2):
         at, u = q + t * AT_END, sphere.MID_VELOCITY + t * TO_END
         v = S[i, u] - v_x, S[i, u + 1] - v_y, S[i, u + 2] - v_z
@@ -333,3 +333,17 @@ def force_and_torques(n, tile):
         G[q + geometry.PARTNER_TORQUE * TILE] = a_j * x
         G[q + (geometry.PARTNER_TORQUE + 1) * TILE] = a_j * y
         G[q + (geometry.PARTNER_TORQUE + 2) * TILE] = a_j * z
+
+
+@njit(**BARE_CHUNK)
+def add_gradient_force(n, slots, context, tile):
+    """Add to the forces of the contacts slots[:n] with rough plates what comes from the changing effective radius.
+
+    Hertz' energy U = (8/15) E* R_eff^(1/2) overlap^(5/2) changes along the surface as R_eff does: the force is
+    -(U/2) grad ln R_eff. It acts on the centre of the sphere, since rotation does not change the energy.
+    """
+    G, Q = tile.geometry, context.Q
+    for q in range(n):
+        size, k = -0.5 * tile.outputs[q + law_output.STORED_NORMAL * TILE], slots[q]
+        for d in range(3):
+            G[q + (geometry.FORCE + d) * TILE] += size * Q[k, surface_contact.GRADIENT + d]

@@ -6,11 +6,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import surface
 from thirdbody.kernels.columns import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_history import labeller_column
-from thirdbody.kernels.predicates import has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
+from thirdbody.kernels.predicates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
 from thirdbody.kernels.rigid_body import BODIES
 
 
@@ -60,7 +59,7 @@ def contact_row(C, n, k, second, context):
     C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED
     # unique within the body: its own sphere and the partner, which is a basin of a plate (-1, -2, ...) or a sphere
     here, there = (j, own[k]) if second else (own[k], -1 - order_on_sphere(j) if is_plate(j) else j)
-    C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + (1.0 + 2.0 * surface.BASINS)
+    C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + (1.0 + 2.0 * BASINS)
     memory_at = memory_column(second, context)
     for m in range(C.shape[1] - loaded_contact.MEMORY):
         C[n, loaded_contact.MEMORY + m] = H[k, memory_at + m]

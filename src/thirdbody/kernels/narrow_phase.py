@@ -15,6 +15,7 @@ from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.periodic import image, images, nearest_image
 from thirdbody.kernels.predicates import is_plate
+from thirdbody.kernels.rough_plates import update_surfaces
 
 
 @njit(**BARE)
@@ -22,8 +23,8 @@ def overlap_and_normal(k, context, box):
     """Return the overlap of candidate k [m] and the unit normal from partner to owner. Out of reach: overlap <= 0, no normal."""
     S, i, j = context.S, context.own[k], context.partner[k]
     if is_plate(j):
-        x, y, z = first_body.normal(j, first_body.centre(i, S), context.P)
-        return plate_overlap(k, context), x, y, z
+        x, y, z = first_body.normal(k, context)
+        return first_body.overlap(k, context), x, y, z
     d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], box.length_x)
     d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
     d_z = S[i, sphere.Z] - S[j, sphere.Z]
@@ -36,18 +37,16 @@ def overlap_and_normal(k, context, box):
     return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
 
 
-@njit(**BARE)
-def plate_overlap(k, context):
-    """Return the overlap of candidate k with its plate [m]; <= 0 if apart."""
-    i, S = context.own[k], context.S
-    return first_body.overlap(context.partner[k], first_body.centre(i, S), S[i, sphere.RADIUS], context.P)
-
-
 @njit(**BARE_CHUNK)
 def plate_overlaps(first, last, context, box, g):
     """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
-    for k in range(first, last):
-        g[k - first] = plate_overlap(k, context) + box.reach
+    if first_body.is_rough(context):
+        update_surfaces(first, last, context)
+        for k in range(first, last):
+            g[k - first] = first_body.surface_overlap(k, context) + box.reach
+    else:
+        for k in range(first, last):
+            g[k - first] = first_body.plane_overlap(k, context) + box.reach
 
 
 @njit(**BARE)

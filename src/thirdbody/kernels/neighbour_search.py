@@ -11,7 +11,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
-from thirdbody.kernels import first_body, surface
+from thirdbody.kernels import first_body
 from thirdbody.kernels.bundles import Box
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
@@ -65,33 +65,33 @@ class CandidateRows(NamedTuple):
 
 
 @njit(**BARE)
-def list_basins(i, p, S, P, skin, n, own, partner):
-    """List the basins of a plate within `skin` of sphere i after the first n candidates; return the new n.
+def list_basins(i, p, S, P, limits, n, own, partner):
+    """List all basins of a plate after the first n candidates if it may be near sphere i; return the new n.
 
-    `p`: patch of the upper plate; -1: the lower plate.
+    `p`: patch of the upper plate; -1: the lower plate. `limits`: see `plate_candidates`.
     """
-    x, r = first_body.centre(i, S), S[i, sphere.RADIUS]
-    for basin in range(surface.BASINS):
-        j = partner_code(p, basin)
-        if -first_body.overlap(j, x, r, P) < skin:
+    basins, height = limits
+    if first_body.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height:
+        for basin in range(basins):
             if n < own.shape[0]:
-                own[n], partner[n] = i, j
+                own[n], partner[n] = i, partner_code(p, basin)
             n += 1
     return n
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def plate_candidates(S, P, body, patch_of, plates, skin, own, partner):
-    """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity.
+def plate_candidates(S, P, body, patch_of, limits, own, partner):
+    """List the spheres near a plate in own and partner; return their number, also beyond the capacity.
 
-    `plates`: whether there is a lower one, and an upper one.
+    `limits`: of the lower plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the
+    lowest point of a sphere above its plane [m].
     """
-    n, (has_lower, has_upper) = np.int64(0), plates
+    n, (lower, upper) = np.int64(0), limits
     for i in range(S.shape[0]):
-        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER:
-            n = list_basins(i, np.int64(-1), S, P, skin, n, own, partner)
-        if has_upper and S[i, sphere.SIDE] != ONLY_LOWER:
-            n = list_basins(i, patch_of[body[i]], S, P, skin, n, own, partner)
+        if S[i, sphere.SIDE] != ONLY_UPPER:
+            n = list_basins(i, np.int64(-1), S, P, lower, n, own, partner)
+        if S[i, sphere.SIDE] != ONLY_LOWER:
+            n = list_basins(i, patch_of[body[i]], S, P, upper, n, own, partner)
     return n
 
 

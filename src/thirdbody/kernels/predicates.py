@@ -1,15 +1,16 @@
 """Predicates for codes in tables: partner of a candidate, contact, presence of effects.
 
 The partner of a candidate is the number of a sphere, or a negative code of a first body and of the basin in which the sphere
-touches it (`surface`): -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. With one basin: -1
-and -2 - p.
+touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only.
 """
 
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import surface
 from thirdbody.kernels.columns import body_extra, contact_state, record
+
+BASINS = 8
+"""Most contacts of a sphere with one plate."""
 
 
 @njit(**BARE)
@@ -27,37 +28,37 @@ def is_plate(partner):
 @njit(**BARE)
 def is_lower(partner):
     """Return whether the partner is the lower plate."""
-    return -1 - surface.BASINS < partner < 0
+    return -1 - BASINS < partner < 0
 
 
 @njit(**BARE)
 def is_upper(partner):
     """Return whether the partner is a patch of the upper plate."""
-    return partner < -surface.BASINS
+    return partner < -BASINS
 
 
 @njit(**BARE)
 def patch_of_partner(partner):
     """Return the row of the patch that is the partner; 0 for any other partner, to be read without a branch."""
-    return max((-1 - partner) // surface.BASINS - 1, 0)
+    return max((-1 - partner) // BASINS - 1, 0)
 
 
 @njit(**BARE)
 def basin_of_partner(partner):
     """Return the basin of a contact with a plate."""
-    return (-1 - partner) % surface.BASINS
+    return (-1 - partner) % BASINS
 
 
 @njit(**BARE)
 def partner_code(p, basin):
     """Return the partner code of a basin of patch p of the upper plate, or with p = -1 of the lower plate."""
-    return -1 - (1 + p) * surface.BASINS - basin
+    return -1 - (1 + p) * BASINS - basin
 
 
 @njit(**BARE)
 def order_on_sphere(partner):
     """Return the order of a contact with a plate among those of its sphere: by plate, the lower one first, then by basin."""
-    return basin_of_partner(partner) + (0 if is_lower(partner) else surface.BASINS)
+    return basin_of_partner(partner) + (0 if is_lower(partner) else BASINS)
 
 
 @njit(**BARE)

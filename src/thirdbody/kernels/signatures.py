@@ -31,14 +31,16 @@ KINDS: Kinds = {
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
-    **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
+    **dict.fromkeys(("S", "B", "E", "P", "Q", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
+    # surfaces of the plates (`kernels.height_field`), empty where they are flat
+    "lower": _ROW, "upper": _ROW,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "width", "has_effects"), _I),
-    **dict.fromkeys(("stride", "labels", "law", "effects", "observe", "work"), _I),
+    **dict.fromkeys(("stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
 }  # fmt: skip
 """Types of all arguments of a step, by name."""
 

@@ -40,7 +40,7 @@ from thirdbody.kernels.columns import (
     sphere,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.contact_geometry import SPARE, force_and_torques
+from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
@@ -253,7 +253,7 @@ def write_points(q, k, context, motion, G):
         R[k, record.POINT + d] = arm[d] - a_i * n[d]
         R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
         R[k, record.NORMAL + d] = n[d]
-    R[k, record.SPHERE_RADIUS], R[k, record.PARTNER_RADIUS] = S[i, sphere.RADIUS], partner_radius(i, j, context)
+    R[k, record.SPHERE_RADIUS], R[k, record.PARTNER_RADIUS] = S[i, sphere.RADIUS], partner_radius(k, context)
     columns = np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN)
     a = surface_velocity(i, S, columns, (-a_i * n[0], -a_i * n[1], -a_i * n[2]))
     b = partner_velocity(j, context, columns, (a_j * n[0], a_j * n[1], a_j * n[2]), motion)
@@ -262,12 +262,10 @@ def write_points(q, k, context, motion, G):
 
 
 @njit(**BARE)
-def partner_radius(i, j, context):
-    """Return the radius of curvature of the partner at its contact with sphere i [m]; 0: flat."""
-    if is_sphere(j):
-        return context.S[j, sphere.RADIUS]
-    curvature = first_body.curvature(j, first_body.centre(i, context.S), context.P)
-    return 1.0 / curvature if curvature != 0.0 else 0.0
+def partner_radius(k, context):
+    """Return the radius of curvature of the partner at contact k [m]; 0: flat."""
+    j = context.partner[k]
+    return context.S[j, sphere.RADIUS] if is_sphere(j) else first_body.radius_of_curvature(k, context)
 
 
 @njit(**BARE_CHUNK)
@@ -324,6 +322,8 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     if context.dashpots >= 0:
         book_dashpots(n, step.dt, context, tile)
     force_and_torques(n, tile)
+    if flat and first_body.is_rough(context):
+        add_gradient_force(n, slots, context, tile)
     if context.rolling == MOMENTS:
         add_moments(n, context.n_history, tile)
 

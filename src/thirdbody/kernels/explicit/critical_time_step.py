@@ -51,6 +51,7 @@ class Assembly(NamedTuple):
     B: Array
     E: Array
     P: Array
+    Q: Array
     D: Array
     pairs: Array
 
@@ -62,6 +63,10 @@ class Horizon(NamedTuple):
     """Time until then [s]."""
     limit: float
     """Largest new depth over the radius."""
+    v_x: float
+    """Velocity of the upper plate along x [m/s]."""
+    v_y: float
+    """The same along y."""
 
 
 class Bounds(NamedTuple):
@@ -106,8 +111,8 @@ def stable_step(square, rate):
 
 
 @njit(**BARE)
-def approach(i, j, normal, context, time):
-    """Return how much deeper a contact can get within a time [s], from present speeds and forces [m]; >= 0."""
+def approach(i, j, normal, context, horizon):
+    """Return how much deeper a contact can get within the horizon, from present speeds and forces [m]; >= 0."""
     S, B, P, (n_x, n_y, n_z) = context.S, context.B, context.P, normal
     b = context.body[i]
     v = S[i, sphere.END_VELOCITY] * n_x + S[i, sphere.END_VELOCITY + 1] * n_y + S[i, sphere.END_VELOCITY + 2] * n_z
@@ -118,11 +123,11 @@ def approach(i, j, normal, context, time):
         a -= (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[j, sphere.MASS]
     elif is_upper(j):
         p = patch_of_partner(j)
-        v -= P[p, patch.VELOCITY] * n_z
+        v -= horizon.v_x * n_x + horizon.v_y * n_y + P[p, patch.VELOCITY] * n_z
         a -= P[p, patch.FREE] * (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS] * n_z
     # a decelerating contact is deepest when its speed is zero; no branch: it would be mispredicted
     stop = -v / a
-    t = min(time, stop) if (a > 0.0) & (v < 0.0) else time
+    t = min(horizon.time, stop) if (a > 0.0) & (v < 0.0) else horizon.time
     return max(-v * t - 0.5 * a * t * t, 0.0)
 
 
@@ -169,7 +174,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
         k = scratch.near[e]
         overlap, n_x, n_y, n_z = overlap_and_normal(k, context, box)
         i, j = context.own[k], context.partner[k]
-        deeper = approach(i, j, (n_x, n_y, n_z), context, horizon.time)
+        deeper = approach(i, j, (n_x, n_y, n_z), context, horizon)
         overlap = max(overlap, min(overlap + deeper, horizon.limit * S[i, sphere.RADIUS]))
         if overlap > -box.reach:
             radius, mass, count, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
@@ -180,7 +185,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
                 )
                 count = 2.0
             else:
-                radius = first_body.effective_radius(radius, first_body.curvature(j, first_body.centre(i, S), P))
+                radius = first_body.effective_radius(k, context)
                 if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
                     count, pressed = 2.0, float(patch_of_partner(j))
             inputs[m + law_input.OVERLAP * TILE] = overlap
@@ -264,8 +269,8 @@ _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = function_at(LAW)
 STIFFNESS = types.int64(
-    types.NamedTuple((types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F1, _F1), Assembly),
-    types.NamedUniTuple(types.float64, 2, Horizon),
+    types.NamedTuple((types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly),
+    types.NamedUniTuple(types.float64, 4, Horizon),
     types.int64,
     types.NamedTuple((_F2, _I1, _F2), Bounds),
     types.NamedTuple((_F1, _F1, _F2, _S1, _S1, _F2, _F3), Scratch),

@@ -23,7 +23,6 @@ from thirdbody.kernels.columns import (
     step_start,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
 
@@ -66,7 +65,7 @@ def opening_work(k, before, context, motion):
     Its force falls to zero. `before`: overlap [m] at the start of the step.
     """
     S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
-    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(j, first_body.centre(i, S), context.P)
+    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(k, context)
     columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)
     v, u = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z)), first_body.velocity(j, context.P, motion)
     x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
@@ -75,7 +74,7 @@ def opening_work(k, before, context, motion):
     f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
     f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
     f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
-    fraction = before / max(before - plate_overlap(k, context), 1e-300)
+    fraction = before / max(before - first_body.overlap(k, context), 1e-300)
     return -0.5 * fraction * motion.dt * (f_x * x + f_y * y + f_z * z)
 
 

@@ -7,7 +7,7 @@ rise by h. Relative to the first body, the centre of the sphere then moves by c 
 s = u + w x r - h z. To first order
 
     overlap and slip:   dd = -n.c = -n.s      ds_1 = e.s      ds_2 = g.s
-    normal:             dn = H (c - n (n.c))  with H = k/(1 + k (R - overlap)) on a surface of curvature k
+    normal:             dn = H c, with a symmetric tensor H (`surface_contact.TURNING`); on planes H = 0
     frame:              turns by W = n x dn + (w.n/2) n: transported with the normal, turned about it by half the spin
     slip in the frame:  ds_1 += S.(W x e)     ds_2 += S.(W x g)    with the displacement S of the step
     force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike
@@ -24,8 +24,8 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import first_body, surface
-from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, patch, sphere, step_start
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, patch, sphere, step_start, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import (
@@ -61,8 +61,10 @@ class Contact(NamedTuple):
     """Distance of the contact point from the centre of the sphere [m]."""
     force: Vector
     moment: Vector
-    bend: float
-    """Change of the normal with the displacement of the sphere along the surface [1/m]."""
+    rough: bool
+    """Whether the plates are rough."""
+    turning: tuple[float, float, float, float, float, float]
+    """Change of the normal with the displacement of the sphere (`surface_contact.TURNING`) [1/m]."""
     displacement: Vector
     """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
     tangent: tuple[float, float, float, float, float, float, float]
@@ -98,6 +100,14 @@ def cross(a, b):
 def dot(a, b):
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**BARE)
+def product(tensor, v):
+    """Return the product of a symmetric tensor (xx, yy, zz, xy, xz, yz) and a vector."""
+    xx, yy, zz, xy, xz, yz = tensor
+    x, y, z = v
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @njit(**BARE)
@@ -154,18 +164,19 @@ def subtract_inertia(context, active, dt, J):
 
 
 @njit(**BARE)
-def bend_at(k, context, overlap):
-    """Return the change of the normal with the displacement of candidate k along the surface [1/m]."""
-    i, S = context.own[k], context.S
-    curvature = first_body.curvature(context.partner[k], first_body.centre(i, S), context.P)
-    return 0.0 if curvature == 0.0 else curvature / (1.0 + curvature * (S[i, sphere.RADIUS] - overlap))
+def turning_at(k, context):
+    """Return the change of the normal with the displacement of candidate k (6,) [1/m]."""
+    if not first_body.is_rough(context):
+        return NO_TANGENT
+    Q, t = context.Q, surface_contact.TURNING
+    return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
 @njit(**BARE)
 def contact_at(q, b, dt, context, space):
     """Return contact q of body b as a `Contact`."""
     k, tile, G = space.slots[q], space.tile, space.tile.geometry
-    i, upper, overlap = context.own[k], is_upper(context.partner[k]), tile.inputs[law_input.OVERLAP * TILE + q]
+    i, upper = context.own[k], is_upper(context.partner[k])
     before = space.before[k - context.edges[b]]
     rolling, frame = context.rolling == MOMENTS, frame_of(q, G)
     fraction = closed_fraction(q, before, tile.inputs)
@@ -177,7 +188,8 @@ def contact_at(q, b, dt, context, space):
     return Contact(
         frame, (context.S[i, sphere.ARM], context.S[i, sphere.ARM + 1], context.S[i, sphere.ARM + 2]),
         contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
-        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), bend_at(k, context, overlap), displacement,
+        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), first_body.is_rough(context),
+        turning_at(k, context), displacement,
         tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, upper,
     )  # fmt: skip
 
@@ -230,7 +242,7 @@ def add_column(column, contact, J):
     n, e, g = contact.frame
     d, s_1, s_2 = column.strain
     dn, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if not surface.FLAT:
+    if contact.rough:
         dn, w, more_1, more_2 = frame_change(column, contact)
         s_1, s_2 = s_1 + more_1, s_2 + more_2
     k_n, xx, xy, yx, yy, xd, yd = contact.tangent
@@ -238,7 +250,7 @@ def add_column(column, contact, J):
     df = t_1 * e[0] + t_2 * g[0] + f_n * n[0], t_1 * e[1] + t_2 * g[1] + f_n * n[1], t_1 * e[2] + t_2 * g[2] + f_n * n[2]
     swing = column.swing
     dr = swing[0] + 0.5 * n[0] * d, swing[1] + 0.5 * n[1] * d, swing[2] + 0.5 * n[2] * d
-    if not surface.FLAT:
+    if contact.rough:
         rotated, arm = cross(w, contact.force), contact.arm
         df = df[0] + rotated[0], df[1] + rotated[1], df[2] + rotated[2]
         dr = dr[0] - arm * dn[0], dr[1] - arm * dn[1], dr[2] - arm * dn[2]
@@ -258,9 +270,8 @@ def add_column(column, contact, J):
 @njit(**BARE)
 def frame_change(column, contact):
     """Return change of the normal (3,), rotation of the frame (3,), and change of the slip along its axes, for one coordinate."""
-    (n, e, g), moved, h = contact.frame, column.moved, contact.bend
-    along, half = dot(n, moved), 0.5 * column.spin[0]
-    dn = h * (moved[0] - along * n[0]), h * (moved[1] - along * n[1]), h * (moved[2] - along * n[2])
+    (n, e, g), half = contact.frame, 0.5 * column.spin[0]
+    dn = product(contact.turning, column.moved)
     x, y, z = cross(n, dn)
     s_n, s_1, s_2 = contact.displacement
     w_e, w_g = -dot(dn, g), dot(dn, e)
@@ -276,7 +287,7 @@ def add_moment(column, w, contact, J):
     m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
     m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
     dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
-    if not surface.FLAT:
+    if contact.rough:
         rotated = cross(w, contact.moment)
         dm = dm[0] + rotated[0], dm[1] + rotated[1], dm[2] + rotated[2]
     J[3, c] += dm[0]

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels import first_body, surface
+from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -31,7 +31,6 @@ from thirdbody.kernels.implicit.residual import (
     residual,
     set_configuration,
 )
-from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
@@ -149,7 +148,7 @@ def rounding_force(context, active, diagnostics):
     """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights."""
     b, B = active.number, context.B
     radius = abs(B[b, body.POSITION + 2])
-    if not surface.FLAT:
+    if first_body.is_rough(context):
         radius = max(radius, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
     radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     return rounding_at(radius, diagnostics)
@@ -211,7 +210,7 @@ def limit_overlap_change(context, active, expected_overlap, space):
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
-        up, overlap, n = is_upper(j), plate_overlap(k, context), first_body.normal(j, first_body.centre(i, S), context.P)
+        up, overlap, n = is_upper(j), first_body.overlap(k, context), first_body.normal(k, context)
         change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
             margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)

@@ -14,6 +14,7 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -33,7 +34,6 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import gather_plate_contact, slip_increment, transport_frames
 from thirdbody.kernels.implicit.bundles import FREEDOMS
-from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body
 from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
@@ -136,7 +136,7 @@ def active_contacts(context, active, y, motion, space):
     m = np.int64(0)
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
-        if plate_overlap(k, context) <= 0.0:
+        if first_body.overlap(k, context) <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)

@@ -8,11 +8,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import load
+from thirdbody.kernels import first_body
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import body, domain, patch, run_totals, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_limits import StepLimit
-from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
@@ -184,7 +184,7 @@ def rotation_of(y, Z):
 def initial_overlaps(b, context, before):
     """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
     for e in range(context.edges[b], context.edges[b + 1]):
-        before[e - context.edges[b]] = plate_overlap(context.incidence[e] >> 1, context)
+        before[e - context.edges[b]] = first_body.overlap(context.incidence[e] >> 1, context)
 
 
 @njit(**BARE)

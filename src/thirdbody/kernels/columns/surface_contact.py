@@ -1,0 +1,25 @@
+"""Where spheres are closest to rough plates, updated in every step. No rows where both plates are flat.
+
+A sphere may have several contacts with a plate: one for each local minimum of the distance from its centre. Each keeps its row as
+long as it exists; a sphere has `predicates.BASINS` rows per rough plate.
+"""
+
+from thirdbody.kernels.columns.table import Table
+
+table = Table("Q", "a candidate contact with a plate")
+
+OFFSET, OFFSET2 = table.vector(
+    "offset", 2, "m", "closest point of the surface, along x and y from below the centre of the sphere"
+)
+DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; inf where there never was a minimum")
+EXISTS = table.scalar("exists", "", "1: there is a minimum; 0: none, and the distance is beyond the reach of the contact")
+NORMAL, NORMAL3 = table.vector("normal", 3, "", "unit normal from the plate to the sphere, world axes")
+RADIUS = table.scalar("radius", "m", "effective radius of curvature")
+TURNING, TURNING6 = table.vector(
+    "turning", 6, "1/m", "change of the normal with the displacement of the sphere, a symmetric tensor: xx, yy, zz, xy, xz, yz"
+)
+GRADIENT, GRADIENT3 = table.vector("gradient", 3, "1/m", "gradient of the logarithm of the effective radius, world axes")
+SEARCHED, SEARCHED3 = table.vector(
+    "searched", 3, "m", "in the first row of a sphere: its centre at the last search for minima, in the coordinates of the plate"
+)
+WIDTH = table.width

@@ -1,0 +1,32 @@
+"""Rough plates made in Python, for tests: height fields from functions, and scenes built with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from unittest.mock import patch
+
+import numpy as np
+from scipy.ndimage import spline_filter
+
+from thirdbody.assembly import simulation
+from thirdbody.engine.state import World
+from thirdbody.kernels.height_field import pack_field
+
+Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int]) -> np.ndarray:
+    """The height field that has these heights at its nodes."""
+    x, y = (np.arange(n) * (length / n) for n, length in zip(cells, size, strict=True))
+    values = heights(*np.meshgrid(x, y, indexing="ij")) + np.zeros(cells)
+    return pack_field(spline_filter(values, order=3, mode="grid-wrap"), *size)
+
+
+@contextmanager
+def rough_plates(lower: np.ndarray | None, upper: np.ndarray | None = None, curved: bool = True) -> Iterator[None]:
+    """Let `build` make plates with these height fields."""
+    world = partial(World, lower_surface=lower, upper_surface=upper, curved=curved)
+    with patch.object(simulation, "World", world):
+        yield
