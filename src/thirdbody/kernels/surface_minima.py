@@ -43,25 +43,49 @@ def offset_of(k, Q):
 
 
 @njit(**BARE)
-def exists(k, Q):
-    """Return whether row k has a minimum."""
-    return Q[k, surface_contact.EXISTS] != 0.0
+def has_minimum(k, row, Q):
+    """Return whether the given row of the sphere whose first row is k has a minimum."""
+    return np.int64(Q[k, surface_contact.MINIMA]) >> row & 1 != 0
 
 
 @njit(**BARE)
-def end_minimum(k, radius, reach, Q):
-    """End the minimum of row k: apart from now on. What else the row holds serves the last step of its contact."""
-    Q[k, surface_contact.EXISTS] = 0.0
-    Q[k, surface_contact.DISTANCE] = max(Q[k, surface_contact.DISTANCE], APART * (radius + reach))
+def set_minimum(k, row, Q):
+    """Note that the given row has a minimum."""
+    Q[k, surface_contact.MINIMA] = np.int64(Q[k, surface_contact.MINIMA]) | np.int64(1) << row
 
 
 @njit(**BARE)
-def write_geometry(k, foot, radius, upper, curved, Q):
-    """Write normal, effective radius and their derivatives at a minimum into row k, in world axes."""
-    up = -1.0 if upper else 1.0
-    n_x, n_y, n_z = foot.normal
+def end_minimum(k, row, shortest, Q):
+    """End the minimum of a row: it is apart, by `shortest` [m] or more. What else the row holds serves the end of its contact."""
+    bit = np.int64(1) << row
+    Q[k, surface_contact.MINIMA] = np.int64(Q[k, surface_contact.MINIMA]) & ~bit
+    Q[k, surface_contact.ENDED] = np.int64(Q[k, surface_contact.ENDED]) | bit
+    Q[k + row, surface_contact.DISTANCE] = max(Q[k + row, surface_contact.DISTANCE], shortest)
+
+
+@njit(**BARE)
+def forget_ended(k, Q):
+    """Reset the rows whose minima ended in the last update."""
+    ended = np.int64(Q[k, surface_contact.ENDED])
+    if ended != 0:
+        for row in range(BASINS):
+            if ended >> row & 1 != 0:
+                Q[k + row, surface_contact.DISTANCE] = math.inf
+        Q[k, surface_contact.ENDED] = 0.0
+
+
+@njit(**BARE)
+def write_normal(k, normal, upper, Q):
+    """Write a normal in the coordinates of a plate into row k, in world axes: the upper plate looks down."""
+    n_x, n_y, n_z = normal
     Q[k, surface_contact.NORMAL], Q[k, surface_contact.NORMAL + 1] = n_x, n_y
-    Q[k, surface_contact.NORMAL + 2] = up * n_z
+    Q[k, surface_contact.NORMAL + 2] = -n_z if upper else n_z
+
+
+@njit(**BARE)
+def write_derivatives(k, foot, radius, curved, upper, Q):
+    """Write the derivatives of normal and effective radius at a minimum into row k, in world axes."""
+    up = -1.0 if upper else 1.0
     xx, xy, xz, yy, yz, zz = normal_derivative(foot)
     t = surface_contact.TURNING
     Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5] = xx, yy, zz, xy, up * xz, up * yz
@@ -72,60 +96,56 @@ def write_geometry(k, foot, radius, upper, curved, Q):
 
 @njit(**BARE_CHUNK)
 def follow(k, field, x, start, tables):
-    """Move the minimum of row k downhill from an offset `start` (2,) to where it is for a centre x (3,) in the plate's coordinates.
+    """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates.
 
-    The derivatives are computed only where they are needed, within the reach of the contact.
+    The derivatives are computed only within the reach of the contact.
     """
-    Q, D, radius = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS]
+    Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
     curved = D[domain.CURVED] != 0.0
     foot = closest(field, x, start[0], start[1])
     Q[k, surface_contact.OFFSET], Q[k, surface_contact.OFFSET + 1] = foot.x, foot.y
-    Q[k, surface_contact.DISTANCE], Q[k, surface_contact.EXISTS] = foot.distance, 1.0
+    Q[k, surface_contact.DISTANCE] = foot.distance
     Q[k, surface_contact.RADIUS] = effective_radius(foot.jet, radius) if curved else radius
-    upper = is_upper(tables.partner[k])
+    write_normal(k, foot.normal, upper, Q)
     if foot.distance < radius + D[domain.REACH]:
-        write_geometry(k, foot, radius, upper, curved, Q)
-    else:
-        n_x, n_y, n_z = foot.normal
-        Q[k, surface_contact.NORMAL], Q[k, surface_contact.NORMAL + 1] = n_x, n_y
-        Q[k, surface_contact.NORMAL + 2] = -n_z if upper else n_z
+        write_derivatives(k, foot, radius, curved, upper, Q)
 
 
 @njit(**BARE_CHUNK)
-def follow_all(k, field, x, tables):
-    """Move all minima of the sphere whose first row is k; of two that meet, the one that moved farther ends."""
-    Q, S, i, reach = tables.Q, tables.S, tables.own[k], tables.D[domain.REACH]
-    for a in range(k, k + BASINS):
-        if not exists(a, Q):
+def follow_all(k, field, x, shortest, tables):
+    """Move all minima of the sphere whose first row is k; of two that meet, the one that jumped to the other ends."""
+    Q = tables.Q
+    for a in range(BASINS):
+        if not has_minimum(k, a, Q):
             continue
-        before = offset_of(a, Q)
-        follow(a, field, x, before, tables)
-        for b in range(k, a):
-            if exists(b, Q) and is_same(offset_of(a, Q), offset_of(b, Q), field):
-                jumped = not is_same(before, offset_of(a, Q), field)
-                end_minimum(a if jumped else b, S[i, sphere.RADIUS], reach, Q)
+        before = offset_of(k + a, Q)
+        follow(k + a, field, x, before, tables)
+        for b in range(a):
+            if has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field):
+                jumped = not is_same(before, offset_of(k + a, Q), field)
+                end_minimum(k, a if jumped else b, shortest, Q)
                 break
 
 
 @njit(**BARE_CHUNK)
-def search_all(k, field, x, tables, found):
-    """Search for all minima of the sphere whose first row is k; `found`: scratch."""
-    Q, S, D, i = tables.Q, tables.S, tables.D, tables.own[k]
-    radius, reach = S[i, sphere.RADIUS], D[domain.REACH]
-    n = min(find_minima(field, x, radius * (1.0 + 1.1 * MOVED) + reach, found), BASINS)
-    for a in range(k, k + BASINS):
+def search_all(k, field, x, limits, tables, minima):
+    """Search for all minima of the sphere whose first row is k; `limits`: see `limits_of`, `minima`: scratch."""
+    Q, (farthest, shortest) = tables.Q, limits
+    n = min(find_minima(field, x, farthest, minima), BASINS)
+    for a in range(BASINS):
         known = False
-        for m in range(n):
-            if exists(a, Q) and is_same(offset_of(a, Q), (found[m, 0], found[m, 1]), field):
-                known, found[m, 2] = True, math.inf
-        if exists(a, Q) and not known:
-            end_minimum(a, radius, reach, Q)
-    a = k
+        for m in range(n if has_minimum(k, a, Q) else 0):
+            if is_same(offset_of(k + a, Q), (minima[m, 0], minima[m, 1]), field):
+                known, minima[m, 2] = True, math.inf
+        if has_minimum(k, a, Q) and not known:
+            end_minimum(k, a, shortest, Q)
+    a = 0
     for m in range(n):
-        if found[m, 2] < math.inf:
-            while exists(a, Q):
+        if minima[m, 2] < math.inf:
+            while has_minimum(k, a, Q):
                 a += 1
-            follow(a, field, x, (found[m, 0], found[m, 1]), tables)
+            follow(k + a, field, x, (minima[m, 0], minima[m, 1]), tables)
+            set_minimum(k, a, Q)
     for d in range(3):
         Q[k, surface_contact.SEARCHED + d] = x[d]
 
@@ -138,21 +158,42 @@ def has_moved(k, x, radius, Q):
     return not d_x * d_x + d_y * d_y + d_z * d_z <= MOVED * MOVED * radius * radius
 
 
+@njit(**BARE)
+def limits_of(radius, reach):
+    """Return the largest distance of a minimum that gets a row, and the shortest one without contact [m]."""
+    return radius * (1.0 + 1.1 * MOVED) + reach, APART * (radius + reach)
+
+
+@njit(**BARE)
+def bound_distance(k, height, shortest, upper, radius, Q):
+    """Write a bound of the distance of a sphere without minima into its first row k, for the bound of the time step.
+
+    `height`: of its centre above the highest point of the plate [m].
+    """
+    Q[k, surface_contact.DISTANCE] = max(height, shortest)
+    Q[k, surface_contact.RADIUS] = radius
+    write_normal(k, (0.0, 0.0, 1.0), upper, Q)
+
+
 @njit(**BARE_CHUNK)
-def update_sphere(k, field, tables, found):
+def update_sphere(k, field, tables, minima):
     """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
-    Q, S, D, i = tables.Q, tables.S, tables.D, tables.own[k]
+    Q, S, i = tables.Q, tables.S, tables.own[k]
     x, radius = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P), S[i, sphere.RADIUS]
-    lost = not abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # also NaN: a guard will find it
-    if lost or x[2] - radius - field[height_field.MAX_HEIGHT] > D[domain.REACH]:
-        for a in range(k, k + BASINS):
-            if exists(a, Q):
-                end_minimum(a, radius, D[domain.REACH], Q)
+    height, limits = x[2] - field[height_field.MAX_HEIGHT], limits_of(radius, tables.D[domain.REACH])
+    found = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
+    forget_ended(k, Q)
+    if found and height <= limits[0]:
+        follow_all(k, field, x, limits[1], tables)
+        if has_moved(k, x, radius, Q):
+            search_all(k, field, x, limits, tables, minima)
+    else:
+        for row in range(BASINS):
+            if has_minimum(k, row, Q):
+                end_minimum(k, row, limits[1], Q)
         Q[k, surface_contact.SEARCHED] = math.inf
-        return
-    follow_all(k, field, x, tables)
-    if has_moved(k, x, radius, Q):
-        search_all(k, field, x, tables, found)
+    if Q[k, surface_contact.MINIMA] == 0.0 and Q[k, surface_contact.ENDED] == 0.0:
+        bound_distance(k, height if found else math.inf, limits[1], is_upper(tables.partner[k]), radius, Q)
 
 
 @njit(**BARE)
@@ -160,7 +201,7 @@ def update_plane(k, tables):
     """Update row k of a sphere and a flat plate."""
     Q, S, i = tables.Q, tables.S, tables.own[k]
     x = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P)
-    Q[k, surface_contact.DISTANCE], Q[k, surface_contact.EXISTS] = x[2], 1.0
+    Q[k, surface_contact.DISTANCE] = x[2]
     Q[k, surface_contact.NORMAL + 2] = -1.0 if is_upper(tables.partner[k]) else 1.0
     Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
 
@@ -168,12 +209,12 @@ def update_plane(k, tables):
 @njit(UPDATE, **OPTIONS)
 def update(first, last, tables):
     """Update the rows of candidates first to last; those of a sphere and a plate are together, from basin 0 on."""
-    found, k = np.empty((BASINS, 3)), first
+    minima, k = np.empty((BASINS, 3)), first
     while k < last:
         field = tables.upper if is_upper(tables.partner[k]) else tables.lower
         if field.shape[0] == 0:
             update_plane(k, tables)
             k += 1
         else:
-            update_sphere(k, field, tables, found)
+            update_sphere(k, field, tables, minima)
             k += BASINS

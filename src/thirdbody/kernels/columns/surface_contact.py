@@ -1,7 +1,7 @@
 """Where spheres are closest to rough plates, updated in every step. No rows where both plates are flat.
 
 A sphere may have several contacts with a plate: one for each local minimum of the distance from its centre. Each keeps its row as
-long as it exists; a sphere has `predicates.BASINS` rows per rough plate.
+long as it exists; a sphere has `predicates.BASINS` rows per rough plate. The first of them also says which rows have a minimum.
 """
 
 from thirdbody.kernels.columns.table import Table
@@ -11,8 +11,11 @@ table = Table("Q", "a candidate contact with a plate")
 OFFSET, OFFSET2 = table.vector(
     "offset", 2, "m", "closest point of the surface, along x and y from below the centre of the sphere"
 )
-DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; inf where there never was a minimum")
-EXISTS = table.scalar("exists", "", "1: there is a minimum; 0: none, and the distance is beyond the reach of the contact")
+DISTANCE = table.scalar(
+    "distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter"
+)
+MINIMA = table.scalar("minima", "", "in the first row of a sphere: bits of the rows that have a minimum")
+ENDED = table.scalar("ended", "", "in the first row of a sphere: bits of the rows whose minimum has ended in the last update")
 NORMAL, NORMAL3 = table.vector("normal", 3, "", "unit normal from the plate to the sphere, world axes")
 RADIUS = table.scalar("radius", "m", "effective radius of curvature")
 TURNING, TURNING6 = table.vector(
