@@ -24,8 +24,8 @@ from thirdbody.assembly import simulation as building
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.placed import Placed
 from thirdbody.engine.precompile import warm_up
-from thirdbody.engine.state import Placed
 from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene

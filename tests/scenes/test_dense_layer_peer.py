@@ -15,7 +15,8 @@ import pytest
 from thirdbody.assembly.physics import compile_physics
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.state import Placed, World, assemble
+from thirdbody.engine.placed import Placed
+from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
 from thirdbody.kernels import schedule
 from thirdbody.kernels.columns import run_totals

@@ -148,7 +148,7 @@ def replace_flat_plates(first_body: ModuleType, jacobian: ModuleType, predicates
     first_body.overlap, first_body.normal_before = overlap, normal_before
     first_body.normal = njit(**BARE)(lambda k, context: from_candidate(k, context)[1])
     first_body.effective_radius = njit(**BARE)(lambda k, context: 1.0)
-    jacobian.turning_at = turning
+    jacobian.normal_gradient_at = turning
 
 
 def fresh_kernels(change: Callable[[ModuleType, ModuleType, ModuleType], None]) -> tuple[ModuleType, ...]:

@@ -12,7 +12,8 @@ from steel import STEEL
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump
-from thirdbody.engine.state import Placed, World, assemble
+from thirdbody.engine.placed import Placed
+from thirdbody.engine.state import World, assemble
 from thirdbody.granular_flow import median_by_mass
 from thirdbody.kernels.columns import body
 from thirdbody.runner.run_folder import RunFolder

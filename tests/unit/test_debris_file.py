@@ -12,7 +12,7 @@ from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.clumps_from_table import load_bodies
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.debris.kinds.file import File

@@ -108,7 +108,7 @@ def test_rough_plates_answer_from_the_table_of_closest_points(patches):
     row, n = rough.Q[0], np.array([0.6, 0.0, 0.8])
     row[surface_contact.DISTANCE], row[surface_contact.NORMAL3], row[surface_contact.RADIUS] = 0.9, n, 0.5
     turning = (np.eye(3) - np.outer(n, n)) / 1.9
-    row[surface_contact.TURNING6] = turning[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    row[surface_contact.NORMAL_GRADIENT6] = turning[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     assert overlap(0, rough) == pytest.approx(0.1) and normal(0, rough) == tuple(n)
     assert radii(0, rough) == pytest.approx((0.5, 1.0))
     move = np.array([2e-3, -1e-3, 3e-3])

@@ -11,7 +11,7 @@ from thirdbody import units
 from thirdbody.assembly.inertial_number import shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load, schedule
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Axis, ends_of
 from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, inertial_number, median_by_mass, softness
 from thirdbody.laws.elasticity import e_star

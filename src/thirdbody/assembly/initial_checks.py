@@ -5,7 +5,7 @@ import numpy as np
 from thirdbody import units
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.bodies.layer_packing import overlaps
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene

@@ -14,7 +14,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.schedule import first_load
 from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.engine.static_response import overlap_at
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene

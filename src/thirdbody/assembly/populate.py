@@ -7,7 +7,7 @@ import numpy as np
 from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.initial_checks import refuse_start
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
 from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene

@@ -20,8 +20,9 @@ from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
 from thirdbody.assembly.surfaces import plate_surfaces, refuse_surfaces, surface_notes
 from thirdbody.assembly.upper_plate import Upper, upper_plate
+from thirdbody.engine.placed import Placed
 from thirdbody.engine.spatial_order import in_columns
-from thirdbody.engine.state import Placed, State, World, assemble
+from thirdbody.engine.state import State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns.sides import EVERYTHING

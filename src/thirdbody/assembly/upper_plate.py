@@ -12,7 +12,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.populate import sphere_centres
 from thirdbody.assembly.schedule import first_load, schedule
-from thirdbody.engine.state import Placed
+from thirdbody.engine.placed import Placed
 from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.engine.upper_plate import Foundation, UpperPlate
 from thirdbody.errors import InputError

@@ -72,9 +72,9 @@ def normal(k, context):
 
 
 @njit(**BARE)
-def turned(k, move, Q):
+def normal_change(k, move, Q):
     """Return the change of the normal of candidate k with a displacement of its sphere relative to the first body."""
-    t = surface_contact.TURNING
+    t = surface_contact.NORMAL_GRADIENT
     x, y, z = move
     return (
         Q[k, t] * x + Q[k, t + 3] * y + Q[k, t + 4] * z,
@@ -89,7 +89,7 @@ def normal_before(k, move, context):
     n_x, n_y, n_z = normal(k, context)
     if not is_rough(context):
         return n_x, n_y, n_z
-    d_x, d_y, d_z = turned(k, move, context.Q)
+    d_x, d_y, d_z = normal_change(k, move, context.Q)
     n_x, n_y, n_z = n_x - d_x, n_y - d_y, n_z - d_z
     inverse = 1.0 / math.sqrt(n_x * n_x + n_y * n_y + n_z * n_z)
     return n_x * inverse, n_y * inverse, n_z * inverse

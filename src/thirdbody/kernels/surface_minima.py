@@ -64,7 +64,7 @@ def end_minimum(k, row, shortest, Q):
 
 
 @njit(**BARE)
-def forget_ended(k, Q):
+def reset_ended(k, Q):
     """Reset the rows whose minima ended in the last update."""
     ended = np.int64(Q[k, surface_contact.ENDED])
     if ended != 0:
@@ -87,7 +87,7 @@ def write_derivatives(k, foot, radius, curved, upper, Q):
     """Write the derivatives of normal and effective radius at a minimum into row k, in world axes."""
     up = -1.0 if upper else 1.0
     xx, xy, xz, yy, yz, zz = normal_derivative(foot)
-    t = surface_contact.TURNING
+    t = surface_contact.NORMAL_GRADIENT
     Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5] = xx, yy, zz, xy, up * xz, up * yz
     g_x, g_y, g_z = log_radius_gradient(foot, radius) if curved else (0.0, 0.0, 0.0)
     Q[k, surface_contact.GRADIENT], Q[k, surface_contact.GRADIENT + 1] = g_x, g_y
@@ -181,9 +181,9 @@ def update_sphere(k, field, tables, minima):
     Q, S, i = tables.Q, tables.S, tables.own[k]
     x, radius = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P), S[i, sphere.RADIUS]
     height, limits = x[2] - field[height_field.MAX_HEIGHT], limits_of(radius, tables.D[domain.REACH])
-    found = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
-    forget_ended(k, Q)
-    if found and height <= limits[0]:
+    tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
+    reset_ended(k, Q)
+    if tracked and height <= limits[0]:
         follow_all(k, field, x, limits[1], tables)
         if has_moved(k, x, radius, Q):
             search_all(k, field, x, limits, tables, minima)
@@ -193,7 +193,7 @@ def update_sphere(k, field, tables, minima):
                 end_minimum(k, row, limits[1], Q)
         Q[k, surface_contact.SEARCHED] = math.inf
     if Q[k, surface_contact.MINIMA] == 0.0 and Q[k, surface_contact.ENDED] == 0.0:
-        bound_distance(k, height if found else math.inf, limits[1], is_upper(tables.partner[k]), radius, Q)
+        bound_distance(k, height if tracked else math.inf, limits[1], is_upper(tables.partner[k]), radius, Q)
 
 
 @njit(**BARE)

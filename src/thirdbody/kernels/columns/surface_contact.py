@@ -11,15 +11,13 @@ table = Table("Q", "a candidate contact with a plate")
 OFFSET, OFFSET2 = table.vector(
     "offset", 2, "m", "closest point of the surface, along x and y from below the centre of the sphere"
 )
-DISTANCE = table.scalar(
-    "distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter"
-)
+DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter")
 MINIMA = table.scalar("minima", "", "in the first row of a sphere: bits of the rows that have a minimum")
 ENDED = table.scalar("ended", "", "in the first row of a sphere: bits of the rows whose minimum has ended in the last update")
 NORMAL, NORMAL3 = table.vector("normal", 3, "", "unit normal from the plate to the sphere, world axes")
 RADIUS = table.scalar("radius", "m", "effective radius of curvature")
-TURNING, TURNING6 = table.vector(
-    "turning", 6, "1/m", "change of the normal with the displacement of the sphere, a symmetric tensor: xx, yy, zz, xy, xz, yz"
+NORMAL_GRADIENT, NORMAL_GRADIENT6 = table.vector(
+    "normal_gradient", 6, "1/m", "change of the normal with the place of the sphere, a symmetric tensor: xx, yy, zz, xy, xz, yz"
 )
 GRADIENT, GRADIENT3 = table.vector("gradient", 3, "1/m", "gradient of the logarithm of the effective radius, world axes")
 SEARCHED, SEARCHED3 = table.vector(

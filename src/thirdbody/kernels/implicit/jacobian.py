@@ -7,7 +7,7 @@ rise by h. Relative to the first body, the centre of the sphere then moves by c 
 s = u + w x r - h z. To first order
 
     overlap and slip:   dd = -n.c = -n.s      ds_1 = e.s      ds_2 = g.s
-    normal:             dn = H c, with a symmetric tensor H (`surface_contact.TURNING`); on planes H = 0
+    normal:             dn = H c, with a symmetric tensor H (`surface_contact.NORMAL_GRADIENT`); on planes H = 0
     frame:              turns by W = n x dn + (w.n/2) n: transported with the normal, turned about it by half the spin
     slip in the frame:  ds_1 += S.(W x e)     ds_2 += S.(W x g)    with the displacement S of the step
     force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike
@@ -63,8 +63,8 @@ class Contact(NamedTuple):
     moment: Vector
     rough: bool
     """Whether the plates are rough."""
-    turning: tuple[float, float, float, float, float, float]
-    """Change of the normal with the displacement of the sphere (`surface_contact.TURNING`) [1/m]."""
+    normal_gradient: tuple[float, float, float, float, float, float]
+    """Change of the normal with the displacement of the sphere (`surface_contact.NORMAL_GRADIENT`) [1/m]."""
     displacement: Vector
     """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
     tangent: tuple[float, float, float, float, float, float, float]
@@ -164,11 +164,11 @@ def subtract_inertia(context, active, dt, J):
 
 
 @njit(**BARE)
-def turning_at(k, context):
+def normal_gradient_at(k, context):
     """Return the change of the normal with the displacement of candidate k (6,) [1/m]."""
     if not first_body.is_rough(context):
         return NO_TANGENT
-    Q, t = context.Q, surface_contact.TURNING
+    Q, t = context.Q, surface_contact.NORMAL_GRADIENT
     return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
@@ -189,7 +189,7 @@ def contact_at(q, b, dt, context, space):
         frame, (context.S[i, sphere.ARM], context.S[i, sphere.ARM + 1], context.S[i, sphere.ARM + 2]),
         contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
         contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), first_body.is_rough(context),
-        turning_at(k, context), displacement,
+        normal_gradient_at(k, context), displacement,
         tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, upper,
     )  # fmt: skip
 
@@ -271,7 +271,7 @@ def add_column(column, contact, J):
 def frame_change(column, contact):
     """Return change of the normal (3,), rotation of the frame (3,), and change of the slip along its axes, for one coordinate."""
     (n, e, g), half = contact.frame, 0.5 * column.spin[0]
-    dn = product(contact.turning, column.moved)
+    dn = product(contact.normal_gradient, column.moved)
     x, y, z = cross(n, dn)
     s_n, s_1, s_2 = contact.displacement
     w_e, w_g = -dot(dn, g), dot(dn, e)
