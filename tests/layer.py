@@ -35,11 +35,11 @@ def clump_layer(count: int, per_clump: int = 6):
     return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
 
 
-def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0):
+def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0, surfaces=None):
     """A run of `count` clumps between plates; from frame to frame all slide along x (`path` 1 or -1) and leave the domain.
 
     Each carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one
-    (three quarters). The gap is `deep` times the height of the layer.
+    (three quarters). The gap is `deep` times the height of the layer. `surfaces`: those of rough plates.
     """
     centers, radii, owner, bodies, states, size = clump_layer(count)
     rng = np.random.default_rng(5)
@@ -59,7 +59,7 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
     normal = np.tile([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], (count, 1))
     load = np.full(2 * count, 1e-4)
     rub = np.tile([[-7.5e-6, 0.0, 0.0], [2.5e-6, 0.0, 0.0]], (count, 1)) * distance
-    with TrajectoryWriter(path, header, static) as writer:
+    with TrajectoryWriter(path, header, static, surfaces=surfaces or {}) as writer:
         for number in range(frames):
             shift = np.array([distance * 10e-6 * number, 0.0, 0.0])
             upper = corners + [2 * shift[0], 0.0, gap]

@@ -29,7 +29,7 @@ ROOMS = {
     "surfaces": {"bodies", "kernels"},
     "scene": {"bodies", "laws", "surfaces"},
     "assembly": {"scene", "surfaces", "engine", "bodies", "laws", "kernels"},
-    "trajectory": {"engine", "laws", "kernels"},
+    "trajectory": {"surfaces", "engine", "laws", "kernels"},
     "export": {"trajectory"},
     "plot": {"trajectory", "surfaces"},
     "render": {"trajectory", "bodies", "system"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.cross_checks import too_long, too_long_message
 from thirdbody.scene.model import Scene
 from thirdbody.scene.plausibility import unusual_values
+from thirdbody.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
@@ -74,6 +75,7 @@ class Simulation:
     relaxed: RelaxedStart | None = None
     bed: Bed | None = None
     speed_scale: SpeedScale | None = None
+    surfaces: dict[str, Surface] = field(default_factory=dict)
 
     @property
     def settle(self) -> float:
@@ -134,9 +136,9 @@ def build(
     and compiled.
     """
     registry = registry or discover()
-    surfaces = refuse_surfaces(scene, plate_surfaces(scene))
+    rough = refuse_surfaces(scene, plate_surfaces(scene))
     choice = compile_physics(scene, registry)
-    warnings = [*unusual_values(scene), *surface_notes(surfaces), *_similarity_warnings(choice)]
+    warnings = [*unusual_values(scene), *surface_notes(rough), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
@@ -165,7 +167,7 @@ def build(
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
         simulation = Simulation(
-            scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed
+            scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, surfaces=rough
         )  # fmt: skip
         _refuse_unreached(simulation)
         _examine_interval(simulation)
@@ -179,7 +181,7 @@ def build(
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
     simulation = Simulation(
-        scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale
+        scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale, rough
     )  # fmt: skip
     _refuse_unreached(simulation)
     _examine_interval(simulation)

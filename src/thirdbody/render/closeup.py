@@ -68,8 +68,10 @@ def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int]
 
 def _plate_height(one: CloseUpData) -> float:
     """Return the height of the plate over this particle: at its own contacts, as each body may carry a separate patch."""
-    above = [point[2] for point, partner in zip(one.spots.position, one.spots.against, strict=True) if partner == "upper plate"]
-    return max(above) if above else max(one.picture.plate, one.center[2] + 0.5 * one.extent)
+    above = one.spots.position[[partner == "upper plate" for partner in one.spots.against]]
+    if len(above):
+        return float(one.picture.plate_height_at(above).max())
+    return max(one.picture.plate, one.center[2] + 0.5 * one.extent)
 
 
 def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:

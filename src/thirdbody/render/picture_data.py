@@ -1,15 +1,17 @@
 """Data of a picture, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.quantity import with_unit
+from thirdbody.quantity import quantity_text, with_unit
 from thirdbody.render.coloring import Arrays, Legend, LegendScale, compute_coloring, rows_of
 from thirdbody.render.force_tubes import Tubes, force_tubes
+from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.state_groups import code_name
 
@@ -39,7 +41,8 @@ class PictureData:
 
     `body` (S,) is the row of each sphere's body in `bodies` (B, 3), the wrapped centres; `codes` (B,) are the states, `ids` (B,)
     and `labels` (B, or none) name the bodies. `low`, `high` (3,) bound the space between the plates, `plate` [m] is the height of
-    the upper one, `drag` (2,) its direction or zero.
+    the upper one, `drag` (2,) its direction or zero. `surfaces`: those of rough plates; `touching`: contacts with
+    the lower one.
     """
 
     centers: np.ndarray
@@ -59,6 +62,8 @@ class PictureData:
     ids: np.ndarray
     labels: tuple[str, ...] = ()
     tubes: Tubes | None = None
+    surfaces: Mapping[str, PlateSurface] = field(default_factory=dict)
+    touching: Touching | None = None
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return the spheres (S,), bool, of bodies with centres in the window from `low` to `high` (x, y)."""
@@ -74,7 +79,13 @@ class PictureData:
         Where each body carries a separate patch the plate's height is their mean: it is drawn over the highest body.
         """
         chosen = self.inside(low, high)
-        return max(self.plate, float((self.centers[chosen, 2] + self.radii[chosen]).max(initial=-np.inf)))
+        tops = self.centers[chosen] + self.radii[chosen, None] * [0.0, 0.0, 1.0]
+        return max(self.plate, float(self.plate_height_at(tops).max(initial=-np.inf)))
+
+    def plate_height_at(self, points: np.ndarray) -> np.ndarray:
+        """Return the heights of the upper plate's plane (n,) [m] at which its surface passes through points (n, 3)."""
+        upper = self.surfaces.get("upper")
+        return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
 
 
 def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
@@ -108,7 +119,17 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
         ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
         labels=_labels(run, bodies),
         tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, coloring) if forces else None,
+        surfaces=read_plate_surfaces(run, frame),
+        touching=_touching(run, frame, bodies, shift) if "lower" in run.surfaces else None,
     )
+
+
+def _touching(run: Run, frame: int, bodies: Arrays, shift: np.ndarray) -> Touching:
+    """Return the loaded contacts with the lower plate."""
+    contacts = run.contacts(frame)
+    chosen = (contacts["partner"] == -1) & (contacts["normal_force"] > 0.0)
+    row = rows_of(bodies, contacts["body"][chosen])
+    return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
 
 
 def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
@@ -198,6 +219,9 @@ def _facts(run: Run, frame: int, count: int) -> str:
     if math.isfinite(run.friction.value):  # of the run, not of this frame
         facts.append(f"friction coefficient {run.friction.short_text}")
     facts.append(f"{count} particle{'s' if count != 1 else ''}")
+    if surface := run.surface("lower"):
+        low, high = (quantity_text(float(z), "m") for z in (surface.heights.min(), surface.heights.max()))
+        facts.append(f"lower plate {low} to {high}, dark to light")
     return "   ·   ".join(facts)
 
 

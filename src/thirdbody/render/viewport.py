@@ -9,10 +9,13 @@ from thirdbody.render.canvas import OVERSAMPLING, Canvas, Rectangle
 from thirdbody.render.force_tubes import THICKEST, tube_mesh
 from thirdbody.render.overlay import WIDTH
 from thirdbody.render.picture_data import PictureData
+from thirdbody.render.surface_mesh import skirt, window_mesh
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
 _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
 _SHADOW = "#A9B0BA"
+_CONTACT, _SMALLEST_CONTACT = "#1D1F23", 0.05
+"""Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres."""
 ARROW = "#B0303C"
 
 _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
@@ -61,6 +64,7 @@ class Viewport:
         self._line_unit = OVERSAMPLING * max(min(canvas.size[0] / WIDTH, canvas.size[1] / 900.0), 0.6)
         height = data.plate_height_over(low, high) if plate_height is None else plate_height
         self._ceiling = float(self.scaled(np.array([0.0, 0.0, height]))[2])
+        self._bottom = float(self._low[2]) - self._thickness
         self._corners = [self._low - [0, 0, self._thickness], self._high + [0, 0, self._thickness]]
         self._add_spheres(data.inside(low, high))
         if data.has_plates:
@@ -79,7 +83,7 @@ class Viewport:
         white = _PALE if data.legend.limits is None else _PALE_NUMBERS
         colors = data.colors if data.tubes is None else pale(data.colors, white)
         centers, radii = self.scaled(data.centers[chosen]), data.radii[chosen] * self.scale
-        if data.has_plates and len(centers):
+        if data.has_plates and len(centers) and "lower" not in data.surfaces:
             self._add_shadows(centers, radii)
         self._outer.add_spheres(centers, radii, colors[chosen])
 
@@ -93,8 +97,49 @@ class Viewport:
 
     def _add_plates(self) -> None:
         floor = float(self.scaled(self._data.low)[2])
-        self._add_box(floor - self._thickness, _PLATE, _PLATE_EDGES, 1.0)
-        self._add_box(self._ceiling, _GLASS, _GLASS_EDGES, 0.13)
+        if "lower" in self._data.surfaces:
+            self._add_surface("lower", floor)
+            self._add_contacts(*self._window)
+        else:
+            self._add_box(floor - self._thickness, _PLATE, _PLATE_EDGES, 1.0)
+        if "upper" in self._data.surfaces:
+            self._add_surface("upper", self._ceiling)
+        else:
+            self._add_box(self._ceiling, _GLASS, _GLASS_EDGES, 0.13)
+
+    def _add_surface(self, side: str, plane: float) -> None:
+        """Draw a rough plate: its heights about a plane, and walls at the edge of the window; the upper one like glass."""
+        data, surface = self._data, self._data.surfaces[side]
+        low, high = (corner / self.scale + self._origin for corner in (self._low, self._high))
+        chosen = data.inside(*self._window) & (side == "lower")
+        mesh = window_mesh(surface, low, high, data.centers[chosen], data.radii[chosen])
+        mesh.points = self.scaled(np.asarray(mesh.points) - [0.0, 0.0, surface.position[2] - self._origin[2]]) + [0.0, 0.0, plane]
+        reach = max(abs(surface.low), abs(surface.high)) * self.scale + 0.5 * self._thickness
+        back = plane - surface.sign * reach
+        walls = skirt(mesh, back)
+        self._corners += [np.array([x, y, back]) for x in (self._low[0], self._high[0]) for y in (self._low[1], self._high[1])]
+        self._bottom = min(self._bottom, back)
+        if side == "lower":
+            smooth = mesh.extract_surface().compute_normals(cell_normals=False, flip_normals=False)
+            self._outer.add(smooth, scalars="color", rgb=True, ambient=0.5, diffuse=0.55)
+            self._outer.add(walls, color=_PLATE, ambient=0.55, diffuse=0.45)
+        else:
+            self._outer.add(mesh.extract_surface(), color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
+            self._outer.add(walls, color=_GLASS, opacity=0.16, ambient=0.55, diffuse=0.45)
+
+    def _add_contacts(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Draw the contacts with the rough lower plate, of bodies in a window, as discs along its surface."""
+        data, surface, touching = self._data, self._data.surfaces["lower"], self._data.touching
+        chosen = np.zeros(0, bool) if touching is None else data.bodies_inside(low, high)[touching.body]
+        if touching is None or not chosen.any():
+            return
+        points, smallest = touching.points[chosen], _SMALLEST_CONTACT * float(np.mean(data.radii))
+        slope_x, slope_y = surface.slopes(points[:, 0], points[:, 1])
+        cloud = pyvista.PolyData(self.scaled(points).astype(np.float32))
+        cloud["radius"] = (np.maximum(touching.radius[chosen], smallest) * self.scale).astype(np.float32)
+        cloud["normal"] = np.column_stack([-slope_x, -slope_y, np.ones(len(points))]).astype(np.float32)
+        disc = pyvista.Cylinder(direction=(1.0, 0.0, 0.0), radius=1.0, height=0.3, resolution=20)
+        self._outer.add(cloud.glyph(orient="normal", scale="radius", geom=disc), color=_CONTACT, scalars=None, lighting=False)
 
     def _add_box(self, bottom: float, color: str, edges: str, opacity: float) -> None:
         (x0, y0), (x1, y1) = self._low[:2], self._high[:2]
@@ -180,7 +225,7 @@ class Viewport:
         along, across = {"side": (0, 2), "front": (1, 2)}.get(self._view, (0, 1))
         length = round_length(0.28 * float(self._high[along] - self._low[along]) / self.scale)
         flat = across == 2
-        start = self._low - [0.0, 0.0, self._thickness]
+        start = np.array([*self._low[:2], self._bottom])
         start[across] -= 2.5 if flat else 4.5
         start[along] += 2.0
         step, side = np.eye(3)[along], np.eye(3)[across]

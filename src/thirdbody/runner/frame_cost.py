@@ -55,7 +55,7 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
         writer.append(frame)
         pressure.update(frame.contacts)
 
-    with TrajectoryWriter(path, run_header(built), maker.static()) as writer:
+    with TrajectoryWriter(path, run_header(built), maker.static(), surfaces=built.surfaces) as writer:
         write(writer)
         first, started, number = path.stat().st_size, time.perf_counter(), 0
         while number < LARGEST_NUMBER and time.perf_counter() - started < SECONDS:

@@ -187,7 +187,8 @@ def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
     """Return a new trajectory, or that of the checkpoint, truncated to its frames."""
     path = files.path / FILE_NAME
     if checkpoint is None or not checkpoint.frames:
-        return TrajectoryWriter(files.work_folder / FILE_NAME, header, loop.maker.static(), (path, 0))
+        surfaces = loop.simulation.surfaces
+        return TrajectoryWriter(files.work_folder / FILE_NAME, header, loop.maker.static(), (path, 0), surfaces)
     with open_run(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]

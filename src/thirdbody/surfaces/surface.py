@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +28,7 @@ class Surface:
         Equal parts along x and y of which it consists.
     """
 
-    heights: np.ndarray
+    heights: np.ndarray = field(repr=False)
     size: tuple[float, float]
     shortest: float
     curvature: bool = True

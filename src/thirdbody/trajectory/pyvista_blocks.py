@@ -27,12 +27,29 @@ def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
 
     number = run.frame_number(frame)
     blocks = pyvista.MultiBlock({name: _block(name, run.block(name, number)) for name in BLOCKS})
+    for side in run.surfaces:
+        blocks[f"{side}_surface"] = _surface(run, side, number)
     blocks.field_data["time"] = np.array([run.times[number]])
     blocks.field_data["time_units"] = ["s"]
     blocks.field_data["frame"] = np.array([number])
     blocks.field_data["state_names"] = run.state_names
     blocks.field_data["reason_names"] = run.reason_names
     return blocks
+
+
+def _surface(run: Run, side: str, frame: int) -> pyvista.StructuredGrid:
+    """Return the surface of a plate at its place in a frame, over the domain and one point beyond, with the array `height`."""
+    import pyvista
+
+    surface = run.surfaces[side]
+    position = run.surface_position(side, frame)
+    heights = np.pad(surface.heights, (0, 1), mode="wrap")
+    n_y, n_x = heights.shape
+    x, y = np.meshgrid(position[0] + surface.spacing[0] * np.arange(n_x), position[1] + surface.spacing[1] * np.arange(n_y))
+    grid = pyvista.StructuredGrid(x, y, position[2] + (heights if side == "lower" else -heights))
+    grid.point_data["height"] = heights.T.ravel()
+    grid.field_data["height_units"] = ["m"]
+    return grid
 
 
 def _block(name: str, arrays: dict[str, np.ndarray]) -> pyvista.PolyData:

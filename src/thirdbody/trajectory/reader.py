@@ -269,7 +269,8 @@ class Run(RunArrays):
         pyvista.MultiBlock
             `spheres`, `clumps`, `contacts` (points) and `plates` (two rectangles), with the arrays of `block()` as point data.
             The unit of the array `force` is in the block's `field_data["force_units"]`; time, frame, and the names of states and
-            reasons are in the `field_data` of the whole.
+            reasons are in the `field_data` of the whole. Of rough plates also `lower_surface` and `upper_surface`, grids with the
+            array `height`.
 
         Examples
         --------

@@ -15,9 +15,11 @@ from typing import Any, Self, TypeVar
 import h5py
 import numpy as np
 
+from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import OpenFile
+from thirdbody.trajectory.plate_surfaces import read_surfaces
 from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.trajectory.texts import read_text, refuse_large_texts
 from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
@@ -224,6 +226,52 @@ class RunArrays:
             `position` (8, 3) [m]: lower four, upper four; (0, 3) without plates.
         """
         return self.block("plates", frame)
+
+    @cached_property
+    def surfaces(self) -> dict[str, Surface]:
+        """Surfaces of the rough plates, by `lower` and `upper`; none of flat plates."""
+        return self._steady("the surfaces", lambda: read_surfaces(self.file))
+
+    def surface(self, plate: str) -> Surface | None:
+        """Return the surface of a plate.
+
+        Parameters
+        ----------
+        plate : str
+            `lower` or `upper`.
+
+        Returns
+        -------
+        Surface or None
+            `heights` (n_y, n_x) [m] over its mean plane, towards the debris, `spacing` along x and y [m], `coefficients` of the
+            spline; None for a flat plate.
+
+        Raises
+        ------
+        ValueError
+            There is no such plate.
+        """
+        if plate not in ("lower", "upper"):
+            raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")
+        return self.surfaces.get(plate)
+
+    def surface_position(self, plate: str, frame: int = -1) -> np.ndarray:
+        """Return the position of the origin of a plate's surface in one frame, of a patched plate at its mean height.
+
+        Parameters
+        ----------
+        plate : str
+            `lower` or `upper`.
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray (3,)
+            Displacement along x and y, and height of the mean plane [m].
+        """
+        corners = self.plates(frame)[POSITION]
+        return np.array(corners[4 if plate == "upper" else 0])
 
     def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
         """Return all arrays of one block of the file.

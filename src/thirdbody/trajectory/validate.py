@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
+from thirdbody.trajectory.plate_surfaces import refuse_unsound_surfaces
 from thirdbody.trajectory.schema import BLOCKS, PROFILES, STATIC_TEXT
 
 DENSEST = 1100
@@ -59,6 +60,7 @@ def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> N
     _refuse_header(header)
     for name in BLOCKS:
         _refuse_block(file.filename, file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
+    refuse_unsound_surfaces(file)
     rows = frames * header.get(PROFILES, {"bins": 0})["bins"]
     for group, count in (("series", frames), (PROFILES, rows)):
         for name in file.get(group, ()):

@@ -4,6 +4,7 @@
     /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
     /series   one dataset per series, first axis the frame, with an attribute `units`
     /profiles one dataset per profile, the slabs of every frame after those of the last one, likewise; only if there are profiles
+    /surfaces heights of the plates that are rough, once (`plate_surfaces`)
 
 Requirements of VTK's reader, each established from a file that it read as empty: `Type` is fixed-length ASCII; the assembly holds
 soft links in tracked order; all four cell groups exist; arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame,
@@ -27,13 +28,16 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import h5py
 import numpy as np
 
 from thirdbody.errors import InputError, OutputError
+from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.crash_safe_file import PAGE, Sink
+from thirdbody.trajectory.plate_surfaces import write_surfaces
 from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
 from thirdbody.trajectory.schema import BLOCKS, PROFILES, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
 
@@ -54,13 +58,14 @@ class TrajectoryWriter:
     `header` holds texts, stored as they are, and anything JSON can hold; `scene_text`, `state_names`, `reason_names` and `units`
     (name to unit) are required, `domain` ({"size": [x, y], "periodic": bool}), `title` and `versions` are used by other programs.
     `static` gives per block ("spheres", "clumps") the arrays that never change, written once; `clump` of a sphere is the `id` of
-    its clump. `copy_of`: the file, and its number of frames, that the written one will replace; errors name that one. Raises
-    OutputError when the file cannot be written; committed frames stay readable.
+    its clump. `surfaces`: those of the rough plates. `copy_of`: the file, and its number of frames, that the written one will
+    replace; errors name that one. Raises OutputError when the file cannot be written; committed frames stay readable.
     """
 
     def __init__(
-        self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None
-    ):
+        self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None,
+        surfaces: Mapping[str, Surface] = MappingProxyType({}),
+    ):  # fmt: skip
         missing = [name for name in REQUIRED_TEXTS if name not in header]
         if missing:
             raise ValueError(f"header lacks {', '.join(missing)}")
@@ -79,6 +84,7 @@ class TrajectoryWriter:
                 self._blocks[name].write_static(arrays)
             for name, value in header.items():
                 _write_text(self._scene, name, value)
+            write_surfaces(self._file, surfaces)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
             self._series_group.attrs["NSteps"] = np.int64(0)
             self._flush()
@@ -106,7 +112,7 @@ class TrajectoryWriter:
             with open_run(path) as old:
                 if frames > old.frames:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-                with cls(copy, header or old.header, old.static_arrays(), (path, old.frames)) as new:
+                with cls(copy, header or old.header, old.static_arrays(), (path, old.frames), old.surfaces) as new:
                     for number in range(frames):
                         between()
                         new.append(old.stored_frame(number))

@@ -1,0 +1,125 @@
+"""Surfaces of rough plates as meshes: heights of a window, coloured by height, darker under spheres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from thirdbody.palette import rgb
+
+if TYPE_CHECKING:
+    import pyvista
+
+    from thirdbody.trajectory.reader import Run
+
+LOWEST, HIGHEST = "#47536A", "#FFFDF7"
+"""Colours of the lowest and highest points: greys, so that the colours of states stand out."""
+
+FINEST = 700
+"""Largest number of points along the longer side of a mesh."""
+
+SHADE = 0.30
+"""Fraction of black under a sphere."""
+
+
+class Touching(NamedTuple):
+    """Contacts with a plate: points (C, 3), wrapped with their bodies, radii (C,) [m], and the rows of their bodies (C,)."""
+
+    points: np.ndarray
+    radius: np.ndarray
+    body: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlateSurface:
+    """Spline coefficients (n_y, n_x) [m] of a plate's surface, its period along x and y, its place in a frame (3,) [m].
+
+    `sign` is 1 for the lower plate and -1 for the upper one, whose heights point down. `low`, `high`: its extreme heights [m].
+    """
+
+    coefficients: np.ndarray
+    size: tuple[float, float]
+    position: np.ndarray
+    sign: float
+    low: float
+    high: float
+
+    def heights(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return heights over the mean plane [m] at points of the frame."""
+        from scipy.ndimage import map_coordinates
+
+        n_y, n_x = self.coefficients.shape
+        at = [(y - self.position[1]) * n_y / self.size[1], (x - self.position[0]) * n_x / self.size[0]]
+        return np.asarray(map_coordinates(self.coefficients, at, order=3, mode="grid-wrap", prefilter=False))
+
+    def slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slopes of the heights along x and y, by differences over a grid cell."""
+        a, b = (0.5 * length / n for length, n in zip(self.size, self.coefficients.shape[::-1], strict=True))
+        along = (self.heights(x + a, y) - self.heights(x - a, y)) / (2.0 * a)
+        return along, (self.heights(x, y + b) - self.heights(x, y - b)) / (2.0 * b)
+
+    def colors(self, heights: np.ndarray) -> np.ndarray:
+        """Return colours (..., 3), 0 to 255, of heights."""
+        fraction = np.clip((heights - self.low) / max(self.high - self.low, 1e-300), 0.0, 1.0)[..., None]
+        return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
+
+
+def read_plate_surfaces(run: Run, frame: int) -> dict[str, PlateSurface]:
+    """Return the surfaces of the rough plates at their places in a frame."""
+    return {
+        side: PlateSurface(
+            surface.coefficients, surface.size, run.surface_position(side, frame), 1.0 if side == "lower" else -1.0,
+            float(surface.heights.min()), float(surface.heights.max()),
+        )
+        for side, surface in run.surfaces.items()
+    }  # fmt: skip
+
+
+def window_mesh(
+    surface: PlateSurface, low: np.ndarray, high: np.ndarray, centers: np.ndarray, radii: np.ndarray
+) -> pyvista.StructuredGrid:
+    """Return the surface over a window from `low` to `high` (x, y), with the array `color`; lengths in m.
+
+    `centers` (n, 3), `radii` (n,): spheres under which it is darker.
+    """
+    import pyvista
+
+    extent = high[:2] - low[:2]
+    counts = np.maximum(2, np.rint(FINEST * extent / extent.max()).astype(int))
+    x, y = (np.linspace(a, b, n) for a, b, n in zip(low[:2], high[:2], counts, strict=True))
+    grid_x, grid_y = np.meshgrid(x, y)
+    heights = surface.heights(grid_x, grid_y)
+    colors = surface.colors(heights) * (1.0 - SHADE * _covered(x, y, centers, radii))[..., None]
+    z = surface.position[2] + surface.sign * heights
+    mesh = pyvista.StructuredGrid(grid_x, grid_y, z)
+    mesh.point_data["color"] = np.rint(colors).astype(np.uint8).swapaxes(0, 1).reshape(-1, 3)
+    return mesh
+
+
+def _covered(x: np.ndarray, y: np.ndarray, centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Return 1 for points (n_y, n_x) below a sphere, 0 for others."""
+    result = np.zeros((len(y), len(x)))
+    for (a, b, _), radius in zip(centers, radii, strict=True):
+        columns, rows = (slice(*np.searchsorted(axis, [at - radius, at + radius])) for axis, at in ((x, a), (y, b)))
+        inside = (x[None, columns] - a) ** 2 + (y[rows, None] - b) ** 2 < radius**2
+        result[rows, columns] = np.maximum(result[rows, columns], inside)
+    return result
+
+
+def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
+    """Return the walls from the edge of a mesh to a plane."""
+    import pyvista
+
+    n_x, n_y, _ = mesh.dimensions
+    number = np.arange(n_x * n_y).reshape(n_y, n_x)
+    edge = np.concatenate([number[0, :-1], number[:-1, -1], number[-1, :0:-1], number[:0:-1, 0]])
+    top = np.asarray(mesh.points)[edge]
+    bottom = top.copy()
+    bottom[:, 2] = z
+    n = len(edge)
+    k = np.arange(n)
+    after = (k + 1) % n
+    faces = np.stack([np.full(n, 4), k, after, after + n, k + n], axis=1)
+    return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())

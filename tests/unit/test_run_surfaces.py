@@ -1,0 +1,137 @@
+"""Surfaces of rough plates in the file of a run, in pyvista, and in pictures."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from layer import clump_layer, skip_unless_drawable, write_layer
+from PIL import Image
+
+from thirdbody.errors import InputError
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.render import render
+from thirdbody.render.surface_mesh import SHADE, skirt, window_mesh
+from thirdbody.surfaces.surface import Surface
+from thirdbody.surfaces.waves import phases, sine_heights
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.writer import TrajectoryWriter
+
+COUNT, AMPLITUDE = 12, 2e-6
+
+
+@pytest.fixture(scope="module")
+def surfaces() -> dict[str, Surface]:
+    size = tuple(float(length) for length in clump_layer(COUNT)[-1])
+    lower = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), AMPLITUDE), size, size[0] / 4, curvature=False, copies=(3, 1))
+    return {"lower": lower, "upper": Surface(sine_heights(phases((32, 48), (2, 0), 0.0), AMPLITUDE), size, size[0] / 2)}
+
+
+@pytest.fixture(scope="module")
+def rough(surfaces, tmp_path_factory):
+    return write_layer(tmp_path_factory.mktemp("rough") / "run.vtkhdf", COUNT, surfaces=surfaces)
+
+
+def assert_same(stored: dict[str, Surface], given: dict[str, Surface]) -> None:
+    assert stored.keys() == given.keys()
+    for side, surface in given.items():
+        np.testing.assert_array_equal(stored[side].heights, surface.heights)
+        for name in ("size", "shortest", "curvature", "copies"):
+            assert getattr(stored[side], name) == getattr(surface, name), name
+
+
+def test_a_run_stores_its_surfaces_once_and_gives_them_back(rough, surfaces):
+    with open_run(rough) as run:
+        assert_same(run.surfaces, surfaces)
+        assert run.surface("lower") is run.surfaces["lower"]
+        with pytest.raises(ValueError, match="'middle' is not one of 'lower', 'upper'"):
+            run.surface("middle")
+
+
+def test_a_run_between_flat_plates_has_no_trace_of_them(tmp_path):
+    path = write_layer(tmp_path / "run.vtkhdf", COUNT)
+    with open_run(path) as run:
+        assert run.surfaces == {} and run.surface("lower") is None
+        assert run.to_pyvista().keys() == ["spheres", "clumps", "contacts", "plates"]
+    with h5py.File(path) as file:
+        assert "surfaces" not in file
+
+
+def test_surfaces_stay_when_a_run_is_resumed_and_packed(surfaces, tmp_path):
+    path = write_layer(tmp_path / "run.vtkhdf", COUNT, surfaces=surfaces)
+    with TrajectoryWriter.resume(path, 1), open_run(path) as run:
+        assert run.frames == 1
+        assert_same(run.surfaces, surfaces)
+        run.export(pack=tmp_path / "packed.vtkhdf")
+    with open_run(tmp_path / "packed.vtkhdf") as packed:
+        assert_same(packed.surfaces, surfaces)
+
+
+def vandalise(file: h5py.File, what: str) -> None:
+    if what == "name":
+        file["surfaces"].move("lower", "middle")
+    elif what == "size":
+        file["surfaces/lower"].attrs["size"] = np.array([1.0, np.nan])
+    elif what == "attribute":
+        del file["surfaces/lower"].attrs["copies"]
+    else:
+        del file["surfaces/lower"]
+        huge = file["surfaces"].create_dataset("lower", (10**6, 10**6), np.float64, chunks=(1000, 1000))
+        huge.attrs.update({"size": np.ones(2), "copies": np.ones(2), "shortest": 1.0, "curvature": 1})
+
+
+@pytest.mark.parametrize("what", ["name", "size", "attribute", "huge"])
+def test_a_damaged_surface_is_one_clear_fault(surfaces, tmp_path, what):
+    path = write_layer(tmp_path / "run.vtkhdf", COUNT, surfaces=surfaces)
+    with h5py.File(path, "r+") as file:
+        vandalise(file, what)
+    with pytest.raises(InputError, match="not a run of thirdbody, or damaged"):
+        open_run(path)
+
+
+def test_pyvista_gets_the_surfaces_where_the_plates_are(rough, surfaces):
+    with open_run(rough) as run:
+        blocks, corner = run.to_pyvista(-1), run.plates(-1)["position"][4]
+    upper, surface = blocks["upper_surface"], surfaces["upper"]
+    assert upper.field_data["height_units"][0] == "m"
+    x, z, height = upper.points[:, 0], upper.points[:, 2], upper["height"]
+    expected = AMPLITUDE * np.cos(4.0 * np.pi * (x - corner[0]) / surface.size[0])
+    np.testing.assert_allclose(height, expected, atol=1e-12 * AMPLITUDE)
+    np.testing.assert_allclose(z, corner[2] - expected, rtol=1e-12)  # it looks down
+    assert np.ptp(x) == pytest.approx(surface.size[0], rel=1e-12)
+    assert blocks["lower_surface"].n_points == 65 * 97
+
+
+def test_a_drawn_surface_is_the_spline_moved_with_its_plate(rough, surfaces):
+    with open_run(rough) as run:
+        data = read_picture_data(run, -1, "state")
+    lower, upper = data.surfaces["lower"], data.surfaces["upper"]
+    x = upper.position[0] + surfaces["upper"].spacing[0] * np.arange(48)
+    np.testing.assert_allclose(upper.heights(x, 0.0 * x), surfaces["upper"].heights[0], atol=1e-12 * AMPLITUDE)
+    mesh = window_mesh(lower, data.low, data.high, data.centers, data.radii)
+    points, colors = np.asarray(mesh.points)[::31], mesh.point_data["color"][::31].astype(float).sum(axis=1)
+    # heights of the formula; the spline of 32 points a wave differs by (2 pi/32)^4/384 of the amplitude
+    wave = AMPLITUDE * np.cos(2.0 * np.pi * (3 * points[:, 0] / lower.size[0] + points[:, 1] / lower.size[1]) - 0.3)
+    np.testing.assert_allclose(points[:, 2], wave, atol=1e-4 * AMPLITUDE)
+    distance = np.hypot(*(points[:, None, :2] - data.centers[None, :, :2]).transpose(2, 0, 1)) / data.radii
+    covered, free = (distance < 0.99).any(axis=1), (distance > 1.01).all(axis=1)
+    assert np.corrcoef(colors[free], wave[free])[0, 1] > 0.99  # lighter where it is higher
+    level = np.abs(wave) < 0.02 * AMPLITUDE
+    assert colors[level & covered].mean() == pytest.approx((1.0 - SHADE) * colors[level & free].mean(), rel=0.02)
+    walls = skirt(mesh, -1e-5)
+    assert walls.bounds[4] == pytest.approx(-1e-5) and walls.n_cells == 2 * (mesh.dimensions[0] + mesh.dimensions[1]) - 4
+
+
+def test_the_upper_plate_is_drawn_clear_of_the_bodies(rough):
+    with open_run(rough) as run:
+        data = read_picture_data(run, 0, "state")
+    plane = data.plate_height_over(data.low, data.high)
+    upper = data.surfaces["upper"].heights(data.centers[:, 0], data.centers[:, 1])
+    assert np.all(data.centers[:, 2] + data.radii <= plane - upper + 1e-15)
+
+
+def test_a_picture_shows_the_heights(rough, tmp_path):
+    skip_unless_drawable()
+    picture = render(rough, tmp_path / "a.png", size=(400, 225), view="top")
+    grey = np.asarray(Image.open(picture).convert("L"), float)[45:180, 100:300]
+    assert np.ptp(grey) > 60.0
