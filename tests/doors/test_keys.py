@@ -75,6 +75,9 @@ every = "0.05 us"
 SCALED = {"scene_time"}
 """Series of runs at a scaled speed only."""
 
+DIRECT = {"direct_force", "load_share_debris", "energy_direct_elastic", "energy_direct_friction"}
+"""Series of plates with direct contact only."""
+
 
 @pytest.fixture(scope="module")
 def registry():
@@ -127,7 +130,7 @@ def test_defaults_that_meanings_state():
 def test_names_are_those_of_a_run(registry, tmp_path):
     names = all_names(registry)
     with run(Scene.parse(ROLLERS), tmp_path / "run", progress=False) as result:
-        assert names["series"].keys() == result.series.keys() | SCALED
+        assert names["series"].keys() == result.series.keys() | SCALED | DIRECT
         units = {name: entry.unit for name, entry in names["series"].items() if name not in SCALED}
         assert units == {name: result.units[name] for name in result.series}
         assert names["bodies"].keys() == result.bodies(-1).keys()

@@ -137,4 +137,4 @@ def carried_together(state: State) -> bool:
         return False
     if upper.foundation is not None:
         return upper.foundation.free
-    return upper.free and len(upper.heights) == 1 and state.n_bodies > 1
+    return upper.free and len(upper.heights) == 1 and (state.n_bodies > 1 or upper.direct is not None)

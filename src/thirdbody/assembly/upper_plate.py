@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.direct_contact import direct_contact, narrow_gap_warning
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.load_checks import Pressing, pressing_warnings, refuse_crushing
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.populate import sphere_centres
 from thirdbody.assembly.schedule import first_load, schedule
+from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.engine.upper_plate import Foundation, UpperPlate
@@ -117,36 +119,53 @@ def _each_loaded(
 
 
 def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]) -> Upper:
-    """Return one free, parallel plate; the tallest body carries the whole load at first."""
+    """Return one free, parallel plate; the tallest body carries the whole load at first, or direct contact of the plates."""
     load, tallest = first_load(scene), np.array([int(np.argmax(tops.top))])
+    direct = direct_contact(scene, choice)
     mass = np.full(1, scene.plates.upper.mass or tops.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
     overlap, dashpot = _pressed(scene, choice, tops, tallest, loads, mass)
     maximum = load * _largest(scene)
-    refuse_crushing(scene, choice, Pressing(np.full(len(tops.top), maximum), tops.radius, tops.kind), maximum, len(tops.top))
-    pressing = _common_load(choice, tops, maximum)
-    warnings += pressing_warnings(choice, pressing)
+    if direct is None:
+        refuse_crushing(scene, choice, Pressing(np.full(len(tops.top), maximum), tops.radius, tops.kind), maximum, len(tops.top))
+    pressing, level = _common_load(choice, tops, maximum, direct)
+    warnings += pressing_warnings(choice, pressing) + (narrow_gap_warning(direct, level) if direct else [])
+    height = tops.top[tallest] + CLEARANCE * tops.radius[tallest]
+    rests = direct is not None and direct.gap(load) > height[0]
+    if direct is not None and rests:  # no body touches the plate
+        height = np.full(1, direct.gap(load))
+        if scene.plates.upper.damping is None:  # type: ignore[union-attr]
+            dashpot = 2.0 * np.sqrt(load / direct.length * mass)
     settle = _settle(scene, placed, tops, mass, dashpot, load)
-    loaded = _carrying(lambda z: _layer_force(choice, tops, z), tops, load)
-    if loaded <= HANDFUL < len(tops.top):
+    loaded = 0 if rests else _carrying(choice, tops, load, direct)
+    if loaded <= HANDFUL < len(tops.top) and direct is None:
         warnings.append(
             f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(tops.top)} bodies: they are stiff and of "
             'different height; support = "foundation" or "load_per_particle" shares the load'
         )
     _warn_dashpot(scene, settle, dashpot, load, warnings)
-    height = tops.top[tallest] + CLEARANCE * tops.radius[tallest]
     patch = np.zeros(len(tops.top), np.int64)
-    built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
+    built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle), direct=direct)
     shared_overlap = float(np.max(pressing.overlap(choice) / pressing.radius))
     return Upper(built, settle, float(overlap[0] / tops.radius[tallest[0]]), loaded, shared_overlap)
 
 
-def _common_load(choice: CompiledPhysics, tops: TopSpheres, load: float) -> Pressing:
-    """Return the contacts of the bodies that share a rigid plate's load [N], if the bodies did not move."""
-    force = _layer_force(choice, tops, _level(lambda z: _layer_force(choice, tops, z), tops, load))
+def _common_load(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> tuple[Pressing, float]:
+    """Return the contacts of the bodies that share a rigid plate's load [N], if the bodies did not move; and its height [m]."""
+    level = _common_level(choice, tops, load, direct)
+    force, carried = _layer_force(choice, tops, level), load - (direct.force(level) if direct else 0.0)
     on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(tops.top))])
-    fraction = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
-    return Pressing(fraction, tops.radius[on], tops.kind[on])
+    fraction = force[on] * (carried / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, max(carried, 0.0))
+    return Pressing(fraction, tops.radius[on], tops.kind[on]), level
+
+
+def _common_level(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> float:
+    """Return the height [m] at which a rigid plate carries a load [N] with bodies that did not move, and direct contact."""
+    if direct is None:
+        return _level(lambda z: _layer_force(choice, tops, z), tops, load)
+    if direct.gap(load) >= float(tops.top.max()):
+        return direct.gap(load)
+    return _level(lambda z: np.append(_layer_force(choice, tops, z), direct.force(z)), tops, load)
 
 
 def _on_foundation(
@@ -234,9 +253,10 @@ def _level(force, tops: TopSpheres, load: float) -> float:
     return high
 
 
-def _carrying(force, tops: TopSpheres, load: float) -> int:
-    """Return how many bodies carry the load at the same time."""
-    return max(1, int(np.count_nonzero(force(_level(force, tops, load)))))
+def _carrying(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> int:
+    """Return how many bodies carry the load of a rigid plate at the same time."""
+    level = _common_level(choice, tops, load, direct)
+    return max(1, int(np.count_nonzero(_layer_force(choice, tops, level))))
 
 
 def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:

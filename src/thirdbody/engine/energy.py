@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from thirdbody.engine.direct_contact import direct_energy
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, body_extra, patch, record, run_totals
 
@@ -11,17 +12,18 @@ LINES = (
 )  # fmt: skip
 
 
-Stored = tuple[float, float, float, float]
+Stored = tuple[float, float, float, float, float]
 
 
 def stored_energies(state: State) -> Stored:
-    """Return kinetic, elastic normal, elastic tangential, foundation energy [J] at the last observed step."""
-    P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
+    """Return the energies [J] at the last observed step: kinetic, elastic normal and tangential, foundation, direct contact."""
+    P, kinetic, direct = state.P, _kinetic(state) if state.inertial else 0.0, direct_energy(state.P)
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
-        return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs
+        return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs, direct
     loaded, R = state.slots.histories.slip > 0.0, state.slots.R
-    return kinetic, float(R[loaded, record.STORED_NORMAL].sum()), float(R[loaded, record.STORED_TANGENTIAL].sum()), springs
+    normal, tangential = (float(R[loaded, column].sum()) for column in (record.STORED_NORMAL, record.STORED_TANGENTIAL))
+    return kinetic, normal, tangential, springs, direct
 
 
 def _kinetic(state: State) -> float:
@@ -59,10 +61,11 @@ class Ledger:
 
         `result`: `stored_energies` of this instant, if known.
         """
-        kinetic, normal, tangential, springs = result or stored_energies(state)
+        kinetic, normal, tangential, springs, direct = result or stored_energies(state)
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
-        spent = kinetic + normal + tangential + springs - self.start + A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK]
+        spent = kinetic + normal + tangential + springs + direct - self.start
+        spent += A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK] + A[run_totals.DIRECT_WORK]
         spent += A[run_totals.NUMERICAL_LOSS]
         values = (
             kinetic,
@@ -79,7 +82,11 @@ class Ledger:
         if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]
         upper = state.world.upper
-        return lines if upper is None or upper.foundation is None else lines | {"foundation": springs}
+        if upper is not None and upper.foundation is not None:
+            lines["foundation"] = springs
+        if upper is not None and upper.direct is not None:
+            lines |= {"direct_elastic": direct, "direct_friction": float(A[run_totals.DIRECT_WORK])}
+        return lines
 
     def relative_residual(self, state: State, residual: float, energy: float = 0.0) -> float:
         """Return |residual| over the scale defined in the class docstring; `energy`: present energy [J] if `watch` missed it."""

@@ -291,6 +291,7 @@ class Implicit:
             run_totals.STEPS,
             *range(run_totals.UPPER_IMPULSE, run_totals.UPPER_IMPULSE + 6),
             *range(run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 6),
+            *range(run_totals.DIRECT_WORK, run_totals.DIRECT_FORCE + 3),
         ):
             A[column] = summed[column]
         A[run_totals.TIME], A[run_totals.DISTANCE] = time, distance

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
@@ -74,6 +75,7 @@ class ImplicitCommonPlate(Implicit):
         """As `Implicit.start`."""
         super().start()
         self.initial_overlaps = np.zeros(self.state.slots.count)
+        kernel.book_direct(self.plate, self.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """As `Implicit.export_state`; `starts` and `ends` are omitted, since every step computes them."""
@@ -119,7 +121,7 @@ class ImplicitCommonPlate(Implicit):
             if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
         kernel.accept_bodies(self.state.n_bodies, end, whole, cuts, dt, v_x, v_y, context)
-        self._accept(dt, step, load)
+        self._accept(dt, step, load, (v_x, v_y))
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
@@ -148,6 +150,8 @@ class ImplicitCommonPlate(Implicit):
             if not self.solutions[:, body_solution.SOLVED].all():
                 return step, False
             push, slope = (float(self.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
+            direct, direct_stiffness = direct_reaction(row, displacement)
+            push, slope = push + direct, slope - direct_stiffness
             force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
             scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(step.acceleration)
             scale += row[patch.DAMPING] * abs(step.velocity)
@@ -193,7 +197,7 @@ class ImplicitCommonPlate(Implicit):
             row = self.state.P[-1]
             row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
-    def _accept(self, dt: float, step: PlateStep, load: float) -> None:
+    def _accept(self, dt: float, step: PlateStep, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         T, row = self.plate_memory, self.state.P[-1]
         before = float(row[patch.VELOCITY])
@@ -211,6 +215,9 @@ class ImplicitCommonPlate(Implicit):
         T[step_memory.LAST_DT] = dt
         row[patch.HEIGHT] += step.displacement
         row[patch.VELOCITY] = step.velocity
+        if row[patch.DIRECT_PREFACTOR] > 0.0:
+            kernel.book_direct(self.plate, self.state.P, dt, *velocity, old)
+            self.plate[run_totals.NUMERICAL_LOSS] += direct_loss(row, step.displacement)
 
     def _refuse_unsolved(self) -> None:
         """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
@@ -231,7 +238,7 @@ def _one_plate(state: State) -> None:
     if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
         return
     copies = np.repeat(state.P, state.n_bodies, axis=0)
-    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD):
+    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
         copies[:, column] = 0.0
     state.P = np.concatenate([copies, state.P])
     state.patch = np.arange(state.n_bodies)

@@ -9,6 +9,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
+from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.columns import patch
 
@@ -284,6 +285,7 @@ class UpperPlate:
     patch: Ints
     schedule: Schedule = field(default_factory=Schedule)
     foundation: Foundation | None = None
+    direct: DirectContact | None = None
 
     def table(self) -> Array:
         """Return the rows of the patches, then the row of the common plate if there is a foundation."""
@@ -296,6 +298,8 @@ class UpperPlate:
             P[:n, patch.SPRING] = f.stiffness
             P[n, patch.HEIGHT], P[n, patch.MASS], P[n, patch.DAMPING] = f.height, f.mass, f.damping
             P[n, patch.LOAD], P[n, patch.FREE] = f.load, float(f.free)
+        for column, value in (self.direct.columns() if self.direct else {}).items():
+            P[-1, column] = value
         P[:, patch.SEARCH_HEIGHT] = P[:, patch.HEIGHT]
         # a load schedule scales the load of the common plate, or of the patches if there is none
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)

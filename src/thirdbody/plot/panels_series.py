@@ -17,6 +17,10 @@ ENERGY_NOTE = (
     "Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own, the"
     " residual is the rest."
 )
+DEBRIS_LOAD_NOTE = (
+    "Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from above and from"
+    " below."
+)
 SMALL, NOTHING = 0.01, 1e-5
 """A change below SMALL of the value is drawn as a change, one below NOTHING counts as none."""
 
@@ -33,8 +37,9 @@ class _Line(NamedTuple):
 LEDGER = (
     _Line(("plate_work",), "work of the plates", LINES["black"], "-"),
     _Line(("friction",), "lost in friction", LINES["vermilion"], "-"),
+    _Line(("direct_friction",), "lost in friction of the plates on each other", LINES["vermilion"], "--"),
     _Line(("damping",), "lost in impacts and dashpots", LINES["orange"], "--"),
-    _Line(("elastic_normal", "elastic_tangential", "foundation"), "elastic, stored", LINES["blue"], "-"),
+    _Line(("elastic_normal", "elastic_tangential", "foundation", "direct_elastic"), "elastic, stored", LINES["blue"], "-"),
     _Line(("kinetic",), "kinetic, stored", LINES["sky"], "--"),
     _Line(("body_effects",), "given by body effects", LINES["green"], "-."),
     _Line(("numerical",), "lost by the integrator", LINES["purple"], "-."),
@@ -132,6 +137,27 @@ def load_title(data: RunData) -> str:
 def draw_load(axes: Axes, data: RunData) -> None:
     """Draw the normal force on the plate."""
     _draw_line(axes, data, load(data), "N", "load", LINES["black"], whole=True)
+
+
+def why_no_debris_load(data: RunData) -> str:
+    """Return why there is no panel, empty when the plates have direct contact."""
+    return _why_short(data) or ("" if "load_share_debris" in data.series else "its plates have no contact with each other")
+
+
+def debris_load_title(data: RunData) -> str:
+    """Return the final shares in words."""
+    debris, active = (float(data.name(name)[-1]) for name in ("load_share_debris", "active"))
+    return f"Debris carries {percent(debris)} of the load at the end, on {percent(active)} of the bodies"
+
+
+def draw_debris_load(axes: Axes, data: RunData) -> None:
+    """Draw the part of the load that debris carries, and the fraction of bodies that do."""
+    x, unit = scale_values(data.axis[0], data.axis[1])
+    axes.plot(x, 100.0 * data.name("load_share_debris"), color=LINES["black"], linewidth=1.4, label="load on debris")
+    axes.plot(x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
+    axes.set_ylim(0.0, 105.0)
+    axes.set_ylabel("share (%)")
+    axes.set_xlabel(f"{data.axis[2]} ({unit})")
 
 
 def _draw_line(axes: Axes, data: RunData, values: np.ndarray, unit: str, name: str, color: str, whole: bool = False) -> None:

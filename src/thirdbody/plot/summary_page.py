@@ -72,6 +72,8 @@ PANELS = (
     Panel("bed", bed.why_no_bed, bed.bed_title, bed.draw_bed, 1.7, False, bed.BED_NOTE),
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
+    Panel("debris_load", series.why_no_debris_load, series.debris_load_title, series.draw_debris_load, 1.7, False,
+          series.DEBRIS_LOAD_NOTE),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),
     Panel("velocity_profile", profiles.why_no_profiles, profiles.velocity_title, profiles.draw_velocity, 2.4, True,
           profiles.PROFILES_NOTE),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
+    from thirdbody.engine.upper_plate import UpperPlate
     from thirdbody.scene.model import Scene
 
 TRIAL_SECONDS = 0.5
@@ -174,7 +175,19 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         "loaded_at_once": built.upper.loaded,
         "foundation": None if upper.foundation is None else upper.foundation.stiffness,
         "preload": 0.0 if upper.foundation is None else float(upper.load.max()),
+        "direct_contact": _direct_report(built, upper),
     }
+
+
+def _direct_report(built: Simulation, upper: UpperPlate) -> dict[str, Any] | None:
+    """Return the direct contact of the plates, and the gap at which it alone carries the load; None without."""
+    if upper.direct is None:
+        return None
+    direct, area = upper.direct, built.scene.domain.size[0] * built.scene.domain.size[1]
+    return {
+        "pressure_at_zero_gap": direct.prefactor / area, "u0": direct.length, "friction": direct.friction,
+        "gap_without_debris": direct.gap(float(upper.load.max())),
+    }  # fmt: skip
 
 
 def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
@@ -328,6 +341,13 @@ def _print_plate(report: dict[str, Any]) -> None:
         f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
         f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
     )
+    if direct := plate["direct_contact"]:
+        pressure, length = pretty(direct["pressure_at_zero_gap"], "pressure"), pretty(direct["u0"], "length")
+        alone = pretty(direct["gap_without_debris"], "length")
+        print_line(
+            f"direct contact of the plates: {pressure} exp(-gap / {length}), friction {direct['friction']:g}; alone it would "
+            f"carry the load at a gap of {alone}"
+        )
     print(f"expected overlap {report['expected_overlap_over_radius']:.2g} of the radius")
 
 

@@ -90,6 +90,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("sliding distance", pretty(report["distance"], "length")),
             *([("speed", speed_words(report))] if report.get("speed_scale") else []),
             ("friction coefficient", str(result.friction)),
+            *_direct_rows(report),
             *bed_rows(result.bed),
             *([("rate test", str(result.rate_test))] if result.rate_test else []),
             ("states", ", ".join(fractions)),
@@ -106,6 +107,14 @@ def run_report(folder: Path, json: bool) -> None:
         table("", ("", ""), rows)
         verdicts = [yield_warning(report), report.get("energy_verdict"), bed_warning(result.bed)]
         print_warnings([*filter(None, verdicts), *ending_warnings(report)])
+
+
+def _direct_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return how debris and direct contact of the plates carried the load together."""
+    if "load_share_debris" not in report:
+        return []
+    load, active = (f"{100.0 * report[name]:.3g} %" for name in ("load_share_debris", "active"))
+    return [("load on debris", f"{load}, on {active} of the bodies; the rest is direct contact of the plates")]
 
 
 def _relaxed_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -70,7 +70,8 @@ def _load_ratio(simulation: Simulation, loop: RunLoop) -> float | None:
     if simulation.schedule.load:
         now = simulation.state.time
         load *= mean_value(simulation.schedule.load, now - loop.maker.interval, now)
-    return float(force[2]) / load if force is not None and load > 0.0 else None
+    direct = loop.series["direct_force"][2] if force is not None and "direct_force" in loop.series else 0.0
+    return float(force[2] + direct) / load if force is not None and load > 0.0 else None
 
 
 def _damping_fraction(simulation: Simulation, lines: Mapping[str, float]) -> float | None:

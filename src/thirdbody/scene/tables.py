@@ -18,6 +18,7 @@ from thirdbody.scene.field_types import (
     PositiveForce,
     PositiveLength,
     PositiveMass,
+    PositiveNumber,
     PositivePressure,
     PositiveStiffness,
     PositiveTime,
@@ -32,7 +33,7 @@ from thirdbody.scene.field_types import (
 from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
 from thirdbody.scene.load_history import Loading
 from thirdbody.scene.motion import Motion
-from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
+from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, entry, one_of
 from thirdbody.scene.surfaces import Surface
 
 
@@ -169,17 +170,49 @@ class UpperPlate(Part):
         return faults
 
 
+class DirectContact(Part):
+    """Direct contact of the plates: pressure beta E* exp(-u/u0) at a mean gap u, on the area of the domain, and its friction.
+
+    E* is that of the materials of the two plates.
+    """
+
+    beta: PositiveNumber | None = None
+    """Pressure at zero gap over E*; estimated from the surfaces where it is not given. Example: 0.5."""
+    u0: PositiveLength | None = None
+    """Change of the gap that divides the pressure by e; estimated from the surfaces where it is not given. Example: "0.2 um"."""
+    friction: Annotated[float, Quantity(ge=0)]
+    """Friction coefficient of the plates on each other. Example: 0.1."""
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Return faults that follow from which keys are given."""
+        given = [key for key in ("beta", "u0") if key in raw]
+        other = "u0" if given == ["beta"] else "beta"
+        return [((given[0],), f"needs {other} too, or neither, to estimate both from the surfaces")] if len(given) == 1 else []
+
+
 class Plates(Part):
-    """None, the lower plate, or both."""
+    """None, the lower plate, or both, and their direct contact."""
 
     lower: LowerPlate | None = None
     upper: UpperPlate | None = None
+    contact: DirectContact | None = None
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults that follow from which keys are given."""
         alone = "upper" in raw and "lower" not in raw
-        return [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
+        faults: list[Wrong] = [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
+        upper = raw.get("upper")
+        if raw.get("contact") is None:
+            return faults
+        if upper is None:
+            return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
+        if entry(upper, "support") not in (None, "rigid"):
+            faults.append((("contact",), "shares the load of one rigid plate: plates.upper.support = 'rigid'"))
+        if entry(upper, "gap") is not None:
+            faults.append((("contact",), "shares a load, and a plate at a gap has none: give plates.upper.load or pressure"))
+        return faults
 
     def moving(self) -> bool:
         """Return whether the upper plate slides."""

@@ -146,6 +146,14 @@ class FrameMaker:
         partners = contacts["partner"][contacts["partner"] >= 0]
         return np.bincount(np.concatenate([contacts["body"], partners]), minlength=self.state.n_bodies)
 
+    def _active(self, contacts: dict[str, np.ndarray]) -> float:
+        """Return the fraction of bodies that are pressed from above and from below."""
+        lift, debris = contacts["force"][:, 2], contacts["partner"] >= 0
+        bodies = np.concatenate([contacts["body"], contacts["partner"][debris]])
+        lift = np.concatenate([lift, -lift[debris]])
+        above, below = (np.bincount(bodies[on], minlength=self.state.n_bodies) > 0 for on in (lift < 0.0, lift > 0.0))
+        return float(np.mean(above & below))
+
     def _plates(self) -> dict[str, np.ndarray] | None:
         if self._corners is None:
             return None
@@ -171,20 +179,22 @@ class FrameMaker:
         upper = self.state.world.upper
         return np.nan if upper is None else float(np.array(upper.schedule.displacement_at(self.state.time)) @ self.drag[:2])
 
-    def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean force of the debris on both plates since the previous frame; at the first frame the present force."""
+    def _mean_forces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the mean force of the debris on both plates since the previous frame, and that of direct contact on the upper
+        plate; at the first frame the present forces."""
         now, A = impulses_of(self.state), self.state.A
         change, self.impulses = now - self.impulses, now
         self.interval = float(change[0])
         if change[0] <= 0.0:
-            return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy()
-        return change[1:4] / change[0], change[4:7] / change[0]
+            return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
+        return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
 
     def _series(self, states: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, Any]:
         s = self.state
-        upper, lower = self._mean_forces()
+        upper, lower, direct = self._mean_forces()
         lines = self.ledger.lines(s)
-        normal = abs(upper[2])
+        both = upper + direct
+        normal = abs(both[2])
         carry = contacts["normal_force"] != 0.0
         loaded = np.count_nonzero(self._count({name: contacts[name][carry] for name in ("body", "partner")}))
         dragged = bool(np.any(self.drag))
@@ -195,9 +205,13 @@ class FrameMaker:
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,
-            "friction_coefficient": -float(upper @ self.drag) / normal if normal > 0.0 and dragged else np.nan,
+            "friction_coefficient": -float(both @ self.drag) / normal if normal > 0.0 and dragged else np.nan,
             "loaded": loaded,
         }
+        if s.world.upper is not None:
+            series["active"] = self._active(contacts)
+        if s.world.upper is not None and s.world.upper.direct is not None:
+            series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
             series |= parts_of(accommodation(self.drag, s) if mean is None else mean)
@@ -218,9 +232,14 @@ class FrameMaker:
 
 
 def impulses_of(state: State) -> np.ndarray:
-    """Return the time [s] and the impulses of the debris on the upper and the lower plate since the start [N s], (7,)."""
+    """Return the time [s] and the impulses since the start [N s], (10,).
+
+    They are those of the debris on the upper and on the lower plate, and of direct contact on the upper one.
+    """
     A = state.A
-    return np.concatenate([[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3]])
+    return np.concatenate(
+        [[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3], A[run_totals.DIRECT_IMPULSE3]]
+    )
 
 
 def _corners(state: State) -> np.ndarray | None:

@@ -191,7 +191,8 @@ def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:
     """
     if "upper_force" not in run.series:
         return np.full(run.frames, NAN)
-    return np.nan_to_num(mu) * np.abs(run.series["upper_force"][:, 2])
+    normal = run.series["upper_force"][:, 2] + (run.series["direct_force"][:, 2] if "direct_force" in run.series else 0.0)
+    return np.nan_to_num(mu) * np.abs(normal)
 
 
 def _extremes(values: np.ndarray) -> tuple[float, float]:

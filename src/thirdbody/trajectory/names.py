@@ -18,8 +18,19 @@ SERIES = {
     "gap": Name("m", "Distance between the surfaces of the plates: that of the common plate, else the mean over the patches."),
     "upper_force": Name("N", "Force of the debris on the upper plate, x, y, z: mean over the output interval."),
     "lower_force": Name("N", "Force of the debris on the lower plate, x, y, z: mean over the output interval."),
-    "friction_coefficient": Name("1", "-(upper_force . first direction of motion) / |normal force|; NaN where nothing presses."),
+    "friction_coefficient": Name(
+        "1",
+        "-(upper_force . first direction of motion) / |normal force|; NaN where nothing presses. With `plates.contact` of "
+        "upper_force + direct_force.",
+    ),
     "loaded": Name("1", "Number of bodies that carry load."),
+    "active": Name("1", "Fraction of bodies that are pressed from above and from below; the others are idle."),
+    "direct_force": Name(
+        "N", "Force of direct contact on the upper plate, x, y, z: mean over the output interval; with `plates.contact` only."
+    ),
+    "load_share_debris": Name(
+        "1", "Part of the load that debris carries, the rest is direct contact of the plates; with `plates.contact` only."
+    ),
     "accommodation_upper_slip": Name(
         "m/s", "Part of the upper plate's speed taken up by slip at its contacts (`accommodation`)."
     ),
@@ -60,6 +71,10 @@ SERIES = {
     "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
     "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
     "energy_foundation": Name("J", "Energy of the springs of a foundation; with a foundation only."),
+    "energy_direct_elastic": Name("J", "Elastic energy of direct contact of the plates; with `plates.contact` only."),
+    "energy_direct_friction": Name(
+        "J", "Dissipated by friction of the plates on each other since the start; with `plates.contact` only."
+    ),
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),
     "energy_friction": Name("J", "Dissipated by slip since the start."),
     "energy_plate_work": Name("J", "Work of the plates since the start."),

@@ -44,6 +44,7 @@ def figures(run: Run) -> dict[str, Any]:
         result["friction_verdict"] = friction.verdict
         if run.drag.stroke:
             result |= {"cycles": friction.cycles, "energy_per_cycle": friction.energy_per_cycle}
+    result |= {name: _late_mean(run, name) for name in ("active", "load_share_debris") if name in series}
     if portions := accommodation_fractions(run):
         result["accommodation"] = portions
     if run.bed is not None:
@@ -56,3 +57,10 @@ def figures(run: Run) -> dict[str, Any]:
         result["fractions"] = dict(zip(run.state_names, fractions, strict=False))
         result |= {f"{kind}s": rows for kind, rows in states_by_group(run).items()}
     return result
+
+
+def _late_mean(run: Run, name: str) -> float:
+    """Return the mean of a series over the second half of the sliding, its last value where nothing slides."""
+    values = run.series[name]
+    frames = run.drag.second_half & np.isfinite(values)
+    return float(values[frames].mean() if frames.any() else values[-1])

@@ -15,4 +15,7 @@ SEARCH_HEIGHT = table.scalar("search_height", "m", "height at the last search fo
 SPRING = table.scalar("spring", "N/m", "stiffness of its spring to the common plate")
 NOMINAL_LOAD = table.scalar("nominal_load", "N", "load of which a schedule of loads gives the factor")
 DISPLACEMENT, DISPLACEMENT2 = table.vector("displacement", 2, "m", "displacement along x and y since the start")
+DIRECT_PREFACTOR = table.scalar("direct_prefactor", "N", "force of direct contact of the plates at zero gap; 0: none")
+DIRECT_LENGTH = table.scalar("direct_length", "m", "change of the gap that divides that force by e")
+DIRECT_FRICTION = table.scalar("direct_friction", "", "friction coefficient of direct contact")
 WIDTH = table.width

@@ -28,4 +28,7 @@ NUMERICAL_LOSS = table.scalar("numerical_loss", "J", "what the integrator itself
 MAX_DISPLACEMENT = table.scalar("max_displacement", "m", "no body is farther from where the last search saw it")
 STORED_NORMAL = table.scalar("stored_normal", "J", "energy of the normal springs of all contacts at the last observed step")
 STORED_TANGENTIAL = table.scalar("stored_tangential", "J", "the same of the tangential and rolling springs")
+DIRECT_WORK = table.scalar("direct_work", "J", "dissipated by friction of direct contact of the plates")
+DIRECT_IMPULSE, DIRECT_IMPULSE3 = table.vector("direct_impulse", 3, "N s", "impulse of direct contact on the upper plate")
+DIRECT_FORCE, DIRECT_FORCE3 = table.vector("direct_force", 3, "N", "force of direct contact on the upper plate")
 WIDTH = table.width

@@ -17,6 +17,7 @@ from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.direct_contact import max_stiffness
 from thirdbody.kernels.explicit.stiffness_matrix import (
     SAFE,
     add_stiffness,
@@ -255,12 +256,14 @@ def candidate_bound(b, sums, context, matrices, m, bounds, shortest):
 
 
 @njit(**BARE)
-def patch_bounds(P, patches):
-    """Add the springs to the stiffness of the patches, and write their stable steps."""
+def patch_bounds(P, patches, time):
+    """Add springs and direct contact to the stiffness of the patches, and write their stable steps; `time`: horizon [s]."""
     plate = P.shape[0] - 1
     for p in range(plate):
         patches[p, 0] += 2.0 * P[p, patch.SPRING] / P[p, patch.MASS]
         patches[plate, 0] += 2.0 * P[p, patch.SPRING] / P[plate, patch.MASS] * P[plate, patch.FREE]
+    if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
+        patches[plate, 0] += max_stiffness(P, plate, time) / P[plate, patch.MASS]
     for p in range(plate + 1):
         patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
 
@@ -288,7 +291,7 @@ def shortest_steps(context, horizon, stiffness, bounds, scratch):
     B, E, n, minimum, number, bodies = context.B, context.E, context.own.shape[0], scratch.minimum, bounds.number, bounds.bodies
     m = active_candidates(context, scratch)
     find_contacts(m, context, horizon, stiffness_at(stiffness), bounds.patches, scratch)
-    patch_bounds(context.P, bounds.patches)
+    patch_bounds(context.P, bounds.patches, horizon.time)
     first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
     many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
     for b in range(many):

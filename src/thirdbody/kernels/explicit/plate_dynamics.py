@@ -5,6 +5,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.columns import body_extra, patch
+from thirdbody.kernels.direct_contact import direct_force
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, value
 
 
@@ -49,13 +50,13 @@ def drift_patches(P, dt, v_x, v_y):
 
 @njit(**BARE)
 def press_patches(P, E, patch_of, push):
-    """Sum the upward forces on patches and plate, in the order of bodies and patches: of debris, of springs.
+    """Sum the upward forces on patches and plate, in the order of bodies and patches: of debris, direct contact, springs.
 
     `push`: force of all debris, sufficient for a single patch [N].
     """
     plate = P.shape[0] - 1
     if plate == 0:
-        P[0, patch.FORCE] = push
+        P[0, patch.FORCE] = push + direct_force(P, np.int64(0))
         return
     for p in range(P.shape[0]):
         P[p, patch.FORCE] = 0.0

@@ -14,6 +14,7 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, patch, run_totals
+from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_powers
@@ -73,6 +74,8 @@ def update_ledger(context, step):
         else:  # a plate of prescribed height, or none
             powers = -patch_forces(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
         book_step(ledgers[g], g, g + 1, powers, context, step)
+    if P.shape[0] == 1 and P[0, patch.DIRECT_PREFACTOR] != 0.0:
+        book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, np.int64(0), step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
 
 

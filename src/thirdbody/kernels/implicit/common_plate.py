@@ -10,6 +10,7 @@ from numba import njit, prange, types
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, patch, step_memory, step_start
+from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, active_body, context_of, make_workspace
@@ -244,3 +245,9 @@ def is_breakpoint_at(t, packed, end):
 def next_breakpoint_after(t, packed, until):
     """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
     return next_breakpoint(t, context_of(packed), until)
+
+
+@njit(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
+def book_direct(totals, P, dt, v_x, v_y, old):
+    """Add a step of direct contact to the totals of the plate, the last row of P (`direct_contact.book_direct_contact`)."""
+    book_direct_contact(totals, P, P.shape[0] - 1, Motion(dt, v_x, v_y), old)

@@ -65,7 +65,7 @@ def _bed(name: str) -> Callable[[Run, Stored], float]:
 _SERIES = {
     name: Result(entry.unit, f"Last frame: {entry.meaning}", _last(name))
     for name, entry in SERIES.items()
-    if name not in ("upper_force", "lower_force", *BED)
+    if name not in ("upper_force", "lower_force", "direct_force", *BED)
 } | {name: Result("1", f"Mean over the steady part: {SERIES[name].meaning}", _bed(name)) for name in BED}
 
 RESULTS: dict[str, Result] = _SERIES | {

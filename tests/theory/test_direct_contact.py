@@ -1,0 +1,162 @@
+"""Direct contact of the plates: Persson's exponential law, its load beside that of debris, its friction and its energies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from thirdbody.assembly.direct_contact import persson_parameters
+from thirdbody.engine.energy import Ledger
+from thirdbody.errors import InputError
+from thirdbody.kernels.columns import run_totals
+from thirdbody.laws.elasticity import e_star
+from thirdbody.scene import model
+from thirdbody.scene.tables import DirectContact
+
+SIZE, RADIUS, COUNT = 1e-4, 5e-7, 3
+AREA = SIZE * SIZE
+BETA, LENGTH, MU = 0.4, 5e-8, 0.1
+integrators = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+
+
+def plates_in_contact(make, integrator, pressure, radius=RADIUS, balls=COUNT, **keys):
+    """Soft balls between steel plates that touch each other through their asperities."""
+    debris = [make.ball(radius, (2e-5 + 3e-5 * k, 5e-5, radius)) for k in range(balls)]
+    motion = model.Motion(x=[model.ConstantVelocity(velocity=keys.pop("speed", 1.0))])
+    upper = model.UpperPlate(material="plate", pressure=pressure, motion=motion, **keys)
+    tables = {
+        "plates": model.Plates(
+            lower=model.LowerPlate(material="plate"), upper=upper, contact=DirectContact(beta=BETA, u0=LENGTH, friction=MU)
+        ),
+        "contact": model.Contact(debris_contact="none"),
+        "solver": model.Solver(distance=1e-7, integrator=integrator),
+        "domain": model.Domain(size=(SIZE, SIZE), periodic=True),
+        "output": model.Output(every=1e-8, every_kind="distance"),
+    }
+    materials = {"ball": make.solid(1e9, 0.4, 950.0), "plate": make.STEEL}
+    return make.build(make.scene(debris, materials, friction=0.3, restitution=0.6, **tables))
+
+
+def advance(simulation, distance):
+    """Settle, then slide; returns the lines of the ledger and the relative residual."""
+    ledger, state, one = Ledger(simulation.state), simulation.state, simulation.integrator
+    one.advance_to(time=simulation.settle, watch=lambda: ledger.watch(state))
+    one.advance_to(distance=distance, watch=lambda: ledger.watch(state))
+    lines = ledger.lines(state)
+    return lines, ledger.relative_residual(state, lines["residual"])
+
+
+def direct(simulation, gap):
+    """Force at a gap, from the formula."""
+    steel = simulation.choice.materials[1]
+    return BETA * e_star(steel, steel) * AREA * math.exp(-gap / LENGTH)
+
+
+def gap_and_debris(simulation, load):
+    """Gap and load on the balls: N = 4/3 E* sqrt(R) d^1.5 each, d = (2 R - gap)/2, and direct contact beside it."""
+    modulus = e_star(*simulation.choice.materials)
+    balls = lambda z: COUNT * 4.0 / 3.0 * modulus * math.sqrt(RADIUS) * max(RADIUS - 0.5 * z, 0.0) ** 1.5  # noqa: E731
+    gap = brentq(lambda z: balls(z) + direct(simulation, z) - load, RADIUS, 3.0 * RADIUS, xtol=1e-20, rtol=1e-14)
+    return gap, balls(gap)
+
+
+@integrators
+def test_the_gap_follows_the_logarithm_of_the_pressure(make, integrator):
+    """Balls far smaller than the gap touch nothing; ten times the load closes the gap by u0 ln 10."""
+    low = 1e4
+    rise = {"load": 10.0 * low * AREA, "duration": 2e-7}
+    simulation = plates_in_contact(make, integrator, low, radius=1e-7, loading=rise)
+    lines, residual = advance(simulation, 1e-6)
+    gap = float(simulation.state.patches.height[-1])
+    # the plate follows its load with a dashpot, a mass of 1e-17 kg, and has 0.8 us to come to rest
+    assert gap == pytest.approx(LENGTH * math.log(direct(simulation, 0.0) / (10.0 * low * AREA)), abs=1e-6 * LENGTH)
+    assert lines["direct_elastic"] == pytest.approx(10.0 * low * AREA * LENGTH, rel=1e-6)
+    assert residual < 1e-3
+    # friction of the plates: mu times the load, which rises linearly over the first 0.2 of 1 um
+    assert lines["direct_friction"] == pytest.approx(MU * low * AREA * (0.2 * 5.5 + 0.8 * 10.0) * 1e-6, rel=2e-3)
+    assert lines["friction"] == 0.0
+
+
+@integrators
+def test_debris_carries_less_of_a_larger_load(make, integrator):
+    fractions = []
+    for pressure in (2e3, 1e4, 2e4):
+        simulation = plates_in_contact(make, integrator, pressure)
+        lines, residual = advance(simulation, 1e-7)
+        gap, balls = gap_and_debris(simulation, pressure * AREA)
+        A = simulation.state.A
+        assert float(simulation.state.patches.height[-1]) == pytest.approx(gap, abs=1e-6 * LENGTH)
+        assert A[run_totals.UPPER_FORCE + 2] == pytest.approx(balls, rel=1e-4)
+        assert A[run_totals.UPPER_FORCE + 2] + A[run_totals.DIRECT_FORCE + 2] == pytest.approx(pressure * AREA, rel=1e-5)
+        assert A[run_totals.DIRECT_FORCE] == pytest.approx(-MU * A[run_totals.DIRECT_FORCE + 2], rel=1e-12)
+        assert lines["direct_friction"] == pytest.approx(MU * (pressure * AREA - balls) * 1e-7, rel=1e-3)
+        assert residual < 1e-3
+        fractions.append(balls / (pressure * AREA))
+    assert fractions[0] > fractions[1] > fractions[2]
+
+
+def test_a_plate_that_bounces_on_its_asperities_keeps_its_energy(make):
+    """Without a dashpot the plate falls onto the exponential force and comes back; the bound of the time step covers it."""
+    simulation = plates_in_contact(make, "explicit", 2e4, radius=1e-7, damping=0.0, loading={"load": 1e5 * AREA})
+    lines, residual = advance(simulation, 2e-7)
+    assert simulation.integrator.tightest.mechanism == "patch"
+    assert residual < 1e-3 and lines["damping"] == 0.0
+    assert lines["kinetic"] + lines["direct_elastic"] > 2e4 * AREA * LENGTH
+
+
+def self_affine(n=512, low=16.0, hurst=0.8, seed=3):
+    """Heights (n, n) of a periodic random surface without roll-off, spectrum ~ q^(-2 (1 + H)), and its sides."""
+    rng = np.random.default_rng(seed)
+    q = np.hypot(*np.meshgrid(np.fft.fftfreq(n, 1.0 / n), np.fft.fftfreq(n, 1.0 / n)))
+    size = np.where((q >= low) & (q <= n / 2.0), np.maximum(q, 1.0) ** (-1.0 - hurst), 0.0)
+    z = np.fft.ifft2(size * np.fft.fft2(rng.standard_normal((n, n)))).real
+    return z / z.std() * 1e-7, (4e-5, 4e-5)
+
+
+def test_parameters_of_a_self_affine_surface():
+    """u0 = 0.48 h_rms at H = 0.8 (Akarapu, Sharp and Robbins, PRL 106:204301): 8 % for five octaves, and for long waves that are few."""
+    z, size = self_affine()
+    beta, length = persson_parameters([z], size)
+    assert length == pytest.approx(0.48 * z.std(), rel=0.08)
+    # pressure scales with the slope, lengths with the height
+    assert persson_parameters([3.0 * z], size) == pytest.approx((3.0 * beta, 3.0 * length), rel=1e-12)
+    assert persson_parameters([z], (2.0 * size[0], 2.0 * size[1])) == pytest.approx((0.5 * beta, length), rel=1e-12)
+    assert persson_parameters([z, z], size) == pytest.approx((math.sqrt(2.0) * beta, math.sqrt(2.0) * length), rel=1e-12)
+    with pytest.raises(ValueError, match="flat"):
+        persson_parameters([np.zeros((4, 4))], size)
+
+
+def test_absent_contact_leaves_no_line(make):
+    simulation = plates_in_contact(make, "explicit", 2e3)
+    without = make.build(
+        simulation.scene.model_copy(update={"plates": simulation.scene.plates.model_copy(update={"contact": None})})
+    )
+    lines = Ledger(without.state).lines(without.state)
+    assert {name for name in Ledger(simulation.state).lines(simulation.state) if name not in lines} == {
+        "direct_elastic", "direct_friction"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("plates", "message"),
+    [
+        ({"contact": {"beta": 0.4, "friction": 0.1}}, "needs u0 too"),
+        ({"contact": {"friction": 0.1}}, "both plates are flat"),
+        ({"contact": {"beta": 0.4, "u0": "1 um", "friction": 0.1}, "gap": "20 um"}, "a plate at a gap has none"),
+        ({"contact": {"beta": 0.4, "u0": "1 um", "friction": 0.1}, "support": "load_per_particle"}, "one rigid plate"),
+        ({"contact": {"beta": 0.4, "u0": "1 um"}}, "required key is missing"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(make, plates, message):
+    scene = plates_in_contact(make, "explicit", 2e3).scene.document()
+    scene["plates"]["contact"] = plates["contact"]
+    for key in ("gap", "support"):
+        if key in plates:
+            scene["plates"]["upper"][key] = plates[key]
+    if "gap" in plates:
+        del scene["plates"]["upper"]["pressure"]
+    with pytest.raises(InputError, match=message):
+        make.build(model.Scene.of(scene))
