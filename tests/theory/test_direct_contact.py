@@ -117,7 +117,7 @@ def self_affine(n=512, low=16.0, hurst=0.8, seed=3):
 
 
 def test_parameters_of_a_self_affine_surface():
-    """u0 = 0.48 h_rms at H = 0.8 (Akarapu, Sharp and Robbins, PRL 106:204301): 8 % for five octaves, and for long waves that are few."""
+    """u0 = 0.48 h_rms at H = 0.8 (Akarapu, Sharp and Robbins, PRL 106:204301): 8 %, over five octaves."""
     z, size = self_affine()
     beta, length = persson_parameters([z], size)
     assert length == pytest.approx(0.48 * z.std(), rel=0.08)

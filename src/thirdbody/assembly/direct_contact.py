@@ -1,6 +1,6 @@
 """Direct contact of the plates of a scene: given, or estimated from the spectra of the surfaces (Persson's theory)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.errors import InputError
 from thirdbody.laws.elasticity import e_star
 from thirdbody.scene.model import Scene
+from thirdbody.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
 
@@ -24,16 +25,20 @@ FULL_CONTACT = 0.407124934634389
 """Integral of erf(x)^2 exp(-x^2)/x over all x > 0: what the transition to full contact adds."""
 
 
-def direct_contact(scene: Scene, choice: CompiledPhysics) -> DirectContact | None:
+def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str, Surface]) -> DirectContact | None:
     """Return the direct contact of the plates, None without. Raises InputError where nothing gives its parameters."""
     given, upper, lower = scene.plates.contact, scene.plates.upper, scene.plates.lower
     if given is None:
         return None
     assert upper is not None and lower is not None
-    if given.beta is None or given.u0 is None:
-        message = "needs beta and u0: both plates are flat, so nothing estimates them"
-        raise InputError(scene.fault(("plates", "contact"), message))
-    beta, length = given.beta, given.u0
+    if given.beta is not None and given.u0 is not None:
+        beta, length = given.beta, given.u0
+    else:
+        try:
+            beta, length = persson_parameters([surface.heights for surface in surfaces.values()], scene.domain.size)
+        except ValueError:
+            message = "needs beta and u0: both plates are flat, so nothing estimates them"
+            raise InputError(scene.fault(("plates", "contact"), message)) from None
     materials = dict(zip(scene.materials, choice.materials, strict=True))
     modulus = e_star(materials[lower.material], materials[upper.material])
     area = scene.domain.size[0] * scene.domain.size[1]
@@ -62,10 +67,10 @@ def persson_parameters(heights: Sequence[Array], size: tuple[float, float]) -> t
     B. N. J. Persson, PRL 99:125502 (2007), with the factor gamma + 3 (1 - gamma) P^2 of the elastic energy of Yang and Persson
     (2008). Surfaces that are not correlated: their spectra add. Raises ValueError for surfaces that are flat.
     """
+    if not any(np.ptp(z) > 0.0 for z in heights):
+        raise ValueError("flat surfaces have no spectrum")
     q, power = (np.concatenate(parts) for parts in zip(*(_spectrum(z, size) for z in heights), strict=True))
     q, power = _shells(q, power)
-    if not np.any(power > 0.0):
-        raise ValueError("flat surfaces have no spectrum")
     slopes = q * q * power
     # half of the mean squared slope up to q; a mode counts half at its own wavenumber
     w = 1.0 / np.sqrt(0.5 * np.maximum(np.cumsum(slopes) - 0.5 * slopes, 1e-300))

@@ -1,6 +1,7 @@
 """Upper plate of a scene: patches, foundation, schedule, settling time, expected overlaps."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from thirdbody.engine.upper_plate import Foundation, UpperPlate
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns.sides import ONLY_LOWER
 from thirdbody.scene.model import Scene
+from thirdbody.surfaces.surface import Surface
 
 HANDFUL = 3
 """Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
@@ -61,7 +63,9 @@ class TopSpheres:
     mass: np.ndarray
 
 
-def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings: list[str]) -> Upper:
+def upper_plate(
+    scene: Scene, choice: CompiledPhysics, placed: Placed, warnings: list[str], surfaces: Mapping[str, Surface]
+) -> Upper:
     """Return the upper plate of a scene, if any. Raises InputError for a gap that is too small or a table that is wrong."""
     plate = scene.plates.upper
     if plate is None:
@@ -76,7 +80,8 @@ def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings:
         return _at_gap(scene, tops, material, plate.gap, warnings)
     if plate.support == "load_per_particle":
         return _each_loaded(scene, choice, placed, tops, material, warnings)
-    return _rigid(scene, choice, placed, tops, material, warnings)
+    direct = direct_contact(scene, choice, surfaces)
+    return _rigid(scene, choice, placed, tops, material, warnings, direct)
 
 
 def _at_gap(scene: Scene, tops: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
@@ -118,10 +123,12 @@ def _each_loaded(
     return Upper(built, settle, max_overlap, n, max_overlap)
 
 
-def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]) -> Upper:
+def _rigid(
+    scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str],
+    direct: DirectContact | None,
+) -> Upper:  # fmt: skip
     """Return one free, parallel plate; the tallest body carries the whole load at first, or direct contact of the plates."""
     load, tallest = first_load(scene), np.array([int(np.argmax(tops.top))])
-    direct = direct_contact(scene, choice)
     mass = np.full(1, scene.plates.upper.mass or tops.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
     overlap, dashpot = _pressed(scene, choice, tops, tallest, loads, mass)
