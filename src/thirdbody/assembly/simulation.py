@@ -151,7 +151,7 @@ def build(
     requested, bed = scene, bed_of(scene, choice, placed) if debris_contact else None
     scale = speed_scale(scene, choice, bed)
     scene = at_computed_speed(scene, scale)
-    upper = upper_plate(scene, choice, placed, warnings, surfaces)
+    upper = upper_plate(scene, choice, placed, warnings, rough)
     _end_settling(scene, choice, upper)
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
