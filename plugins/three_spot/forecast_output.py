@@ -14,7 +14,20 @@ import numpy as np
 from thirdbody.plugin import CAN_SLIDE, CAN_STICK, NO_FORECAST, loaded_contact, observed_body
 
 from .forecast import forecast
-from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, is_plain, load_mean, only_plates, side_of
+from .support_geometry import (
+    ABOVE,
+    BELOW,
+    BOTH,
+    NEITHER,
+    NORMAL,
+    Array,
+    Posture,
+    helper,
+    is_plain,
+    load_mean,
+    only_plates,
+    side_of,
+)
 from .weighted_forecast import body_size, weighted_forecast
 
 FARTHEST = 1e9
@@ -25,6 +38,9 @@ NEGLIGIBLE = 0.01
 
 HEAVIEST = 1e6
 """Body force over load beyond which there is no forecast."""
+
+GENTLE = 0.01
+"""Slope of a plate over the friction coefficient that is neglected: t_min and t_max are known to about 2 %."""
 
 POINT = is_plain(loaded_contact.POINT)
 
@@ -37,6 +53,17 @@ def friction_coefficient(C: Array, n: int, sides: int) -> float:
         if C[i, loaded_contact.LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
             minimum = min(minimum, C[i, loaded_contact.FRICTION_LIMIT] / C[i, loaded_contact.LOAD])
     return minimum
+
+
+@helper
+def on_slopes(C: Array, n: int) -> bool:
+    """Return whether a plate slopes at a spot by more than `GENTLE` of its friction: the theory is that of parallel planes."""
+    for i in range(n):
+        n_x, n_y, n_z = C[i, NORMAL], C[i, NORMAL + 1], C[i, NORMAL + 2]
+        limit = GENTLE * C[i, loaded_contact.FRICTION_LIMIT] * abs(n_z)
+        if C[i, loaded_contact.LOAD] * math.hypot(n_x, n_y) > limit:
+            return True
+    return False
 
 
 @helper
@@ -89,7 +116,7 @@ def write_ratios(C: Array, n: int, required: float, low: float, high: float, out
 def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
     """`write_outlook` of a body without body forces."""
     out[first] = NO_FORECAST
-    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
+    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0 or on_slopes(C, n):
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     required, low, high = forecast(
@@ -102,7 +129,7 @@ def write_plain_outlook(C: Array, n: int, observed: Array, pose: Posture, out: A
 def write_outlook(C: Array, n: int, observed: Array, pose: Posture, out: Array, first: int) -> None:
     """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and NO_FORECAST where the theory does not apply."""
     out[first] = NO_FORECAST
-    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
+    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0 or on_slopes(C, n):
         return
     upper, lower = side_positions(C, n, ABOVE), side_positions(C, n, BELOW)
     load, wrench = upper_load(C, n), np.empty(6)

@@ -579,3 +579,17 @@ def test_extreme_numbers_stay_finite():
                 c.update_history(C, 4, b, m)
                 c.label(C, 4, b, m, out)
                 assert np.isfinite(out).all() and not np.isnan(m).any()
+
+
+@pytest.mark.parametrize(("slope", "known"), [(0.0, True), (0.002, True), (0.004, False), (1.0, False)])
+def test_on_slopes_there_is_a_label_and_no_forecast(slope, known):
+    """The forecast is that of parallel planes; a hundredth of the friction of 0.3 is neglected."""
+    size = math.hypot(1.0, slope)
+    tilted, level = (slope / size, 0.0, 1.0 / size), (0.0, 0.0, 1.0)
+    feet = [Spot(k.LOWER, (x, 0.0, -1.0), tilted if x > 0.0 else level, load=0.5) for x in (-1.0, 1.0)]
+    rig = Rig([*feet, Spot(k.UPPER, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))], View())
+    _, C = rig.table()
+    out = np.zeros(c.OUTPUTS)
+    c.label(C[:3], 3, rig.body((0.0, 0.0), DT, True), rig.m, out)
+    assert c.STATES[int(out[0])] == "sticking"
+    assert (int(out[c.label_output.FORECAST]) != k.NO_FORECAST) == known

@@ -4,11 +4,13 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.placement import spheres_of
+from thirdbody.assembly.rough_start import depth_in_lower
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
+from thirdbody.surfaces.surface import Surface
 
 _REFUSED = "solver.initial_overlap = 'refuse' ('relax' pushes bodies apart)"
 
@@ -16,10 +18,11 @@ TINY = 1e-11
 """Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
 
 
-def refuse_start(scene: Scene, placed: Placed) -> None:
+def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> None:
     """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside.
 
-    With initial_overlap = "relax" overlaps are refused for bodies bound to a plate only: the others are moved later.
+    `lower`: the surface of a rough lower plate. With initial_overlap = "relax" overlaps are refused for bodies bound to a plate
+    only: the others are moved later.
     """
     centres, radii, body = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     sides, relax = placed.sides(), scene.solver.initial_overlap == "relax"
@@ -36,11 +39,13 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
             faults.append(scene.fault(position_key(scene, placed, b), message))
     if scene.plates.lower is not None:
         excluded = (sides == ONLY_UPPER) | ((sides == EVERYTHING) & relax)
-        depth_below = np.where(excluded, -np.inf, radii - centres[:, 2])
+        depth_below = np.where(excluded, -np.inf, depth_in_lower(lower, centres, radii))
         lowest = int(np.argmax(depth_below))
         if depth_below[lowest] > 1e-9 * radii[lowest]:
             how_much = units.pretty(float(depth_below[lowest]), "length")
-            message = f"body {body[lowest]} starts {how_much} deep in the lower plate (z = 0); {_REFUSED}"
+            message = (
+                f"body {body[lowest]} starts {how_much} deep in the lower plate{' (z = 0)' if lower is None else ''}; {_REFUSED}"
+            )
             faults.append(scene.fault(position_key(scene, placed, int(body[lowest])), message))
     if faults:
         raise InputError(faults)

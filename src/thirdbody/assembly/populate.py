@@ -1,25 +1,27 @@
 """Initial bodies of a scene, from its debris tables."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.initial_checks import refuse_start
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
+from thirdbody.assembly.rough_start import lift_bodies
 from thirdbody.engine.placed import Placed
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
 from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene
+from thirdbody.surfaces.surface import Surface
 
 UNPLACED = (float("nan"),) * 3
 """Position of a body before its placement."""
 
 
-def populate(scene: Scene, warnings: list[str]) -> Placed:
+def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] | None = None) -> Placed:
     """Return all bodies of the scene, in the order of its populations. Raises InputError.
 
-    Bodies without positions in the scene are placed by `place_bodies`.
+    Bodies without positions in the scene are placed by `place_bodies`; `surfaces`: of rough plates, by side.
     """
     contexts = read_populations(scene, warnings)
     refuse_placements(scene, contexts)
@@ -42,8 +44,21 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
         angular_velocities=np.concatenate([_rows(bodies, bodies.angular_velocity, w) for bodies, (_, w) in each]),
     )
     place_bodies(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
-    refuse_start(scene, placed)
+    lower = (surfaces or {}).get("lower")
+    if lower is not None:
+        _lift(scene, placed, lower)
+    refuse_start(scene, placed, lower)
     return placed
+
+
+def _lift(scene: Scene, placed: Placed, lower: Surface) -> None:
+    """Set the bodies of a layer onto a rough lower plate, and raise what else was placed out of it."""
+    how = np.array([debris.placement_name or "given" for debris in scene.debris])[placed.populations]
+    clumps, x, q = list(placed.clumps), placed.positions, placed.quaternions
+    lift_bodies(scene, clumps, np.flatnonzero(how == "layer"), x, q, lower)
+    others = np.flatnonzero((how == "dilute") | (how == "dense"))
+    if len(others):
+        x[others, 2] += float(lower.heights.max())
 
 
 def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:

@@ -142,7 +142,7 @@ def build(
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
-    placed, relaxed = relax_start(scene, choice, populate(scene, warnings))
+    placed, relaxed = relax_start(scene, choice, populate(scene, warnings, rough))
     warnings += [relaxed.text(len(placed.clumps))] if relaxed else []
     debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
     order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))

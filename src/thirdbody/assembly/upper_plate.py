@@ -13,6 +13,7 @@ from thirdbody.assembly.load_checks import Pressing, pressing_warnings, refuse_c
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.populate import sphere_centres
+from thirdbody.assembly.rough_start import plate_heights
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.engine.placed import Placed
@@ -71,7 +72,7 @@ def upper_plate(
     if plate is None:
         return Upper(None, 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle)
     material = list(scene.materials).index(plate.material)
-    top, radius = _tops(placed)
+    top, radius = _tops(placed, surfaces.get("upper"))
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
     tops = TopSpheres(top, radius, choice.physics.kinds[placed.materials, material], masses)
     if plate.support == "foundation":
@@ -266,15 +267,19 @@ def _carrying(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: Di
     return max(1, int(np.count_nonzero(_layer_force(choice, tops, level))))
 
 
-def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height of the highest point of each body and the radius of its sphere there, (n,) [m]."""
+def _tops(placed: Placed, surface: Surface | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the height of the upper plate at which it touches each body, and the radius of the body's sphere there, (n,) [m].
+
+    `surface`: of a rough upper plate, whose height is that of its mean plane.
+    """
     centres, radii, body = sphere_centres(placed)
     touches_upper = placed.sides() != ONLY_LOWER
     centres, radii, body = centres[touches_upper], radii[touches_upper], body[touches_upper]
-    order = np.lexsort((centres[:, 2] + radii, body))
+    heights = plate_heights(surface, centres, radii)
+    order = np.lexsort((heights, body))
     last = np.append(np.flatnonzero(np.diff(body[order])), len(body) - 1)
     highest = order[last]
-    return centres[highest, 2] + radii[highest], radii[highest]
+    return heights[highest], radii[highest]
 
 
 def _settle(scene: Scene, placed: Placed, tops: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
