@@ -1,6 +1,7 @@
 """The debris of the main scene by both integrators: what a run tells at equal distances, and how far two runs agree.
 
-How far two runs can agree at all is told by a third one: explicit again, from starts that differ by `NUDGE`.
+How far two runs can agree at all is told by a third one: explicit again, from starts that differ by
+`thirdbody.studies.nudge.NUDGE`.
 """
 
 from __future__ import annotations
@@ -13,18 +14,15 @@ import numpy as np
 
 import thirdbody
 from thirdbody.bodies.layer_packing import projected_area
-from thirdbody.engine.state import refresh_spheres
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.runner.prepare import prepare
+from thirdbody.studies.nudge import nudge as displace
 
 SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"
 
 PATH, STOPS = 20e-6, 20
 """Drag, m, and the number of stops on it."""
-
-NUDGE = 1e-9
-"""Of the particle's size, and of a radian."""
 
 
 @dataclass
@@ -66,13 +64,7 @@ def dragged(scene: thirdbody.Scene, nudge: float = 0.0, path: float = PATH) -> S
     built = prepare(scene)
     state = built.state
     if nudge:
-        rng = np.random.default_rng(1)
-        shift = nudge * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
-        state.B[:, body.POSITION : body.POSITION + 2] += shift
-        q = state.bodies.quaternion
-        q += nudge * rng.standard_normal(q.shape)
-        q /= np.linalg.norm(q, axis=1)[:, None]
-        refresh_spheres(state)
+        displace(state, 1, nudge)
     built.integrator.advance_to(time=built.settle)
     started, labels, friction, centres = time.perf_counter(), [], [], []
     met = np.zeros(state.n_bodies, bool)

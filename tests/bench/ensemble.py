@@ -128,7 +128,7 @@ def spread_of(steps: np.ndarray) -> dict[str, float]:
 
 
 def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
-    """Seconds per particle for the whole way, one core; each repeat slides a fresh copy of the settled ensemble."""
+    """Processor seconds per particle for the whole way, one thread; each repeat slides a fresh copy of the settled ensemble."""
     simulation, report = settled(case)
     seconds, busy = [], []
     for _ in range(repeats):
@@ -137,9 +137,9 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
         started, used = time.perf_counter(), time.process_time()
         for stop in np.arange(1, round(case.path / case.every) + 1) * case.every:
             integrator.advance_to(distance=float(stop))
-        elapsed = time.perf_counter() - started
-        busy.append((time.process_time() - used) / elapsed)
-        seconds.append(elapsed / case.bodies * PATH / case.path)
+        spent = time.process_time() - used
+        busy.append(spent / (time.perf_counter() - started))
+        seconds.append(spent / case.bodies * PATH / case.path)
     taken = (integrator.totals[:, run_totals.STEPS] - before) * PATH / case.path
     steps = float(taken.mean())
     result = middle(seconds)
@@ -157,7 +157,7 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
 
 
 def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
-    """Seconds per particle for the whole way, one core, from `patience` seconds of it: the first part of the sliding.
+    """Processor seconds per particle for the whole way, one thread, from `patience` seconds of it: the first part of the sliding.
 
     The rest is taken to cost as much per step, with steps as long: steps needed = way / speed / mean step of the part.
     """
@@ -168,12 +168,12 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
         state = integrator.state
         time_before, steps_before = state.time, state.A[run_totals.STEPS]
         started, used = time.perf_counter(), time.process_time()
-        while time.perf_counter() - started < patience and state.distance < case.path:
+        while time.process_time() - used < patience and state.distance < case.path:
             integrator.advance_to(state.time + 100.0 * state.dt, case.path)
-        elapsed = time.perf_counter() - started
-        busy.append((time.process_time() - used) / elapsed)
+        spent = time.process_time() - used
+        busy.append(spent / (time.perf_counter() - started))
         steps, simulated = float(state.A[run_totals.STEPS] - steps_before), state.time - time_before
-        seconds.append(elapsed / steps)
+        seconds.append(spent / steps)
         shares.append(state.distance / PATH)
     step, per_step = simulated / steps, middle(seconds)
     needed = PATH / case.speed / step

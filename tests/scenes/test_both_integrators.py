@@ -8,9 +8,10 @@ runs can agree at all where particles tip.
 from __future__ import annotations
 
 import pytest
-from stories import NUDGE, SCENE, Story, agreement, dragged
+from stories import SCENE, Story, agreement, dragged
 
 import thirdbody
+from thirdbody.studies.nudge import NUDGE
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,9 @@ import argparse
 import functools
 
 import pytest
-from stories import NUDGE, Agreement, Story, agreement, dragged, layer
+from stories import Agreement, Story, agreement, dragged, layer
+
+from thirdbody.studies.nudge import NUDGE
 
 FRACTIONS = (0.15, 0.3, 0.45)
 """Of the lower plate, covered seen from above."""

@@ -69,7 +69,9 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     frames, divided by the mean size of the reference; `position_error` is divided by the sliding distance (by the gap without
     one), `rotation_error` in rad; both are medians over the bodies whose labels at the end agree, since a body that tips the
     other way carries no information on accuracy. `label_difference`: fraction of all labels, frame by frame. `dissipation_error`
-    is relative.
+    is relative. Where bodies meet, small differences grow, and only means can be compared: `mean_friction_error` over the frames,
+    relative; `mean_position_error` over the bodies, divided as `position_error`; `state_share_error`: the least fraction of all
+    labels that would have to change to make the share of each state equal.
     """
     path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
     same = _same_labels(result, reference)
@@ -85,6 +87,9 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
         "rotation_error": _median(rotation_angles(result.quaternion, reference.quaternion)[same]),
         "label_difference": label_difference(result.states, reference.states),
         "dissipation_error": _relative(result.dissipated, reference.dissipated),
+        "mean_friction_error": mean_error(result.friction, reference.friction),
+        "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / path,
+        "state_share_error": share_difference(result.states, reference.states),
     }
 
 
@@ -93,11 +98,24 @@ def rms_error(result: Array, reference: Array) -> float:
 
     NaN without any.
     """
+    a, b = _common(result, reference)
+    size = float(np.mean(np.abs(b))) if len(b) else 0.0
+    return float(np.sqrt(np.mean((a - b) ** 2))) / size if size > 0.0 else float("nan")
+
+
+def mean_error(result: Array, reference: Array) -> float:
+    """Return the difference of the means over the mean size of the reference, as in `rms_error`."""
+    a, b = _common(result, reference)
+    size = float(np.mean(np.abs(b))) if len(b) else 0.0
+    return abs(float(np.mean(a - b))) / size if size > 0.0 else float("nan")
+
+
+def _common(result: Array, reference: Array) -> tuple[Array, Array]:
+    """Return the values of the frames in which both are finite."""
     frames = min(len(result), len(reference))
     a, b = result[:frames], reference[:frames]
     known = np.isfinite(a) & np.isfinite(b)
-    size = float(np.mean(np.abs(b[known]))) if known.any() else 0.0
-    return float(np.sqrt(np.mean((a[known] - b[known]) ** 2))) / size if size > 0.0 else float("nan")
+    return a[known], b[known]
 
 
 def rotation_angles(first: Array, second: Array) -> Array:
@@ -114,6 +132,15 @@ def label_difference(result: Array | None, reference: Array | None) -> float:
         return float("nan")
     frames = min(len(result), len(reference))
     return float(np.mean(result[:frames] != reference[:frames])) if frames else float("nan")
+
+
+def share_difference(result: Array | None, reference: Array | None) -> float:
+    """Return half the sum of the differences of the shares that the states have of all labels (F, B); NaN without labels."""
+    if result is None or reference is None:
+        return float("nan")
+    frames = min(len(result), len(reference))
+    a, b = (np.bincount(labels[:frames].ravel().astype(int), minlength=256) for labels in (result, reference))
+    return 0.5 * float(np.abs(a / max(a.sum(), 1) - b / max(b.sum(), 1)).sum()) if frames else float("nan")
 
 
 def _same_labels(result: Outcome, reference: Outcome) -> Array:

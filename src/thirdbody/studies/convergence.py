@@ -69,8 +69,13 @@ def _series(built: Study, what: str, names: list[str], sizes: list[float], rows:
     assert limit.outcome is not None
     result = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
     fitted = falling(result)
-    slope = order(sizes[:fitted], [e if e > FLOOR else math.nan for e in result[:fitted]])
+    slope = order(sizes[:fitted], [e if e > _floor(built) else math.nan for e in result[:fitted]])
     return {"what": what, "against": limit.variant.name, "sizes": names, "errors": result, "order": slope, "fitted": fitted}
+
+
+def _floor(built: Study) -> float:
+    """Return the largest error that defines no order: rounding, which grows where bodies meet."""
+    return max(FLOOR, built.spread.get(figure_of_merit(built), 0.0))
 
 
 def falling(result: list[float]) -> int:
@@ -99,7 +104,7 @@ def reference_error(built: Study) -> float:
     r = min((size for size in sizes if size > 1.0), default=math.nan)
     second = next((error for size, error in sizes.items() if math.isclose(size, r * r, rel_tol=0.01)), math.nan)
     first = sizes.get(r, math.nan)
-    growth = second / first if first > FLOOR else math.nan
+    growth = second / first if first > _floor(built) else math.nan
     return first / (growth - 2.0) if growth > SLOWEST else math.nan
 
 

@@ -1,9 +1,10 @@
 """Cost of accuracy: variants of one scene, each run in a separate process and compared with the finest of them."""
 
+import itertools
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ Log = Callable[[str], None]
 class Study:
     """Completed study, with the scene that was computed.
 
-    `alone`: bodies of the scene meet, those of the computed copy do not; `budget`, `elapsed`: of the whole study [s].
+    `spread`: largest errors of runs against each other whose starts differ by 1e-9, empty where bodies do not meet: smaller
+    errors mean nothing; `budget`, `elapsed`: of the whole study [s].
     """
 
     scene: str
@@ -38,7 +40,7 @@ class Study:
     reduction: list[str]
     machine: dict[str, Any]
     rows: list[Row]
-    alone: bool = False
+    spread: Mapping[str, float] = field(default_factory=dict)
     budget: float = BUDGET
     elapsed: float = math.nan
 
@@ -75,7 +77,7 @@ def study(
         runs = VariantRuns(worker, folder, plugins, setup.base, setup.costs, setup.overheads, clock, log)
         rows = runs.rows(setup.variants, repeats)
     _one_pace(rows)
-    built = Study(str(path), scene.title, setup.reduction, machine(), rows, setup.alone, budget)
+    built = Study(str(path), scene.title, setup.reduction, machine(), rows, budget=budget)
     compute_errors(built)
     return built
 
@@ -89,7 +91,7 @@ def _one_pace(rows: Sequence[Row]) -> None:
 
 
 def compute_errors(built: Study) -> None:
-    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed."""
+    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed; the spread."""
     rows = built.rows
     if not rows[-1].stable:
         whole = [row for row in rows if row.stable and row.variant.axis == "law"]
@@ -102,12 +104,35 @@ def compute_errors(built: Study) -> None:
     for row in rows:
         if row.outcome is not None:
             row.errors = errors(row.outcome, reference)
+    same = [row.outcome for row in rows if (row.variant.default or row.variant.axis == "nudged") and row.stable]
+    pairs = [errors(a, b) for a, b in itertools.combinations([outcome for outcome in same if outcome is not None], 2)]
+    built.spread = {name: max(pair[name] for pair in pairs) for name in ERRORS} if pairs else {}
+
+
+def is_chaotic(built: Study) -> bool:
+    """Return whether runs whose starts differ by 1e-9 part further than a recommended variant may be wrong."""
+    return built.spread.get("friction_error", 0.0) > GOOD or built.spread.get("label_difference", 0.0) > SAME
 
 
 def figure_of_merit(built: Study) -> str:
-    """Return the error on the axis of the front: friction, or the load (gap) of a scene without a drag."""
+    """Return the error on the axis of the front: friction, or the load (gap) of a scene without a drag.
+
+    Where runs part, that of the mean friction.
+    """
     known = [row.errors.get("friction_error", math.nan) for row in built.rows if row.stable]
-    return "friction_error" if any(math.isfinite(x) for x in known) else "load_error"
+    if not any(math.isfinite(x) for x in known):
+        return "load_error"
+    return "mean_friction_error" if is_chaotic(built) else "friction_error"
+
+
+def merit_in_words(built: Study) -> str:
+    """Return the name of `figure_of_merit` in sentences."""
+    return {"friction_error": "friction", "mean_friction_error": "mean friction", "load_error": "load"}[figure_of_merit(built)]
+
+
+def significant_error(built: Study, row: Row, merit: str) -> float:
+    """Return an error of a variant, at least the spread of runs from starts 1e-9 apart: smaller ones are equal."""
+    return max(row.errors[merit], built.spread.get(merit, 0.0))
 
 
 def efficient(built: Study) -> list[Row]:
@@ -118,13 +143,13 @@ def efficient(built: Study) -> list[Row]:
     """
     merit = figure_of_merit(built)
     rows = [row for row in built.rows if row.stable and is_choice(row) and math.isfinite(row.errors[merit])]
-    saved = [row for row in rows if row is built.reference or not any(_beaten(row, other, merit) for other in rows)]
+    saved = [row for row in rows if row is built.reference or not any(_beaten(built, row, other, merit) for other in rows)]
     return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
 
 
-def _beaten(row: Row, other: Row, merit: str) -> bool:
+def _beaten(built: Study, row: Row, other: Row, merit: str) -> bool:
     """Return whether another variant is more accurate and not significantly slower, or as accurate and faster."""
-    error, better = row.errors[merit], other.errors[merit]
+    error, better = significant_error(built, row, merit), significant_error(built, other, merit)
     if better == error:
         return (other.seconds, id(other)) < (row.seconds, id(row))
     return better < error and not slower(other.timing, row.timing)
@@ -132,7 +157,7 @@ def _beaten(row: Row, other: Row, merit: str) -> bool:
 
 def is_choice(row: Row) -> bool:
     """Return whether a variant may be recommended: those that only measure an error are not."""
-    return row.variant.axis != "verify" and row.variant.speed >= 1.0
+    return row.variant.axis not in ("verify", "nudged", "meeting") and row.variant.speed >= 1.0
 
 
 def speed_error(built: Study) -> tuple[float, float]:
@@ -149,43 +174,35 @@ def speed_error(built: Study) -> tuple[float, float]:
     return slower.variant.speed, errors(own.outcome, slower.outcome)[figure_of_merit(built)]
 
 
-def possible(built: Study, row: Row) -> bool:
-    """Return whether the scene itself costs as much: with the implicit integrator bodies that meet cost more."""
-    return not (built.alone and row.integrator == "implicit")
-
-
 def recommended(built: Study) -> tuple[Row, str]:
     """Return the recommended variant, and the reason in words.
 
     The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one of
     the front. Times within their spread are equal: of such variants the scene's own is preferred, else the most accurate one.
-    Variants with which the scene itself cannot be computed are reported separately.
+    Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the shares of the states decide, and errors
+    below that spread are equal. A run whose bodies do not meet is reported separately.
     """
     merit = figure_of_merit(built)
-    fit = Study(built.scene, built.title, [], {}, [row for row in built.rows if possible(built, row)])
-    rows = [row for row in efficient(fit) if not row.variant.reference] or [built.reference]
-    good = [row for row in fit.rows if row.stable and is_choice(row) and not row.variant.reference and _good(row, merit)]
+    rows = [row for row in efficient(built) if not row.variant.reference] or [built.reference]
+    good = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference and _good(built, row)]
     ties = _ties(good)
     default = built.default
-    row = _best_of(ties, merit, default) if good else rows[-1]
+    row = _best_of(built, ties) if good else rows[-1]
     own = ", the variant of the scene," if row is default else ""
-    what = "friction" if merit == "friction_error" else "load"
-    words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {what} error"]
+    words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
         words.append(f" at {_ratio(row, default)} `{default.variant.name}` ({percent(default.errors[merit])})")
-    words.append(_of_labels(row))
+    words.append(_of_labels(built, row))
     others = [other.variant.name for other in ties if other is not row]
     if good and others:
         words.append(f"; {_listed(others)} take{'s' if len(others) == 1 else ''} the same time within the spread")
     if not good:
         words.append("; no variant is within 1 % in both: bodies that tip make the rest")
-    faster = _best_of(_ties([other for other in built.rows if other.stable and not possible(built, other) and _good(other,
-                                                                                            merit)]),
-                    merit, None)  # fmt: skip
-    if faster is not None and slower(row.timing, faster.timing):
-        words.append(f"; if bodies need not see each other (contact.debris_contact = \"none\"), `{faster.variant.name}` gives "
-                     f"{percent(faster.errors[merit])} in {faster.seconds / row.seconds:.2g} times that time"
-                     f"{_of_labels(faster)}")  # fmt: skip
+    alone = next((other for other in built.rows if other.variant.axis == "meeting" and other.stable), None)
+    if alone is not None and default is not None and default.stable:
+        words.append(f"; without contact between bodies (contact.debris_contact = \"none\") {merit_in_words(built)} is off by "
+                     f"{percent(alone.errors[merit])}, in {alone.seconds / default.seconds:.2g} times the time of "
+                     f"`{default.variant.name}`{_of_labels(built, alone)}")  # fmt: skip
     return row, "".join(words)
 
 
@@ -197,9 +214,11 @@ def _ties(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if not slower(row.timing, first.timing)]
 
 
-def _best_of(rows: Sequence[Row], merit: str, default: Row | None) -> Any:
-    """Return, of variants of equal time, the scene's own, else the most accurate one; None for none."""
-    return next((row for row in rows if row is default), min(rows, key=lambda row: row.errors[merit], default=None))
+def _best_of(built: Study, rows: Sequence[Row]) -> Row:
+    """Return, of variants of equal time, the scene's own, else the most accurate one, of equally accurate ones the fastest."""
+    merit = figure_of_merit(built)
+    own = next((row for row in rows if row is built.default), None)
+    return own or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
 
 
 def _ratio(row: Row, default: Row) -> str:
@@ -213,15 +232,19 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
 
-def _good(row: Row, merit: str) -> bool:
-    return row.errors[merit] <= GOOD and not row.errors["label_difference"] > SAME
+def _good(built: Study, row: Row) -> bool:
+    merit, labels = figure_of_merit(built), "state_share_error" if is_chaotic(built) else "label_difference"
+    limits = max(GOOD, built.spread.get(merit, 0.0)), max(SAME, built.spread.get(labels, 0.0))
+    return row.errors[merit] <= limits[0] and not row.errors[labels] > limits[1]
 
 
-def _of_labels(row: Row) -> str:
-    labels = row.errors["label_difference"]
+def _of_labels(built: Study, row: Row) -> str:
+    labels, apart = row.errors["label_difference"], built.spread.get("label_difference", 0.0)
     if math.isnan(labels):
         return ""
-    return "; no label changes" if labels == 0.0 else f"; {percent(labels)} of the labels differ"
+    if labels == 0.0:
+        return "; no label changes"
+    return f"; {percent(labels)} of the labels differ" + (f" ({percent(apart)} from starts 1e-9 apart)" if apart > 0.0 else "")
 
 
 def percent(fraction: float) -> str:
@@ -239,7 +262,7 @@ def as_json(built: Study) -> dict[str, Any]:
         "title": built.title,
         "machine": built.machine,
         "reduction": built.reduction,
-        "apart": built.alone,
+        "spread": dict(built.spread),
         "budget_s": built.budget,
         "took_s": built.elapsed,
         "reference": built.reference.variant.name,
@@ -276,4 +299,5 @@ def as_json(built: Study) -> dict[str, Any]:
     }
 
 
-ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error")
+ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
+          "mean_friction_error", "mean_position_error", "state_share_error")  # fmt: skip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.palette import LINE_COLORS
 from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_table import speed_words, stopped
+from thirdbody.studies.cost_table import speed_words, spread_words, stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +21,7 @@ AXES = {  # axis of the study: label, colour, marker; shapes distinguish them wi
     "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
     "speed": ("speed of the plate", LINE_COLORS["sky"], "P"),
     "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
+    "meeting": ("bodies that do not meet", LINE_COLORS["black"], "X"),
 }
 INK, SOFT = "#222222", "#5A626C"
 NOTHING = 1e-12
@@ -56,10 +57,11 @@ def picture(built: Study) -> Figure:
     ringed = _marks(axes, built, points, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
     _names(axes, rows, points, front, ringed)
-    what = "friction curve" if merit == "friction_error" else "load or gap"
+    what = {"friction_error": "friction curve", "mean_friction_error": "mean friction", "load_error": "load or gap"}[merit]
+    how = "relative" if merit == "mean_friction_error" else "rms over the mean"
     axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
                     fontsize=9)  # fmt: skip
-    axes.set_ylabel(f"error of the {what} (rms over the mean)", fontsize=9)
+    axes.set_ylabel(f"error of the {what} ({how})", fontsize=9)
     axes.tick_params(which="both", labelsize=8)
     _texts(figure, axes, built)
     return figure
@@ -110,6 +112,9 @@ def _marks(axes: Any, built: Study, points: dict[int, tuple[float, float]], meri
             axes.plot(*points[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
             ringed.add(id(row))
+    if (apart := built.spread.get(merit, 0.0)) > NOTHING:
+        label = "runs from starts 1e-9 apart differ by this"
+        axes.axhspan(0.0, apart, color=SOFT, alpha=0.15, linewidth=0.0, zorder=0, label=label)
     x, y = points[id(reference)]
     own = reference_error(built)
     unknown = math.isnan(own)
@@ -187,13 +192,10 @@ _AROUND = [
 def _texts(figure: Any, axes: Any, built: Study) -> None:
     report = built.machine
     failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(built).items()]
-    alone = ["No two bodies of this copy meet; with the implicit integrator those of the whole scene that meet cost more."
-             ] if built.alone else []  # fmt: skip
     lines = [
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
         f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",
-        *alone,
-        *filter(None, [speed_words(built).capitalize()]),
+        *(words[0].upper() + words[1:] + "." for words in (spread_words(built), speed_words(built)) if words),
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))

@@ -15,12 +15,16 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.cost import percent
 from thirdbody.studies.machine_info import machine
+from thirdbody.studies.nudge import NUDGE
 from thirdbody.studies.reduced_scene import reduce_scene
 from thirdbody.studies.study_setup import save
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE, in_process
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
+
+APART = f"starts {NUDGE:g} apart: smaller changes mean nothing"
+"""What the first row tells where bodies meet."""
 
 TRIED: Mapping[str, tuple[str, Any, str]] = {
     "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
@@ -39,10 +43,13 @@ def effects_study(
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     log("building the scene and estimating its time")
-    scene, built, reduction = reduce_scene(scene, plugins, SECONDS, keep_contacts=True)
+    scene, built, reduction = reduce_scene(scene, plugins, SECONDS)
     save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
+    if built.state.world.debris_meets:
+        log(f"none: {APART}")
+        rows.append(_compared(folder, "none", APART, {"solver.integrator": built.plan.kind}, plugins, repeats, nudge=1))
     for name, what, changes in candidates(scene, built, plugins, left_out):
         log(f"{name}: {what}")
         rows.append(_compared(folder, name, what, changes, plugins, repeats))
@@ -76,10 +83,10 @@ def candidates(
 
 
 def _compared(
-    folder: Path, name: str, what: str, changes: dict[str, Any], plugins: Sequence[str | Path], repeats: int
+    folder: Path, name: str, what: str, changes: dict[str, Any], plugins: Sequence[str | Path], repeats: int, nudge: int = 0
 ) -> dict[str, Any]:
     folder_of_runs = folder / RUNS / name.replace(" ", "_")
-    own, other = in_process(folder / SCENE_FILE, folder_of_runs, [{}, changes], plugins, max(repeats, 5))
+    own, other = in_process(folder / SCENE_FILE, folder_of_runs, [{}, changes], plugins, max(repeats, 5), nudge)
     ratios = sorted(b / a for a, b in zip(own["cpu"], other["cpu"], strict=False) if a > 0.0)
     row: dict[str, Any] = {"effect": name, "what": what, "ratios": ratios, "stable": other["stable"], "message": other["message"]}
     if ratios and other["stable"] and own["stable"]:

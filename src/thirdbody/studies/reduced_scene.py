@@ -13,8 +13,8 @@ from thirdbody.scene.model import Scene
 SECONDS = 0.75
 """Initial limit of the integration time of a copy with the scene's settings [s]; the measured cost then decides."""
 
-FEWEST = 16
-"""Least number of bodies left: fewer give poor statistics of states."""
+FEWEST, FEWEST_THAT_MEET = 16, 50
+"""Least number of bodies left: fewer give poor statistics of states, or, where they meet, meet images of their neighbours."""
 
 FRAMES = 20
 """Least number of outputs left."""
@@ -28,22 +28,9 @@ BESIDE = 0.5
 CLOSE = 0.8
 """Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
 
-WIDER = 8.0
-"""Factor on the sides of the domain of a thinned copy.
 
-Of 40 bodies at random where 2000 cover a fifth, two come near each other in one copy of thirty; in the same domain two pairs did
-in each.
-"""
-
-
-def reduce_scene(
-    scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS, keep_contacts: bool = False
-) -> tuple[Scene, Simulation, list[str]]:
-    """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions.
-
-    A thinned copy has its bodies apart, so that its variants measure accuracy and not which of two bodies tips first when they
-    collide; with `keep_contacts` they stay as close to each other as they were.
-    """
+def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS) -> tuple[Scene, Simulation, list[str]]:
+    """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions."""
     from thirdbody.runner.prepare import prepare, set_threads
 
     set_threads(1)
@@ -51,7 +38,8 @@ def reduce_scene(
     for step in ("thin", "shorten"):
         fraction = maximum / seconds_of(built)
         if step == "thin":
-            changes, words = thin(scene, built.state.n_bodies, fraction, keep_contacts and built.state.world.debris_meets)
+            fewest = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST
+            changes, words = thin(scene, built.state.n_bodies, fraction, fewest)
         else:
             changes, words = shorten(built, fraction)
         if changes:
@@ -72,25 +60,24 @@ def seconds_of(built: Simulation) -> float:
     return math.inf if math.isnan(message) else max(message * busy, 1e-9)
 
 
-def thin(scene: Scene, bodies: int, fraction: float, keep_contacts: bool = False) -> tuple[dict[str, Any], list[str]]:
+def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> tuple[dict[str, Any], list[str]]:
     """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted, and their description.
 
     They can where each carries a separate load or the gap is prescribed, and where they are drawn at random on one layer. The
-    domain gets wider, or, with `keep_contacts`, smaller such that the bodies stay as close as they are.
+    domain gets smaller such that the bodies stay as close as they are.
     """
     upper = scene.plates.upper
     alone = upper is None or upper.support == "load_per_particle" or upper.gap is not None
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") == "layer" for debris in scene.debris)
-    if fraction >= 1.0 or bodies <= FEWEST or not alone or not drawn:
+    if fraction >= 1.0 or bodies <= fewest or not alone or not drawn:
         return {}, []
-    retained = max(FEWEST / bodies, fraction)
+    retained = max(fewest / bodies, fraction)
     counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
     left = sum(counts.values())
     changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
     near = math.sqrt(left / bodies)
-    times, words = (near, "as close as they were") if keep_contacts else (WIDER, "in a domain so wide that they are apart")
-    changes["domain.size"] = [units.format_si(times * side, "length") for side in scene.domain.size]
-    return changes, [f"{left} of {bodies} bodies, {words}"]
+    changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
+    return changes, [f"{left} of {bodies} bodies, as close as they were"]
 
 
 def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[str]]:

@@ -33,14 +33,12 @@ SAME = 0.1
 class StudySetup:
     """Plan of a study.
 
-    `reduction`: what the copy omits, in words; `alone`: bodies of the scene may meet, those of the copy are apart; `costs`,
-    `overheads`: expected times of its variants.
+    `reduction`: what the copy omits, in words; `costs`, `overheads`: expected times of its variants.
     """
 
     base: Base
     variants: list[Variant]
     reduction: list[str]
-    alone: bool
     costs: Costs
     overheads: Overheads
 
@@ -64,7 +62,7 @@ def prepare_study(
         log("starting the worker")
         worker.start(budget.end(1.0))
         log("building the scene and estimating its time")
-        base, variants, reduction, alone = maker.build(part * SECONDS, verify)
+        base, variants, reduction = maker.build(part * SECONDS, verify)
         log("timing the costliest variants")
         costs, overheads = measure_costs(
             worker, variants, base, source.folder, source.plugins, part * PROBE, budget.end(worker.pace)
@@ -75,12 +73,12 @@ def prepare_study(
         fraction = fitting(variants, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
         if abs(fraction - 1.0) >= SAME and reduction:
             log(f"a copy {fraction:.2g} times as costly")
-            base, variants, reduction, alone = maker.build(fraction * part * SECONDS, verify)
+            base, variants, reduction = maker.build(fraction * part * SECONDS, verify)
             costs = replace(costs, scale=fraction)
     except Overdue:
         why = "it was over before the scene was built and its costliest variants were timed; what was compiled till then is kept"
         raise budget.refuse(why, budget.spent()) from None
-    return StudySetup(base, variants, reduction, alone, costs, overheads)
+    return StudySetup(base, variants, reduction, costs, overheads)
 
 
 @dataclass(frozen=True)
@@ -92,10 +90,10 @@ class _Maker:
     few: bool
     budget: Budget
 
-    def build(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str], bool]:
+    def build(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str]]:
         """Return a saved copy that integrates in `maximum` seconds with the scene's settings.
 
-        Its base, its variants, its omissions, `alone`. Raises Overdue, and ThirdbodyError for a scene that cannot be built.
+        Its base, its variants, its omissions. Raises Overdue, and ThirdbodyError for a scene that cannot be built.
         """
         from thirdbody.laws.registry import discover
 
@@ -113,7 +111,7 @@ class _Maker:
             base = replace(base, step=self._smallest_step(base.step, until))
             reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
         family = discover(tuple(source.plugins)).families[copy.contact.law]
-        return base, variants_of(copy, family, base, verify), reduction, report["alone"]
+        return base, variants_of(copy, family, base, verify), reduction
 
     def _smallest_step(self, first: float, until: float) -> float:
         """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
@@ -141,11 +139,10 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
     scene = scene.with_settings({"solver.rate_test": None}) if scene.solver.rate_test is not None else scene
     copy, built, reduction = reduce_scene(scene, plugins, maximum)
     changes, words = coarsened(copy, built) if few else ({}, [])
-    alone = copy.domain.size != scene.domain.size and bool(built.state.world.debris_meets)
     base = base_of(copy, built, plugins)
-    base = replace(base, sheared_bed=is_bed(built) and scene.plates.moving() and not alone)
+    base = replace(base, sheared_bed=is_bed(built) and scene.plates.moving(), meets=bool(built.state.world.debris_meets))
     save(copy.with_settings(changes) if changes else copy, folder)
-    return {"base": vars(base), "reduction": [*reduction, *words], "alone": alone}
+    return {"base": vars(base), "reduction": [*reduction, *words]}
 
 
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:

@@ -10,7 +10,7 @@ from thirdbody.quantity import duration
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.time_budget import LONG, Budget, Costs, Overheads, repeats_of
 from thirdbody.studies.variant_result import Row
-from thirdbody.studies.variants import Base, Variant
+from thirdbody.studies.variants import UNTIMED, Base, Variant
 from thirdbody.studies.worker import BATCH, ENOUGH
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE, Overdue, Worker, request
 
@@ -84,7 +84,7 @@ class VariantRuns:
     def _repeat(self, rows: Sequence[Row], repeats: int) -> None:
         """Time variants alternately, until each is known well or no time is left. Those needed for errors only are not timed."""
         own = next((row for row in rows if row.variant.default), None)
-        going = [row for row in rows if row.variant.axis not in ("verify", "reference") and row is not own]
+        going = [row for row in rows if row.variant.axis not in UNTIMED and row is not own]
         again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in [*going, *([own] if own else [])]}
         costs = {id(row): self._one_timing(row) for row in rows}
         for _ in range(ROUNDS):
@@ -123,7 +123,8 @@ class VariantRuns:
         row.beside = row.beside if paired else []
 
     def _job(self, variant: Variant, name: str) -> dict[str, Any]:
-        return request(self.folder / SCENE_FILE, self.folder / RUNS / name, variant.changes, self.plugins)
+        folders = self.folder / SCENE_FILE, self.folder / RUNS / name
+        return request(*folders, variant.changes, self.plugins, nudge=variant.nudge)
 
     def _left(self) -> float:
         """Return the seconds until the deadline of the last variant."""
@@ -136,7 +137,7 @@ class VariantRuns:
 
     def _round(self, rows: Sequence[Row]) -> float:
         """Return the wall seconds of timing these variants once more."""
-        return sum(self._one_timing(row) for row in rows if row.variant.axis not in ("verify", "reference"))
+        return sum(self._one_timing(row) for row in rows if row.variant.axis not in UNTIMED)
 
     def _one_timing(self, row: Row) -> float:
         seconds = row.cpu[0] if row.cpu else self.costs.of(row.variant, self.base)
@@ -154,12 +155,14 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
 
 
 def _rank(variant: Variant, number: int, count: int) -> int:
-    """Return the rank in the order of runs: own variant of the scene, reference, finest law at the same step, others."""
+    """Return the rank in the order of runs: own variant of the scene, reference, displaced starts, others in their order."""
     if variant.default:
         return 0
     if variant.reference:
         return 1
-    return number + 1 + (count if variant.axis == "verify" else 0)
+    if variant.axis == "nudged":
+        return 2
+    return number + 2 + (count if variant.axis == "verify" else 0)
 
 
 def _code(variant: Variant) -> tuple[Any, ...]:

@@ -9,6 +9,7 @@ from thirdbody.laws.contract import LawFamily
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed_scale import at_speed
 from thirdbody.scene.tables import IMPLICIT_KEYS
+from thirdbody.studies.nudge import NUDGE
 
 SPRINGS = (8, 16, 32, 64, 128)
 """Springs of a level that has that option."""
@@ -24,6 +25,12 @@ FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
 
 SPEEDS = (9.0, 3.0, 1.0 / 3.0)
 """Factors on the speed of the upper plate of a bed; the slower one tells what the scene's own speed costs in accuracy."""
+
+NUDGED = 2
+"""Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part."""
+
+UNTIMED = ("verify", "reference", "nudged")
+"""Axes of the variants that are only run, for errors."""
 
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
 """The same for the integrator that the scene does not use; 1 leaves it to its default."""
@@ -45,8 +52,8 @@ class Base:
     """Settings of the scene itself.
 
     `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step of the explicit integrator [s],
-    the smallest automatic one; `tolerance` of the implicit one; `sheared_bed`: bodies meet each other
-    under a plate that moves.
+    the smallest automatic one; `tolerance` of the implicit one; `meets`: bodies have contact with each other; `sheared_bed`: the
+    same in the explicit integrator, under a plate that moves.
     """
 
     kind: str
@@ -55,13 +62,15 @@ class Base:
     step: float
     tolerance: float
     sheared_bed: bool = False
+    meets: bool = False
 
 
 @dataclass(frozen=True)
 class Variant:
     """Variant of the scene. `changes`: keys of the scene and their new values, None to remove the key.
 
-    `factor`: on the step or the tolerance; `speed`: on the speed of the upper plate.
+    `factor`: on the step or the tolerance; `speed`: on the speed of the upper plate; `nudge`: number of the displacement of its
+    bodies at the start (`nudge`), 0 for none.
     """
 
     name: str
@@ -74,12 +83,14 @@ class Variant:
     reference: bool = False
     changes: Mapping[str, Any] = field(default_factory=dict)
     speed: float = 1.0
+    nudge: int = 0
 
 
 def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Variant]:
     """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
 
-    Beds are sheared at other speeds too, over the same distances and with the scene's own law and step.
+    Beds are sheared at other speeds too, over the same distances and with the scene's own law and step. Where bodies meet, the
+    scene is also run with its own settings from displaced starts (axis `nudged`), and without contact between bodies.
 
     The levels of a family go from the coarsest to the finest, in its own order. Explicit variants have a fixed time step, since
     an automatic one depends on the contacts: laws would differ by their steps too, and a body that rocks into position while it
@@ -103,11 +114,19 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
     variants += [variant("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
     variants += [variant("integrator", own, other, factor) for factor in AROUND[other]]
     variants += _speeds(variant("speed", own, base.kind), scene) if base.sheared_bed else []
+    variants += _of_meeting(variant("nudged", own, base.kind)) if base.meets else []
     if own != finest:
         variants += [variant("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     if verify:
         variants += [variant("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
     return [*variants, variant("reference", finest, base.kind, minimum)]
+
+
+def _of_meeting(own: Variant) -> list[Variant]:
+    """Return a variant from displaced starts, and without contact between bodies."""
+    starts = [replace(own, name=f"{own.name}, start {NUDGE:g} apart ({number})", nudge=number) for number in range(1, NUDGED + 1)]
+    changes = {**own.changes, "contact.debris_contact": "none"}
+    return [*starts, replace(own, axis="meeting", name=f"{own.name}, bodies do not meet", changes=changes)]
 
 
 def _speeds(own: Variant, scene: Scene) -> list[Variant]:

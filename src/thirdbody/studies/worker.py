@@ -1,12 +1,12 @@
 """Computes variants in a separate process (`worker_process.Worker`): requests and answers are lines of JSON.
 
-A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` ([s] of
-one core for one run). `make` saves a smaller copy of the scene in the folder; `run` compiles the variant by a run that ends at
-once and then runs it into its folder; `time` integrates it again. Only the integration from stop to stop is timed
-(`stopwatch.bare`): neither compiling, nor building the scene, nor the work at an output, which is the same for all. One thread
-computes, so its processor seconds are reported along with the wall seconds: on an idle machine they are equal, on a busy one they
-still measure the cost of a variant. All variants of a study are computed alternately by one process, so that a temporary
-disturbance of the machine affects all of them.
+A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run, the `limit` ([s] of
+one core for one run) and the number of a displacement of the start (`nudge`), 0 for none. `make` saves a smaller copy of the
+scene in the folder; `run` compiles the variant by a run that ends at once and then runs it into its folder; `time` integrates it
+again. Only the integration from stop to stop is timed (`stopwatch.bare`): neither compiling, nor building the scene, nor the work
+at an output, which is the same for all. One thread computes, so its processor seconds are reported along with the wall seconds:
+on an idle machine they are equal, on a busy one they still measure the cost of a variant. All variants of a study are computed
+alternately by one process, so that a temporary disturbance of the machine affects all of them.
 """
 
 import json
@@ -21,6 +21,7 @@ from typing import Any
 
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError
 from thirdbody.scene.model import Scene
+from thirdbody.studies.nudge import nudge
 from thirdbody.studies.stopwatch import Late, attach, bare
 
 BATCH, ENOUGH = 9, 0.1
@@ -30,8 +31,10 @@ The first runs find the processor's caches cold, which is not part of their cost
 """
 
 
-def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
-    """Run a variant into a folder; return seconds of integration, its step, how it ended, and the fraction `done`.
+def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float, displacement: int = 0) -> dict[str, Any]:
+    """Run a variant into a folder, from a displaced start if that has a number.
+
+    Return the seconds of integration, its step, how it ended, and the fraction `done`.
 
     Raises ThirdbodyError for a scene that cannot be built.
     """
@@ -40,6 +43,8 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) 
     from thirdbody.runner.simulate import execute
 
     built = prepare(scene, plugins)
+    if displacement:
+        nudge(built.state, displacement)
     clock, message = attach(built.integrator), ""
     end = time.process_time() + limit
     try:
@@ -91,7 +96,7 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
             folder.parent.mkdir(parents=True, exist_ok=True)
             timed_run(scene, folder, request["plugins"], 0.0)
             result["compile_s"] = time.process_time() - began
-            result |= timed_run(scene, folder, request["plugins"], limit)
+            result |= timed_run(scene, folder, request["plugins"], limit, request["nudge"])
     except Late:
         result |= {"stable": False, "message": f"given up after {limit:.3g} s of one core"}
     except ThirdbodyError as error:

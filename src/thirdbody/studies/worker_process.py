@@ -117,11 +117,16 @@ class Worker:
 
 
 def in_process(
-    scene: Path, folder: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int
+    scene: Path, folder: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
+    nudge: int = 0,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Run the variants of a scene, then time them alternately, in a separate process; return the results (see `worker`)."""
+    """Run the variants of a scene, then time them alternately, in a separate process; return the results (see `worker`).
+
+    The start of the last one is displaced by the number `nudge`, 0 for none.
+    """
     with Worker() as worker:
         jobs = [request(scene, folder / str(k), changes, plugins, LIMIT) for k, changes in enumerate(variants)]
+        jobs[-1]["nudge"] = nudge
         result = [worker.request({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
         for report in (report for report in result if report["stable"] and report["cpu_s"] > LONG):
             report["wall"].append(report["wall_s"])
@@ -145,8 +150,8 @@ LONG = 2.0
 
 
 def request(
-    scene: Path, folder: Path, changes: Mapping[str, Any], plugins: Sequence[str | Path], limit: float = LIMIT
+    scene: Path, folder: Path, changes: Mapping[str, Any], plugins: Sequence[str | Path], limit: float = LIMIT, nudge: int = 0
 ) -> dict[str, Any]:
-    """Return the request to a worker for one variant."""
+    """Return the request to a worker for one variant, from a start displaced by that number (`nudge`), 0 for none."""
     return {"scene": str(scene), "folder": str(folder), "changes": dict(changes), "plugins": [str(path) for path in plugins],
-            "limit": limit}  # fmt: skip
+            "limit": limit, "nudge": nudge}  # fmt: skip

@@ -1,0 +1,182 @@
+"""What does a body of an island cost? Implicit steps against the number of bodies that are solved together.
+
+    python tests/bench/island_sizes.py [--json FILE] [--sizes N N ...] [--shapes chain 0.5 0.6 ...] [--path UM]
+
+How to read it. The bodies of an island are solved together, in steps that are short enough for each of them. So a body costs the
+more the larger its island is: the factors of a wider band, and steps that end where any of the bodies lands or slips. An island
+is a *chain* of balls in a row, each a hundredth of its radius from the next, or the clumps of `scenes/sheared_debris.toml` in a
+layer that covers so much of the lower plate, seen from above. There, islands are larger than the integrator would make them: the
+gap below which two bodies belong together is --gap, so that nearly all do. So the same motion is computed, whatever the size; of
+small islands several are. Told are the largest island, the half width
+of its matrix in bodies, steps per um, microseconds per step and body, seconds per body and um, and the ratio to the explicit
+engine, extrapolated for the same bodies at 1 mm/s: its time falls with the speed, the implicit one hardly depends on it. So the
+speed at which both cost the same is 1 mm/s times the ratio.
+
+Seconds are those of the processor, on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+from ensemble import Case, scene_of, time_explicit, warm_up
+from machine import machine
+from rich.console import Console
+
+import thirdbody
+from thirdbody.engine import implicit_islands
+from thirdbody.errors import ThirdbodyError
+from thirdbody.kernels.columns import run_totals, step_memory
+from thirdbody.runner.simulate import prepare, set_threads
+
+SIZES, SHAPES = [10, 30, 100, 300, 600, 1000, 2000], ["chain", "0.5"]
+SPEED, PATH, EVERY = 1e-3, 0.4e-6, 0.02e-6
+SEEDS = 5
+"""Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps."""
+
+KEYS = ("shape", "bodies")
+"""What is not a figure."""
+
+PATIENCE = 20.0
+"""Processor seconds after which a drag ends at its next stop."""
+
+RADIUS, GAP = 5e-6, 0.01
+"""Radius of the balls of a chain, m, and the gap between them in radii."""
+
+
+def chain(bodies: int) -> thirdbody.Scene:
+    """Return a row of balls between plates, at an angle of 30 degrees to the drag."""
+    x, y = (2.0 + GAP) * RADIUS * 0.75**0.5, (2.0 + GAP) * RADIUS * 0.5
+    places = ", ".join(f'["{k * x + 1e-5!r} m", "{k * y + 1e-5!r} m", "{RADIUS!r} m"]' for k in range(bodies))
+    size = f'["{bodies * x + 1e-4!r} m", "{bodies * y + 1e-4!r} m"]'
+    base = scene_of(Case("implicit", "mindlin", SPEED, 4, PATH, EVERY)).document()
+    base["debris"] = [{"material": "steel", "kind": "spheres", "shape": [{"center": ["0 m"] * 3, "radius": f"{RADIUS!r} m"}]}]
+    base["contact"]["debris_contact"] = "auto"
+    document = thirdbody.Scene.parse(_toml(base, places, size))
+    return document
+
+
+def _toml(base: dict[str, Any], places: str, size: str) -> str:
+    """Return the text of a scene like `base` with other debris."""
+    motion = base["plates"]["upper"]["motion"]["x"]["velocity"]
+    return f"""scene = 1
+domain = {{size = {size}}}
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "spheres"
+shape = [{{center = ["0 m", "0 m", "0 m"], radius = "{RADIUS!r} m"}}]
+positions = [{places}]
+[plates]
+lower = {{material = "steel"}}
+upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "{motion}"}}}}}}
+[solver]
+integrator = "implicit"
+on_failure = "continue"
+distance = "{PATH!r} m"
+[output]
+every = "{EVERY!r} m"
+"""
+
+
+def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
+    """Return the scene of an island: a chain, or a layer of this area fraction."""
+    if shape == "chain":
+        return chain(bodies)
+    return scene_of(Case("implicit", "mindlin", SPEED, bodies, PATH, EVERY, float(shape))).with_settings({"debris.0.seed": seed})
+
+
+def measure(shape: str, bodies: int, path: float, gap: float) -> dict[str, Any]:
+    """Return the medians of the figures of some islands of one size."""
+    seeds = 1 if shape == "chain" else max(1, min(SEEDS, 500 // bodies))
+    rows = [one(shape, bodies, path, gap, seed) for seed in range(1, seeds + 1)]
+    return rows[0] | {name: statistics.median(row[name] for row in rows) for name, value in rows[0].items() if name not in KEYS}
+
+
+def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str, Any]:
+    """Return the figures of one island."""
+    simulation = prepare(island(shape, bodies, seed), force=True)
+    integrator = simulation.integrator
+    set_threads(1)
+    stride = implicit_islands.STRIDE * float(simulation.state.spheres.radius.min())
+    implicit_islands.MARGIN = 1.0 if shape == "chain" else gap / stride
+    began = time.process_time()
+    integrator.advance_to(simulation.settle)
+    settled = time.process_time()
+    steps, tries, iterations = _counts(integrator)
+    distance, wide = 0.0, 0
+    while distance < path - 0.5 * EVERY and time.process_time() - settled < PATIENCE:
+        distance += EVERY
+        integrator.advance_to(distance=distance)
+        wide = max(wide, int(integrator.islands.tables.widths.max(initial=0)))
+    seconds = time.process_time() - settled
+    after = _counts(integrator)
+    summary = integrator.summary()
+    return {
+        "shape": shape, "bodies": bodies, "largest": summary["islands"]["largest"], "half_width": wide,
+        "fraction_of_bodies": summary["islands"]["fraction_of_bodies"], "path_um": 1e6 * distance,
+        "steps_per_um": (after[0] - steps) / bodies / (1e6 * distance), "tries_per_step": (after[1] - tries) / (after[0] - steps),
+        "iterations_per_try": (after[2] - iterations) / (after[1] - tries),
+        "us_per_step_and_body": 1e6 * seconds / (after[0] - steps),
+        "s_per_body_um": seconds / bodies / (1e6 * distance), "settle_s": settled - began, "slide_s": seconds,
+        "unsolved": len(summary["unsolved"]),
+    }  # fmt: skip
+
+
+def _counts(integrator: Any) -> tuple[float, float, float]:
+    """Return the sums over the bodies of steps, tried steps and iterations."""
+    memory = integrator.memory
+    columns = memory[:, step_memory.TRIES], memory[:, step_memory.ITERATIONS]
+    return float(integrator.totals[:, run_totals.STEPS].sum()), *(float(column.sum()) for column in columns)
+
+
+def explicit_seconds(shape: str) -> float:
+    """Return the processor seconds per body and um of the explicit engine at 1 mm/s; a chain costs a sphere of a layer each."""
+    fraction = 0.3 if shape == "chain" else float(shape)
+    row = time_explicit(Case("explicit", "mindlin", SPEED, 300, PATH, EVERY, fraction), 3, 1.0)
+    return float(row["seconds_per_particle"]["median"]) / 10.0
+
+
+def main() -> None:
+    """Measure all islands and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", metavar="FILE")
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    parser.add_argument("--shapes", nargs="+", default=SHAPES)
+    parser.add_argument("--gap", type=float, default=3.0, help="of bodies that belong together, um (default %(default)s)")
+    parser.add_argument("--path", type=float, default=1e6 * PATH, help="drag, um (default %(default)s)")
+    chosen = parser.parse_args()
+    console = Console(width=150)
+    warm_up("implicit", "mindlin"), warm_up("explicit", "mindlin")
+    rows = []
+    for shape in chosen.shapes:
+        explicit = explicit_seconds(shape)
+        console.print(f"{shape}: explicit, {explicit:.3g} s per body and um", highlight=False)
+        for bodies in chosen.sizes:
+            try:
+                row = measure(shape, bodies, 1e-6 * chosen.path, 1e-6 * chosen.gap)
+            except ThirdbodyError as error:
+                console.print(f"{shape}, {bodies}: {error}", highlight=False)
+                break
+            row["explicit_s_per_body_um"], row["ratio"] = explicit, explicit / row["s_per_body_um"]
+            rows.append(row)
+            words = (f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in row.items())
+            console.print(", ".join(words), highlight=False)
+            if chosen.json:
+                Path(chosen.json).write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
