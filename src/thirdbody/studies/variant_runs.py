@@ -155,14 +155,18 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
 
 
 def _rank(variant: Variant, number: int, count: int) -> int:
-    """Return the rank in the order of runs: own variant of the scene, reference, displaced starts, others in their order."""
-    if variant.default:
-        return 0
-    if variant.reference:
-        return 1
+    """Return the rank in the order of runs.
+
+    First the scene's own variant, the reference, displaced starts, the other integrator and bodies that do not meet; then the
+    others in their order.
+    """
+    if variant.default or variant.reference:
+        return 0 if variant.default else 1
     if variant.axis == "nudged":
         return 2
-    return number + 2 + (count if variant.axis == "verify" else 0)
+    if variant.axis == "meeting" or (variant.axis == "integrator" and variant.factor == 1.0):
+        return 3
+    return number + 3 + (count if variant.axis == "verify" else 0)
 
 
 def _code(variant: Variant) -> tuple[Any, ...]:
