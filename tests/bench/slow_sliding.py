@@ -2,12 +2,12 @@
 
     python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
     python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
-    python tests/bench/slow_sliding.py --layers [--json FILE] [--bodies N] [--quick]
+    python tests/bench/slow_sliding.py --layers [--json FILE] [--picture FILE] [--bodies N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
 and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
-Only the sliding is timed, after everything is compiled and the particles are settled. A cell is the median of the repeats, their
-spread (largest less smallest, over the median) and the peer's time over ours.
+Only the sliding is timed, after everything is compiled and the particles are settled, by the seconds of the processor on one
+thread. A cell is the median of the repeats, their spread (largest less smallest, over the median) and the peer's time over ours.
 
 - explicit: its step resolves elastic waves, so that the time is inversely proportional to the speed. A few seconds of the sliding
   are run and extrapolated by the measured seconds per step and the steps needed; the second table says which share was run.
@@ -21,8 +21,9 @@ With --scale: ensembles of 1e3, 1e4 and 1e5 particles slide 30 um at 1 mm/s on a
 particle (wall time), where the time goes outside the stepping (making shapes, stable poses, places, output), peak memory and
 bytes per particle. All particles are made one by one as any scene makes them; none is repeated.
 
-With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one core. Told are the seconds
-per particle for 10 um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above.
+With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one thread. Told are the
+processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above.
+--picture draws both against the area fraction.
 
 Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
 the wall time in which the one thread did run; far below 100 % means that others used the core.
@@ -80,6 +81,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--peer-fraction", type=float, default=FRACTION, help="time step in Rayleigh times (default %(default)s)")
     parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
     parser.add_argument("--layers", action="store_true", help="the third part: layers whose bodies meet, by area fraction")
+    parser.add_argument("--picture", metavar="FILE", help="draw the third part there")
     parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
     parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
     requested = parser.parse_args()
@@ -111,7 +113,7 @@ def part_speeds(requested: argparse.Namespace, console: Console) -> dict[str, An
 def print_speeds(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
     """The main table: an engine a line, a speed a column."""
     title = (
-        f"seconds per particle per {1e6 * PATH:g} um of sliding, one core; {requested.bodies} particles, median of "
+        f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {requested.bodies} particles, median of "
         f"{requested.repeats}"
     )
     table = Table("engine", *(_speed(v) for v in SPEEDS), title=title, caption="x: the peer's time (shorter one) over ours")
@@ -212,18 +214,45 @@ def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, An
         explicit = time_explicit(cases[1], requested.repeats, requested.patience)
         rows.append({"fraction": fraction, "implicit": implicit, "explicit": explicit})
     print_layers(rows, requested, console)
+    if requested.picture:
+        draw_layers(rows, Path(requested.picture))
     return {"way": path, "rows": rows}
+
+
+def draw_layers(rows: Rows, path: Path) -> None:
+    """The cost of a particle of both engines against the area fraction, with the ratio."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
+    fractions = [row["fraction"] for row in rows]
+    costs = {name: [_seconds_per_um(row[name]) for row in rows] for name in ("explicit", "implicit")}
+    for name, color, marker in (("explicit", "#0072B2", "s"), ("implicit", "#D55E00", "o")):
+        words = ", extrapolated" if name == "explicit" else ""
+        axes.plot(fractions, costs[name], color=color, marker=marker, label=f"{name}{words}")
+    for x, low, high in zip(fractions, costs["implicit"], costs["explicit"], strict=True):
+        axes.annotate(f"{high / low:.0f} x", (x, (low * high) ** 0.5), ha="center", fontsize=8)
+    axes.set(yscale="log", xlabel="area fraction of the layer", ylabel="processor seconds per particle and um",
+             title="Slow sliding of a layer whose particles meet, 1 mm/s")  # fmt: skip
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, loc="center right")
+    figure.savefig(path, dpi=150)
+
+
+def _seconds_per_um(engine: dict[str, Any]) -> float:
+    """Return the processor seconds per particle and um."""
+    return float(engine["seconds_per_particle"]["median"]) * 1e-6 / PATH
 
 
 def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
     """Seconds per particle of both engines, and their ratio."""
-    title = (
-        f"seconds per particle per {1e6 * PATH:g} um of sliding at {_speed(SPEEDS[-1])}, one core; {requested.bodies} particles"
-    )
+    title = f"processor seconds per particle and um of sliding at {_speed(SPEEDS[-1])}, one thread; {requested.bodies} particles"
     table = Table("area fraction", "implicit", "steps each", "unsolved", "explicit, extrapolated", "ratio", title=title)
     for row in rows:
         implicit, explicit = row["implicit"], row["explicit"]
-        seconds = [engine["seconds_per_particle"]["median"] for engine in (implicit, explicit)]
+        seconds = [_seconds_per_um(engine) for engine in (implicit, explicit)]
         table.add_row(f"{row['fraction']:g}", f"{seconds[0]:.3g}", f"{implicit['steps_per_particle']:.0f}",
                       str(implicit["unsolved"]), f"{seconds[1]:.3g}", f"{seconds[1] / seconds[0]:.3g}")  # fmt: skip
     console.print(table)

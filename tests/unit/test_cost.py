@@ -253,10 +253,10 @@ def test_means_and_shares_are_compared_where_runs_part():
                       position=np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]))  # fmt: skip
     report = errors(swapped, outcome())
     assert report["label_difference"] == pytest.approx(4.0 / 6.0) and report["friction_error"] > 0.5
-    means = {"state_share_error", "mean_friction_error", "mean_position_error"}
+    means = {"state_fraction_error", "mean_friction_error", "mean_position_error"}
     assert all(report[name] == pytest.approx(0.0, abs=1e-15) for name in means)
     other = errors(outcome(friction=np.array([math.nan, 0.2, 0.7]), states=np.array([[1, 2], [1, 2], [1, 2]])), outcome())
-    assert other["mean_friction_error"] == pytest.approx(0.5) and other["state_share_error"] == pytest.approx(1.0 / 6.0)
+    assert other["mean_friction_error"] == pytest.approx(0.5) and other["state_fraction_error"] == pytest.approx(1.0 / 6.0)
 
 
 def test_dissipation_is_relative():
@@ -286,15 +286,15 @@ def test_without_a_good_variant_the_most_accurate_one_is_named(made):
 
 def parted(made, labels: float, friction: float = 0.02) -> None:
     """Give a study a spread of runs from starts 1e-9 apart."""
-    made.spread = dict.fromkeys(cost.ERRORS, 0.0) | {
-        "label_difference": labels, "friction_error": friction, "mean_friction_error": 0.003, "state_share_error": 0.005,
+    made.scatter = dict.fromkeys(cost.ERRORS, 0.0) | {
+        "label_difference": labels, "friction_error": friction, "mean_friction_error": 0.003, "state_fraction_error": 0.005,
     }  # fmt: skip
 
 
 def test_where_runs_part_means_decide_and_errors_within_their_spread_are_equal(made):
     """Labels that differ by a fifth are no fault if those of almost equal starts do; two errors below the spread are ties."""
     for entry, error in zip(made.rows, (0.2, 0.05, 0.002, 0.001, 0.0015, 0.3), strict=False):
-        entry.errors |= {"label_difference": 0.2, "mean_friction_error": error, "state_share_error": 0.004}
+        entry.errors |= {"label_difference": 0.2, "mean_friction_error": error, "state_fraction_error": 0.004}
     assert cost.figure_of_merit(made) == "friction_error" and "no variant is within 1 %" in cost.recommended(made)[1]
     parted(made, 0.18)
     assert cost.is_chaotic(made) and cost.figure_of_merit(made) == "mean_friction_error"
@@ -310,14 +310,14 @@ def test_runs_that_stay_together_are_compared_one_by_one(made):
     assert cost.recommended(made)[0].variant.name == "mdr 16"
 
 
-def test_the_spread_is_the_largest_difference_of_the_scenes_own_runs(made):
+def test_the_scatter_is_the_largest_difference_of_the_scenes_own_runs(made):
     for number, friction in enumerate((0.31, 0.33), 1):
         variant = Variant(f"start {number}", "nudged", "mindlin", None, "explicit", nudge=number)
         made.rows.insert(-1, row(variant.name, math.nan, 0.0, variant=variant))
         made.rows[-2].outcome = outcome(friction=np.array([friction]))
     own = made.rows[1].outcome.friction[0]  # 0.315
     cost.compute_errors(made)
-    assert made.spread["friction_error"] == pytest.approx(max(0.33 / own - 1.0, 0.02 / 0.33), rel=1e-9)
+    assert made.scatter["friction_error"] == pytest.approx(max(0.33 / own - 1.0, 0.02 / 0.33), rel=1e-9)
     names = {row.variant.name for row in cost.efficient(made)}
     assert not {"start 1", "start 2"} & names  # they tell the spread, and are no choice
 
@@ -404,7 +404,7 @@ def test_bodies_of_a_copy_meet_those_and_as_many_as_before():
 
 
 @pytest.mark.parametrize("base", [EXPLICIT, IMPLICIT], ids=["explicit", "implicit"])
-def test_bodies_that_meet_have_variants_that_tell_what_meeting_does(base):
+def test_bodies_that_meet_have_variants_of_what_meeting_does(base):
     """From displaced starts, with nothing else changed, and without contact between bodies."""
     names = {variant.name for variant in variants_of(crowd(), THREE_SPOT, base)}
     more = [variant for variant in variants_of(crowd(), THREE_SPOT, replace(base, meets=True)) if variant.name not in names]

@@ -70,8 +70,8 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     one), `rotation_error` in rad; both are medians over the bodies whose labels at the end agree, since a body that tips the
     other way carries no information on accuracy. `label_difference`: fraction of all labels, frame by frame. `dissipation_error`
     is relative. Where bodies meet, small differences grow, and only means can be compared: `mean_friction_error` over the frames,
-    relative; `mean_position_error` over the bodies, divided as `position_error`; `state_share_error`: the least fraction of all
-    labels that would have to change to make the share of each state equal.
+    relative; `mean_position_error` over the bodies, divided as `position_error`; `state_fraction_error`: the least fraction of
+    all labels that would have to change to make the share of each state equal.
     """
     path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
     same = _same_labels(result, reference)
@@ -89,7 +89,7 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
         "dissipation_error": _relative(result.dissipated, reference.dissipated),
         "mean_friction_error": mean_error(result.friction, reference.friction),
         "mean_position_error": float(np.linalg.norm(moved.mean(axis=0))) / path,
-        "state_share_error": share_difference(result.states, reference.states),
+        "state_fraction_error": fraction_difference(result.states, reference.states),
     }
 
 
@@ -134,7 +134,7 @@ def label_difference(result: Array | None, reference: Array | None) -> float:
     return float(np.mean(result[:frames] != reference[:frames])) if frames else float("nan")
 
 
-def share_difference(result: Array | None, reference: Array | None) -> float:
+def fraction_difference(result: Array | None, reference: Array | None) -> float:
     """Return half the sum of the differences of the shares that the states have of all labels (F, B); NaN without labels."""
     if result is None or reference is None:
         return float("nan")

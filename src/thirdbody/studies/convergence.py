@@ -75,7 +75,7 @@ def _series(built: Study, what: str, names: list[str], sizes: list[float], rows:
 
 def _floor(built: Study) -> float:
     """Return the largest error that defines no order: rounding, which grows where bodies meet."""
-    return max(FLOOR, built.spread.get(figure_of_merit(built), 0.0))
+    return max(FLOOR, built.scatter.get(figure_of_merit(built), 0.0))
 
 
 def falling(result: list[float]) -> int:

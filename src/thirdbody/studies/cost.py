@@ -31,7 +31,7 @@ Log = Callable[[str], None]
 class Study:
     """Completed study, with the scene that was computed.
 
-    `spread`: largest errors of runs against each other whose starts differ by 1e-9, empty where bodies do not meet: smaller
+    `scatter`: largest errors of runs against each other whose starts differ by 1e-9, empty where bodies do not meet: smaller
     errors mean nothing; `budget`, `elapsed`: of the whole study [s].
     """
 
@@ -40,7 +40,7 @@ class Study:
     reduction: list[str]
     machine: dict[str, Any]
     rows: list[Row]
-    spread: Mapping[str, float] = field(default_factory=dict)
+    scatter: Mapping[str, float] = field(default_factory=dict)
     budget: float = BUDGET
     elapsed: float = math.nan
 
@@ -91,7 +91,7 @@ def _one_pace(rows: Sequence[Row]) -> None:
 
 
 def compute_errors(built: Study) -> None:
-    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed; the spread."""
+    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed; the scatter."""
     rows = built.rows
     if not rows[-1].stable:
         whole = [row for row in rows if row.stable and row.variant.axis == "law"]
@@ -106,12 +106,12 @@ def compute_errors(built: Study) -> None:
             row.errors = errors(row.outcome, reference)
     same = [row.outcome for row in rows if (row.variant.default or row.variant.axis == "nudged") and row.stable]
     pairs = [errors(a, b) for a, b in itertools.combinations([outcome for outcome in same if outcome is not None], 2)]
-    built.spread = {name: max(pair[name] for pair in pairs) for name in ERRORS} if pairs else {}
+    built.scatter = {name: max(pair[name] for pair in pairs) for name in ERRORS} if pairs else {}
 
 
 def is_chaotic(built: Study) -> bool:
     """Return whether runs whose starts differ by 1e-9 part further than a recommended variant may be wrong."""
-    return built.spread.get("friction_error", 0.0) > GOOD or built.spread.get("label_difference", 0.0) > SAME
+    return built.scatter.get("friction_error", 0.0) > GOOD or built.scatter.get("label_difference", 0.0) > SAME
 
 
 def figure_of_merit(built: Study) -> str:
@@ -131,8 +131,8 @@ def merit_in_words(built: Study) -> str:
 
 
 def significant_error(built: Study, row: Row, merit: str) -> float:
-    """Return an error of a variant, at least the spread of runs from starts 1e-9 apart: smaller ones are equal."""
-    return max(row.errors[merit], built.spread.get(merit, 0.0))
+    """Return an error of a variant, at least the scatter of runs from starts 1e-9 apart: smaller ones are equal."""
+    return max(row.errors[merit], built.scatter.get(merit, 0.0))
 
 
 def efficient(built: Study) -> list[Row]:
@@ -180,7 +180,7 @@ def recommended(built: Study) -> tuple[Row, str]:
     The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one of
     the front. Times within their spread are equal: of such variants the scene's own is preferred, else the most accurate one.
     Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the shares of the states decide, and errors
-    below that spread are equal. A run whose bodies do not meet is reported separately.
+    below that scatter are equal. A run whose bodies do not meet is reported separately.
     """
     merit = figure_of_merit(built)
     rows = [row for row in efficient(built) if not row.variant.reference] or [built.reference]
@@ -233,13 +233,13 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _good(built: Study, row: Row) -> bool:
-    merit, labels = figure_of_merit(built), "state_share_error" if is_chaotic(built) else "label_difference"
-    limits = max(GOOD, built.spread.get(merit, 0.0)), max(SAME, built.spread.get(labels, 0.0))
+    merit, labels = figure_of_merit(built), "state_fraction_error" if is_chaotic(built) else "label_difference"
+    limits = max(GOOD, built.scatter.get(merit, 0.0)), max(SAME, built.scatter.get(labels, 0.0))
     return row.errors[merit] <= limits[0] and not row.errors[labels] > limits[1]
 
 
 def _of_labels(built: Study, row: Row) -> str:
-    labels, apart = row.errors["label_difference"], built.spread.get("label_difference", 0.0)
+    labels, apart = row.errors["label_difference"], built.scatter.get("label_difference", 0.0)
     if math.isnan(labels):
         return ""
     if labels == 0.0:
@@ -262,7 +262,7 @@ def as_json(built: Study) -> dict[str, Any]:
         "title": built.title,
         "machine": built.machine,
         "reduction": built.reduction,
-        "spread": dict(built.spread),
+        "scatter": dict(built.scatter),
         "budget_s": built.budget,
         "took_s": built.elapsed,
         "reference": built.reference.variant.name,
@@ -300,4 +300,4 @@ def as_json(built: Study) -> dict[str, Any]:
 
 
 ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error",
-          "mean_friction_error", "mean_position_error", "state_share_error")  # fmt: skip
+          "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip

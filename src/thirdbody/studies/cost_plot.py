@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.palette import LINE_COLORS
 from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_table import speed_words, spread_words, stopped
+from thirdbody.studies.cost_table import scatter_words, speed_words, stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,7 +112,8 @@ def _marks(axes: Any, built: Study, points: dict[int, tuple[float, float]], meri
             axes.plot(*points[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
             ringed.add(id(row))
-    if (apart := built.spread.get(merit, 0.0)) > NOTHING:
+    apart, lowest = built.scatter.get(merit, 0.0), min(y for _, y in points.values())
+    if apart > 0.1 * lowest:  # far below all errors words suffice
         label = "runs from starts 1e-9 apart differ by this"
         axes.axhspan(0.0, apart, color=SOFT, alpha=0.15, linewidth=0.0, zorder=0, label=label)
     x, y = points[id(reference)]
@@ -195,7 +196,7 @@ def _texts(figure: Any, axes: Any, built: Study) -> None:
     lines = [
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
         f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",
-        *(words[0].upper() + words[1:] + "." for words in (spread_words(built), speed_words(built)) if words),
+        *(words[0].upper() + words[1:] + "." for words in (scatter_words(built), speed_words(built)) if words),
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))

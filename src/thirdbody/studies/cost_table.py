@@ -11,7 +11,7 @@ from thirdbody.system.terminal import print_line
 COLUMNS = {"friction": "friction_error", "load|gap": "load_error", "position": "position_error", "turn, rad": "rotation_error",
            "labels": "label_difference", "dissipated": "dissipation_error"}  # fmt: skip
 COLUMNS_OF_MEETING = {"friction": "friction_error", "its mean": "mean_friction_error", "load|gap": "load_error",
-                      "mean place": "mean_position_error", "labels": "label_difference", "shares": "state_share_error",
+                      "mean place": "mean_position_error", "labels": "label_difference", "shares": "state_fraction_error",
                       "dissipated": "dissipation_error"}  # fmt: skip
 """Headings of the errors, and the same where bodies meet: means can be compared even where runs part."""
 
@@ -27,30 +27,30 @@ def print_study(built: Study) -> None:
     base = default.seconds if default is not None and default.stable else math.nan
     front = efficient(built)
     rows = [(row, _mark(built, row, front)) for row in built.rows if row.variant.axis != "verify"]
-    columns = COLUMNS_OF_MEETING if built.spread else COLUMNS
+    columns = COLUMNS_OF_MEETING if built.scatter else COLUMNS
     cells = [_cells(row, mark, base, columns) for row, mark in rows]
-    if built.spread:
-        spread = (_percent(built.spread[name]) for name in columns.values())
-        cells.append(("", "starts 1e-9 apart", *[""] * 4, *spread, ""))
+    if built.scatter:
+        scatter = (_percent(built.scatter[name]) for name in columns.values())
+        cells.append(("", "starts 1e-9 apart", *[""] * 4, *scatter, ""))
     table("", ("", "variant", "step", "seconds", "runs", "ratio", *columns, "residual"), cells)
     print("* on the front: no variant is closer in friction in the same or less time; d: as in the scene; r: reference, the end "
           "of the front; ~: how far the median may be off, below which times are ties; runs: how many are timed")  # fmt: skip
     print("seconds: of one core, for the integration from output to output; without start, compiling, building and outputs")
     if any(row.beside for row in built.rows):
         print("variants alternated with the scene's own, which refers their seconds to one speed of the machine")
-    for words in filter(None, (spread_words(built), speed_words(built))):
+    for words in filter(None, (scatter_words(built), speed_words(built))):
         print_line(words)
     for message, names in stopped(built).items():
         print_line(f"{'; '.join(names)}: {message}")
     print_line(f"recommended: {recommended(built)[1]}")
 
 
-def spread_words(built: Study) -> str:
+def scatter_words(built: Study) -> str:
     """Return in words how far runs from almost equal starts part, empty where bodies do not meet."""
-    if not built.spread:
+    if not built.scatter:
         return ""
     names = {"friction_error": "of the friction curve", "mean_friction_error": "of its mean", "label_difference": "of the labels"}
-    listed = ", ".join(f"{percent(built.spread[name])} {words}" for name, words in names.items() if name in built.spread)
+    listed = ", ".join(f"{percent(built.scatter[name])} {words}" for name, words in names.items() if name in built.scatter)
     means = (
         "; these runs part, so mean friction and the shares of the states decide what is recommended, not curves and labels"
         if is_chaotic(built)
