@@ -18,7 +18,8 @@ from thirdbody.assembly.integrator import Plan, carried_together, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
-from thirdbody.assembly.surfaces import plate_surfaces, refuse_surfaces, surface_notes
+from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
+from thirdbody.assembly.surfaces import plate_surfaces, refuse_surfaces, surface_notes, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.spatial_order import in_columns
@@ -76,6 +77,11 @@ class Simulation:
     bed: Bed | None = None
     speed_scale: SpeedScale | None = None
     surfaces: dict[str, Surface] = field(default_factory=dict)
+
+    @cached_property
+    def surface_scales(self) -> dict[str, SurfaceScales]:
+        """Scales of the rough plates against the debris, by side."""
+        return surface_scales(self.surfaces, float(self.state.spheres.radius.max()), self.upper.shared_overlap)
 
     @property
     def settle(self) -> float:
@@ -153,11 +159,11 @@ def build(
     scene = at_computed_speed(scene, scale)
     upper = upper_plate(scene, choice, placed, warnings, rough)
     _end_settling(scene, choice, upper)
-    names = list(scene.materials)
-    lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
+    lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
     bounded = not scene.domain.periodic and lower is not None
-    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
+    flat = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
+    world = with_surfaces(flat, rough, choice)
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
@@ -169,9 +175,7 @@ def build(
         simulation = Simulation(
             scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, surfaces=rough
         )  # fmt: skip
-        _refuse_unreached(simulation)
-        _examine_interval(simulation)
-        return simulation
+        return _examined(simulation)
     warnings += fast_bed_warnings(scene, bed) if bed else []
     # imported here: an implicit run then loads none of it
     from thirdbody.engine.explicit import Explicit
@@ -183,9 +187,7 @@ def build(
     simulation = Simulation(
         scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale, rough
     )  # fmt: skip
-    _refuse_unreached(simulation)
-    _examine_interval(simulation)
-    _refuse_endless(simulation, integrator, force)
+    _refuse_endless(_examined(simulation), integrator, force)
     return simulation
 
 
@@ -264,6 +266,15 @@ def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
         fault = scene.fault(("solver", "time_step"), message)
         remedy = " runs it all the same"
         raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
+
+
+def _examined(simulation: Simulation) -> Simulation:
+    """Return the simulation after checks of its length, outputs and surfaces, with their warnings. Raises InputError."""
+    _refuse_unreached(simulation)
+    _examine_interval(simulation)
+    for side, scales in simulation.surface_scales.items():
+        simulation.warnings += scales.warnings(side)
+    return simulation
 
 
 def _refuse_unreached(simulation: Simulation) -> None:

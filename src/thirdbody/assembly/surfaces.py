@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import key_location
@@ -44,6 +46,14 @@ def refuse_surfaces(scene: Scene, surfaces: dict[str, Surface]) -> dict[str, Sur
     if surfaces:
         raise InputError(scene.fault(("plates", side, "surface"), message) for side in surfaces)
     return surfaces
+
+
+def with_surfaces(world: World, surfaces: Mapping[str, Surface], choice: CompiledPhysics) -> World:
+    """Return the world with the rough plates; their curvature counts where the normal law is that of Hertz."""
+    packed = {f"{side}_surface": surface.packed for side, surface in surfaces.items()}
+    hertz = any(law.name == "hertz" for law in choice.chain.laws)
+    curved = hertz and all(surface.curvature for surface in surfaces.values())
+    return replace(world, **packed, curved=curved) if packed else world
 
 
 def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:

@@ -16,6 +16,7 @@ from thirdbody.kernels.columns import patch
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.bed_report import bed_report, print_bed, speed_report
+from thirdbody.report.rough_plates import print_rough_plates, rough_plates
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
 from thirdbody.runner.run_warnings import run_warnings
@@ -127,6 +128,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "labels": built.labeller.name if built.labeller else "none",
         },
         "upper_plate": _plate_report(built),
+        "rough_plates": rough_plates(built),
         "bed": bed_report(built),
         "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
         "integrator": built.plan.kind,
@@ -288,6 +290,7 @@ def print_check(report: dict[str, Any]) -> None:
     _print_costs(report)
     _print_integration(report)
     _print_plate(report)
+    print_rough_plates(report["rough_plates"])
     print_bed(report)
     _print_laws(report)
     print()

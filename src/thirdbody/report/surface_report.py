@@ -77,8 +77,7 @@ def describe_plate(
     for target in out:
         if target.suffix.lower() in SCANS:
             _write(target, npz_bytes(HeightMap(surface.heights, surface.spacing, side)))
-    statistics = surface_statistics(surface.one_copy, surface.spacing)
-    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, statistics, surface.notes)
+    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, surface.statistics, surface.notes)
 
 
 def _write(target: Path, data: bytes) -> None:

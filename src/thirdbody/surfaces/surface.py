@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from thirdbody.surfaces.statistics import Statistics
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,13 @@ class Surface:
         from scipy.ndimage import spline_filter
 
         return np.asarray(spline_filter(self.heights, order=3, output=np.float64, mode="grid-wrap"))
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        """Its statistics, of one of its equal parts."""
+        from thirdbody.surfaces.statistics import surface_statistics
+
+        return surface_statistics(self.one_copy, self.spacing)
 
     @cached_property
     def packed(self) -> np.ndarray:
