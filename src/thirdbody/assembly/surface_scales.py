@@ -84,8 +84,8 @@ class SurfaceScales:
         if (ratio := self.crest_contact_radius * self.statistics.crest_curvature) > NARROW:
             wide = pretty(self.crest_contact_radius, "length")
             result.append(
-                f"{side} plate: contacts on crests have a radius of {wide}, {percent(ratio)} of that of the sharpest crest; Hertz's theory "
-                f"needs less than {percent(NARROW)}"
+                f"{side} plate: contacts on crests have a radius of {wide}, {percent(ratio)} of that of the sharpest crest; "
+                f"Hertz's theory needs less than {percent(NARROW)}"
             )
         if self.statistics.max_slope > STEEP:
             text = f"{side} plate: slopes up to {self.statistics.max_slope:.2g}: does the file hold steps?"

@@ -24,6 +24,7 @@ from thirdbody.system.terminal import PrintableStream, print_line
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
+    from thirdbody.assembly.physics import CompiledPhysics
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
@@ -108,19 +109,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "not_needed": list(choice.off),
             "explicit_only": list(choice.chain.without_tangent),
         },
-        "pairs": [
-            {
-                "between": [pair.a.name, pair.b.name],
-                "friction": pair.friction,
-                "restitution": pair.restitution,
-                **{
-                    f"{law.name}.{name}": value
-                    for law, values in zip(choice.chain.laws, row, strict=True)
-                    for name, value in zip(type(values)._fields, values, strict=True)
-                },
-            }
-            for pair, row in zip(choice.pairs, choice.rows, strict=True)
-        ],
+        "pairs": _pairs(choice),
         "parts": parts(built),
         "effects": {
             "on": [{"effect": effect.name, "source": effect.source} for effect in choice.effects],
@@ -145,6 +134,23 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "disk": disk,
         "warnings": [*costs, *_unmeasured(each), *built.warnings, *part_warnings(built)],
     }
+
+
+def _pairs(choice: CompiledPhysics) -> list[dict[str, Any]]:
+    """Return the parameters of each pair of materials that can meet."""
+    return [
+        {
+            "between": [pair.a.name, pair.b.name],
+            "friction": pair.friction,
+            "restitution": pair.restitution,
+            **{
+                f"{law.name}.{name}": value
+                for law, values in zip(choice.chain.laws, row, strict=True)
+                for name, value in zip(type(values)._fields, values, strict=True)
+            },
+        }
+        for pair, row in zip(choice.pairs, choice.rows, strict=True)
+    ]
 
 
 def _frames(built: Simulation, planned: int) -> int:
