@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
 from scipy.ndimage import spline_filter
 
 from thirdbody.assembly import simulation
-from thirdbody.engine.state import World
 from thirdbody.kernels.height_field import pack_field
 
 Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -24,9 +23,17 @@ def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int]) -
     return pack_field(spline_filter(values, order=3, mode="grid-wrap"), *size)
 
 
+class Packed(NamedTuple):
+    """What `build` needs of a surface."""
+
+    packed: np.ndarray
+    curvature: bool
+    notes: tuple[str, ...] = ()
+
+
 @contextmanager
 def rough_plates(lower: np.ndarray | None, upper: np.ndarray | None = None, curved: bool = True) -> Iterator[None]:
     """Let `build` make plates with these height fields."""
-    world = partial(World, lower_surface=lower, upper_surface=upper, curved=curved)
-    with patch.object(simulation, "World", world):
+    surfaces = {side: Packed(row, curved) for side, row in (("lower", lower), ("upper", upper)) if row is not None}
+    with patch.object(simulation, "plate_surfaces", lambda scene: surfaces):
         yield

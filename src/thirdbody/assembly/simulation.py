@@ -19,7 +19,7 @@ from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
 from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
-from thirdbody.assembly.surfaces import plate_surfaces, refuse_surfaces, surface_notes, with_surfaces
+from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, refuse_surfaces, surface_notes, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.spatial_order import in_columns
@@ -142,8 +142,9 @@ def build(
     and compiled.
     """
     registry = registry or discover()
-    rough = refuse_surfaces(scene, plate_surfaces(scene))
+    rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
+    refuse_curvature(scene, rough, choice.chain.laws)
     warnings = [*unusual_values(scene), *surface_notes(rough), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
@@ -163,13 +164,14 @@ def build(
     bounded = not scene.domain.periodic and lower is not None
     flat = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
-    world = with_surfaces(flat, rough, choice)
+    world = with_surfaces(flat, rough)
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
+        refuse_surfaces(scene, rough)
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
         simulation = Simulation(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
-from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
+from thirdbody.laws.contract import Law
+from thirdbody.laws.hertz import HERTZ
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import key_location
 from thirdbody.scene.surface_checks import SIDES, spacing_of
@@ -40,20 +41,32 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
     return surfaces
 
 
-def refuse_surfaces(scene: Scene, surfaces: dict[str, Surface]) -> dict[str, Surface]:
-    """Return no surfaces. Raises InputError for a scene with some: contact with them is not there yet."""
-    message = "a run with a rough plate is not there yet; `thirdbody surface SCENE` describes and draws it"
+def refuse_surfaces(scene: Scene, surfaces: dict[str, Surface]) -> None:
+    """Raise InputError for a scene with surfaces that the implicit integrator would run: it has flat plates only."""
+    message = 'the implicit integrator has flat plates only; solver.integrator = "explicit" runs rough ones'
     if surfaces:
         raise InputError(scene.fault(("plates", side, "surface"), message) for side in surfaces)
-    return surfaces
 
 
-def with_surfaces(world: World, surfaces: Mapping[str, Surface], choice: CompiledPhysics) -> World:
-    """Return the world with the rough plates; their curvature counts where the normal law is that of Hertz."""
-    packed = {f"{side}_surface": surface.packed for side, surface in surfaces.items()}
-    hertz = any(law.name == "hertz" for law in choice.chain.laws)
-    curved = hertz and all(surface.curvature for surface in surfaces.values())
-    return replace(world, **packed, curved=curved) if packed else world
+def refuse_curvature(scene: Scene, surfaces: Mapping[str, Surface], laws: Iterable[Law]) -> None:
+    """Raise InputError where the curvature of a surface is to enter contacts whose normal force is not that of Hertz alone.
+
+    The force that comes from the changing effective radius is known for Hertz' energy (`contact_geometry.add_gradient_force`).
+    """
+    others = [law.name for law in laws if law.stage == "adhesion" or (law.stage == "normal" and law.name != HERTZ.name)]
+    curved = [side for side, surface in surfaces.items() if surface.curvature]
+    if others and curved:
+        message = f"not with {', '.join(others)}: only the normal law hertz, without adhesion, knows curved plates; give false"
+        raise InputError(scene.fault(("plates", side, "surface", "curvature"), message) for side in curved)
+
+
+def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
+    """Return the world with these surfaces of its plates."""
+    lower, upper = (surfaces.get(side) for side in SIDES)
+    return replace(
+        world, lower_surface=None if lower is None else lower.packed, upper_surface=None if upper is None else upper.packed,
+        curved=(lower is None or lower.curvature, upper is None or upper.curvature),
+    )  # fmt: skip
 
 
 def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:

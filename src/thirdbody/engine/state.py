@@ -48,7 +48,7 @@ class World:
     """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
 
     `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
-    `curved`: whether their curvature enters the effective radius.
+    `curved`: whether the curvature of the lower and of the upper one enters the effective radius.
     """
 
     size: tuple[float, float]
@@ -59,7 +59,7 @@ class World:
     debris_meets: bool
     lower_surface: Array | None = None
     upper_surface: Array | None = None
-    curved: bool = True
+    curved: tuple[bool, bool] = (True, True)
 
     @property
     def rough(self) -> bool:
@@ -366,7 +366,7 @@ def _limits(world: World, skin: float, reach: float) -> Array:
     D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
     D[domain.SKIN], D[domain.REACH] = skin, reach
     D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
-    D[domain.CURVED] = float(world.curved)
+    D[domain.CURVED2] = world.curved
     return D
 
 

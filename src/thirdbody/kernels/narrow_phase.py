@@ -11,10 +11,10 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put, transpose
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.columns import sphere, surface_contact
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.periodic import image, images, nearest_image
-from thirdbody.kernels.predicates import is_plate
+from thirdbody.kernels.predicates import BASINS, is_plate, is_upper
 from thirdbody.kernels.rough_plates import update_surfaces
 
 
@@ -37,13 +37,28 @@ def overlap_and_normal(k, context, box):
     return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
 
 
+@njit(**BARE)
+def rough_overlaps(first, last, context, reach, g):
+    """Do what `plate_overlaps` does where a plate is rough. Of the rows of a sphere only those with a minimum are read."""
+    k = first
+    while k < last:
+        if len(context.upper if is_upper(context.partner[k]) else context.lower) == 0:
+            g[k - first] = first_body.surface_overlap(k, context) + reach
+            k += 1
+            continue
+        minima = np.int64(context.Q[k, surface_contact.MINIMA])
+        for row in range(BASINS):
+            near = minima >> row & 1 != 0
+            g[k + row - first] = first_body.surface_overlap(k + row, context) + reach if near else -1.0
+        k += BASINS
+
+
 @njit(**BARE_CHUNK)
 def plate_overlaps(first, last, context, box, g):
     """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
     if first_body.is_rough(context):
         update_surfaces(first, last, context)
-        for k in range(first, last):
-            g[k - first] = first_body.surface_overlap(k, context) + box.reach
+        rough_overlaps(first, last, context, box.reach, g)
     else:
         for k in range(first, last):
             g[k - first] = first_body.plane_overlap(k, context) + box.reach

@@ -101,7 +101,7 @@ def follow(k, field, x, start, tables):
     The derivatives are computed only within the reach of the contact.
     """
     Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
-    curved = D[domain.CURVED] != 0.0
+    curved = D[domain.CURVED + upper] != 0.0
     foot = closest(field, x, start[0], start[1])
     Q[k, surface_contact.OFFSET], Q[k, surface_contact.OFFSET + 1] = foot.x, foot.y
     Q[k, surface_contact.DISTANCE] = foot.distance

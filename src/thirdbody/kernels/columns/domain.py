@@ -11,5 +11,5 @@ TRAVEL_GUARD = table.scalar("travel_guard", "", "largest displacement in a step 
 SKIN = table.scalar("skin", "m", "distance beyond the reach up to which candidates are listed")
 REACH = table.scalar("reach", "m", "distance from touch at which bodies begin to act on each other")
 FLOOR = table.scalar("floor", "m", "height below which no body may be; -inf without a lower plate")
-CURVED = table.scalar("curved", "", "1: the curvature of rough plates enters the effective radius")
+CURVED, CURVED2 = table.vector("curved", 2, "", "of the lower and the upper plate: 1: curvature enters the effective radius")
 WIDTH = table.width
