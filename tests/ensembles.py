@@ -45,6 +45,10 @@ EXPLICIT = {
 }  # fmt: skip
 """More than a group of 512 bodies, in a few hundred steps."""
 
+SURFACE = {"rms": "20 nm", "hurst": 0.8, "long": "100 um", "short": "10 um", "seed": 3}
+ROUGH = EXPLICIT | {"plates.lower.surface": SURFACE, "plates.upper.surface": SURFACE | {"seed": 4}, "domain.size": ["500 um"] * 2}
+"""The same between rough plates; bodies that do not see each other may overlap: a small domain has few heights."""
+
 GAP = {"plates.upper": {"material": "steel", "gap": "30 um", "motion": {"x": {"velocity": "10 mm/s"}}}, "solver.settle": "0 s"}
 
 VARYING = {"wall_time", "sphere_steps_per_second", "searches"}

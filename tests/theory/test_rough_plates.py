@@ -252,26 +252,25 @@ def touching(simulation: Simulation, within: float) -> list[float]:
     return sorted(distances[distances < within])
 
 
-def test_minima_that_are_followed_are_those_of_a_search(lifted_ball):
-    """Over a path of many small steps along sharp valleys, with contacts that come and go."""
-    simulation = lifted_ball(sharp, 1.0, cells=(120, 120))
-    state, several, wrong = simulation.state, 0, 0
-    search(state)
-    path = np.linspace(0.0, 1.0, 3000)
-    x, y = 5.0 + 6.0 * path, 5.0 + 4.0 * np.sin(3.0 * path)
-    z = 0.8 + 0.05 * np.cos(40.0 * path)
-    for centre in np.column_stack((x, y, z)):
-        put(simulation, centre)
-        update_closest_points(state)
+def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
+    """A ball hops and slides along valleys sharper than itself, and comes to rest in one: at every step, all that touches."""
+    simulation = lifted_ball(sharp, 1.0, cells=(120, 120), gravity=(0.0, 0.0, -1e3), restitution=0.5)
+    state, numbers, wrong = simulation.state, [], 0
+    put(simulation, (5.0, 5.0, 1.5))
+    state.bodies.velocity[0] = 20.0, 7.0, 0.0
+    simulation.integrator.start()
+    for _ in range(1500):
+        simulation.integrator.advance_to(time=state.time + 4e-4)
         followed, rows = touching(simulation, 1.0), state.slots.Q.copy()
         state.slots.Q[:, surface_contact.SEARCHED] = np.inf
         update_closest_points(state)
         searched = touching(simulation, 1.0)
         state.slots.Q[:] = rows
-        several += len(searched) > 1
+        numbers.append(len(searched))
         wrong += len(followed) != len(searched) or not np.allclose(followed, searched, rtol=1e-12)
-    assert several > 300
-    assert wrong == 0
+    # where two minima part while both touch, the second one is found after a displacement of `surface_minima.MOVED` radii at most
+    assert wrong <= 2
+    assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 100
 
 
 def test_a_shift_by_a_period_changes_no_bit(lifted_ball):

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from ensembles import EXPLICIT, GAP, arrays, scene
+from ensembles import EXPLICIT, GAP, ROUGH, arrays, scene
 
 import thirdbody
 from thirdbody.engine.energy import Ledger
@@ -71,16 +71,17 @@ def test_states_of_implicit_parts_are_those_of_the_whole(level: str, support: di
                 assert rows.tobytes() == parts.arrays[name].tobytes(), name
 
 
-def test_states_of_explicit_parts_are_those_of_the_whole(tmp_path: Path) -> None:
-    """The common step, and the ledgers of groups, do not depend on the cut."""
-    given = scene(**EXPLICIT)
+@pytest.mark.parametrize("changes", [EXPLICIT, ROUGH], ids=["flat", "rough"])
+def test_states_of_explicit_parts_are_those_of_the_whole(changes: dict[str, object], tmp_path: Path) -> None:
+    """The common step, the ledgers of groups, and what spheres are closest to on rough plates do not depend on the cut."""
+    given = scene(**changes)
     whole = prepare(given)
     joined = states_of_parts(given, 5, tmp_path)
     for (time, distance, _), parts in zip([stop for stop in targets(whole) if stop[2]], joined, strict=True):
         whole.integrator.advance_to(time, distance)
         expected = snapshot(whole.state, whole.integrator, Ledger(whole.state))
         assert whole.state.dt == parts.notes["dt"] and whole.state.A[0] > 0.0
-        for name in {"B", "E", "M", "integrator_ledgers"}:
+        for name in {"B", "E", "M", "slots_Q", "integrator_ledgers"}:
             assert expected.arrays[name].tobytes() == parts.arrays[name].tobytes(), name
 
 
