@@ -61,7 +61,7 @@ def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     depth = depth_in_lower(surfaces["lower"], centres, radii)
     nearest = np.full(40, -np.inf)
     np.maximum.at(nearest, body, depth)
-    assert np.all(nearest <= 0.0) and np.all(nearest > -1e-10)  # the clearance of a start
+    assert np.all(nearest < -5e-12) and np.all(nearest > -1e-10)  # a millionth of some 10 um, less on slopes
     assert not overlaps(centres, radii, body, scene.domain.size, True)
     flat = populate(scene, [])
     np.testing.assert_array_equal(placed.positions[:, :2], flat.positions[:, :2])

@@ -11,10 +11,12 @@ import numpy as np
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.layer_packing import overlaps
-from thirdbody.scene.debris.contract import CLEARANCE
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.dilation import dilation
 from thirdbody.surfaces.surface import Surface
+
+ABOVE = 1e-6
+"""Height above the first touch over the diameter: more than the error of `dilation`, so that nothing touches at the start."""
 
 ROUNDS = 100
 """Largest number of rounds that lift neighbours to a common height."""
@@ -37,7 +39,7 @@ def lift_bodies(scene: Scene, clumps: Sequence[Clump], members: np.ndarray, x: n
             break
         for a, b, _depth in pairs:
             lift[a] = lift[b] = max(lift[a], lift[b])
-    x[members, 2] += lift + CLEARANCE * np.array([clumps[b].diameter for b in members])
+    x[members, 2] += lift + ABOVE * np.array([clumps[b].diameter for b in members])
 
 
 def depth_in_lower(lower: Surface | None, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
