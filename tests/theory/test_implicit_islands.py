@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from thirdbody.engine import implicit_islands
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
 from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import record, run_totals
+from thirdbody.kernels.columns import body_solution, patch, record, run_totals, step_memory
+from thirdbody.kernels.implicit import common_plate
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model
 
 R, LOAD, MU = 5e-6, 1e-4, 0.3
+RIGID = {"support": "rigid", "load": 8.0 * LOAD}
+FOUNDATION = {"support": "foundation", "load": 8.0 * LOAD, "stiffness": 1e5, "preload": 0.1 * LOAD}
+plates = pytest.mark.parametrize("plate", [None, RIGID, FOUNDATION], ids=["patches", "rigid", "foundation"])
+common_plates = pytest.mark.parametrize("plate", [RIGID, FOUNDATION], ids=["rigid", "foundation"])
 SIZE, MIDDLE, GAP = 2e-4, 1e-4, 2e-8
 """Side of the domain, place of the obstacle, and gaps between bodies, m."""
 
@@ -33,18 +40,20 @@ BLOCK = tuple(
 """Seven balls as high as one: it cannot tip."""
 
 
-def dragged(make, debris, pairs=None, speed=1e-3, load=LOAD, integrator="implicit", friction=MU, settle=2e-5, **solver):
-    """Bodies with contact between them, each under a patch of its own. `pairs`: friction of other pairs than `friction`."""
+def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settle=2e-5, contact="auto", **solver):
+    """Bodies with contact between them. `pairs`: friction of other pairs than `friction`; `plate`: keys of the upper plate.
+
+    Unless `plate` says otherwise, each is under a patch of its own.
+    """
     names = ("ball", "block", "floor")
     frictions = {pair: friction for pair in ((a, b) for a in names for b in names if a <= b)} | (pairs or {})
-    upper = model.UpperPlate(
-        material="ball", support="load_per_particle", load=load, motion=model.Motion(x=[model.ConstantVelocity(velocity=speed)])
-    )
+    held = {"support": "load_per_particle", "load": LOAD} | (plate or {})
+    upper = model.UpperPlate(material="ball", motion=model.Motion(x=[model.ConstantVelocity(velocity=speed)]), **held)
     scene = make.scene(
         debris, dict.fromkeys(names, make.STEEL),
         plates=model.Plates(lower=model.LowerPlate(material="floor"), upper=upper),
-        contact=model.Contact(level="mindlin"), domain=model.Domain(size=(SIZE, SIZE), periodic=True),
-        solver=model.Solver(duration=make.LONG, settle=settle, integrator=integrator, **solver),
+        contact=model.Contact(level="mindlin", debris_contact=contact), domain=model.Domain(size=(SIZE, SIZE), periodic=True),
+        solver=model.Solver(**({"duration": make.LONG, "settle": settle, "integrator": "implicit"} | solver)),
     )  # fmt: skip
     pairs = tuple(model.Pair(between=names, friction=mu, restitution=0.6) for names, mu in frictions.items())
     return make.build(scene.model_copy(update={"pairs": pairs}))
@@ -117,6 +126,108 @@ def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, ball
     assert residual < CLOSED and abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
 
 
+def hertz_overlap(make, force):
+    """Overlap (m) of a ball of steel on steel under a force (N)."""
+    modulus = make.STEEL.youngs_modulus / (2.0 * (1.0 - make.STEEL.poisson_ratio**2))
+    return (0.75 * force / (modulus * math.sqrt(R))) ** (2.0 / 3.0)
+
+
+def contacts_of(simulation, number):
+    """Normal forces over LOAD of a body by the kind of its partner: the lower plate, the upper plate, another body."""
+    state, slots = simulation.state, simulation.state.slots
+    found = {}
+    for own, partner, row_ in zip(slots.own, slots.partner, slots.R, strict=True):
+        bodies = {int(state.order[state.body[own]])} | ({int(state.order[state.body[partner]])} if partner >= 0 else set())
+        if number in bodies and row_[record.NORMAL_FORCE] > 0.0:
+            found["body" if partner >= 0 else "lower" if partner == -1 else "upper"] = row_[record.NORMAL_FORCE] / LOAD
+    return found
+
+
+@common_plates
+def test_a_ball_and_the_body_that_stops_it_share_the_load_of_one_plate(make, plate):
+    """The ball presses by 2 mu N/(1 + mu) of the force N on its top, and rubs down; all tops slip; Hertz gives the height."""
+    simulation = dragged(make, row(make, 1), {("block", "floor"): 5.0}, plate=plate)
+    assert isinstance(simulation.integrator, ImplicitCommonPlateIslands)
+    lines, residual = ledger_after(simulation, 4e-6)
+    state, forces, total = simulation.state, contacts_of(simulation, 1), 8.0 + 2.0 * plate.get("preload", 0.0) / LOAD
+    top, push = forces["upper"], forces["body"]
+    assert push == pytest.approx(2.0 * MU * top / (1.0 + MU), rel=STIFF)
+    assert top - forces["lower"] == pytest.approx(MU * push, abs=STIFF * push)
+    # momentum: what the plates feel is all that they give to each other
+    upper, lower = state.A[run_totals.UPPER_FORCE3] / LOAD, state.A[run_totals.LOWER_FORCE3] / LOAD
+    np.testing.assert_allclose(upper, [-MU * total, 0.0, total], atol=1e-6 * total)
+    np.testing.assert_allclose(lower, -upper, atol=1e-6 * total)
+    own = state.P[state.patch[int(np.flatnonzero(state.order == 1)[0])]]
+    squeezed = hertz_overlap(make, top * LOAD) + hertz_overlap(make, forces["lower"] * LOAD)
+    assert 2.0 * R - own[patch.HEIGHT] == pytest.approx(squeezed, rel=1e-6)
+    if plate is FOUNDATION:
+        spring = plate["stiffness"] * (own[patch.HEIGHT] - state.P[-1, patch.HEIGHT])
+        assert top * LOAD == pytest.approx(plate["preload"] + spring, rel=1e-6)
+    assert [make.label(simulation, body) for body in (0, 1)] == ["sliding", "sliding"]
+    assert residual < CLOSED and abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
+
+
+@common_plates
+def test_slopes_of_an_island_are_difference_quotients(make, plate):
+    """Change of the force of each body on the plate as it rises, the whole island in balance."""
+    # the ball slips above and sticks below: nowhere is friction just at its limit
+    simulation = dragged(
+        make, row(make, 1), {("block", "floor"): 5.0, ("ball", "floor"): 1.0, ("ball", "block"): 0.0}, plate=plate
+    )
+    ledger_after(simulation, 2e-6)
+    one = simulation.integrator
+    one._search()
+    dt, h, context, solutions = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context(), []
+    for rise in (-h, 0.0, h):
+        one._solve_bodies((True, rise, dt, 1e-3, 0.0), context)
+        solutions.append(one.solutions.copy())
+        common_plate.restore_bodies(context)
+    assert len(between_bodies(simulation)) == 1 and all(found[:, body_solution.SOLVED].all() for found in solutions)
+    quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
+    # curved: a fourth of h^2 over the square of an overlap of some nm, and rounding of 1e-9 of the load over h
+    np.testing.assert_allclose(solutions[1][:, body_solution.SLOPE], quotient, rtol=1e-4)
+    assert np.all(quotient < 0.0)
+
+
+def test_bodies_that_are_far_apart_are_solved_as_without_contact_between_them(make):
+    """The same bits."""
+    debris, runs = [make.ball(R, (3e-5 + 5e-5 * k, MIDDLE, R)) for k in range(3)], []
+    for contact in ("auto", "none"):
+        simulation, stop = dragged(make, debris, plate=RIGID, contact=contact), 0.0
+        simulation.integrator.advance_to(time=simulation.settle)
+        for _ in range(8):
+            stop += implicit_islands.STRIDE * R
+            simulation.integrator.advance_to(distance=stop)
+        runs.append(simulation)
+    assert isinstance(runs[0].integrator, ImplicitCommonPlateIslands) and runs[0].integrator.islands.count == 0
+    np.testing.assert_array_equal(runs[0].state.B, runs[1].state.B)
+    np.testing.assert_array_equal(runs[0].integrator.totals, runs[1].integrator.totals)
+
+
+def test_a_layer_under_a_rigid_plate_is_that_of_the_explicit_integrator(make):
+    """Blocks that ride with the upper plate push balls, at 1 m/s."""
+    rng, debris, runs = np.random.default_rng(1), [], {}
+    for y in (4e-5, 8e-5, 1.2e-4):
+        debris.append(model.Spheres(material="block", shape=BLOCK, positions=((3e-5, y, R),)))
+        for k, gap in enumerate(2e-7 * (1.0 + rng.random(2))):
+            radius = R * (1.0 - 1e-4 * rng.random())
+            debris.append(make.ball(radius, (3.9e-5 + R + k * (2.0 * R + 3e-7) + gap, y + 5e-7 * rng.random(), radius)))
+    for kind in ("explicit", "implicit"):
+        plate = RIGID | {"load": 30.0 * LOAD}
+        simulation = dragged(make, debris, {("block", "floor"): 0.1}, 1.0, plate, settle=5e-6, integrator=kind)
+        start = simulation.state.B[:, :2].copy()
+        simulation.integrator.advance_to(time=simulation.settle)
+        simulation.integrator.advance_to(distance=3e-6)
+        force = make.mean_force(simulation, 1e-6) / LOAD
+        moved = (simulation.state.B[:, :2] - start)[np.argsort(simulation.state.order)]
+        runs[kind] = force, moved, [make.label(simulation, body) for body in range(len(debris))], len(between_bodies(simulation))
+    (force, moved, labels, met), (other, there, named, also) = runs["explicit"], runs["implicit"]
+    assert met == also > 5 and labels == named and {"sliding", "rolling"} <= set(labels)
+    # 5e-4 of a contact radius of .2 um in each of some hundred steps, on ways of 4 um
+    assert np.abs(moved - there).max() < 1e-8
+    np.testing.assert_allclose(other, force, atol=1e-3 * abs(force[0]))
+
+
 def test_a_contact_across_a_periodic_face_is_any_other(make):
     forces = []
     for x in (MIDDLE, 2e-6):
@@ -139,7 +250,7 @@ def impact(make, tolerance):
     starts = zip((-6e-6, 6e-6), (0.0, 3e-6), APPROACH, strict=True)
     balls = [make.ball(R, (MIDDLE + x, MIDDLE + y, R), (*v, 0.0)) for x, y, v in starts]
     none = dict.fromkeys([("ball", "ball"), ("ball", "floor")], 0.0)
-    simulation = dragged(make, balls, none, load=1e-6, settle=0.0, tolerance=tolerance)
+    simulation = dragged(make, balls, none, plate={"load": 1e-6}, settle=0.0, tolerance=tolerance)
     before = make.momenta(simulation)[0]
     simulation.integrator.advance_to(time=3e-5)
     assert make.momenta(simulation)[0][:2] == pytest.approx(before[:2], rel=1e-9, abs=1e-9 * abs(before[0]))
@@ -166,38 +277,57 @@ def bits(simulation):
     return [state.B, state.S[:, :3], state.slots.H[on], state.slots.partner[on], simulation.integrator.totals]
 
 
-def chain(make, **solver):
+def chain(make, plate=None, **solver):
     """A row of balls of different sizes with gaps between them, driven against a block."""
     debris = row(make, 0)
     x = MIDDLE - 4e-6 - R
     for k in range(6):
-        radius = R * (1.0 - 0.03 * k)
+        radius = R * (1.0 - (0.03 if plate is None else 1e-4) * k)  # one rigid plate touches all of them
         x -= radius + GAP * (k + 1)
         debris.append(make.ball(radius, (x, MIDDLE + 2e-7 * (-1) ** k, radius)))
         x -= radius
-    return dragged(make, debris, {("block", "floor"): 5.0}, **solver)
+    return dragged(make, debris, {("block", "floor"): 5.0}, plate=plate, **solver)
 
 
-def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make):
-    runs = []
+def copy_of(simulation):
+    """A snapshot that does not change with the run."""
+    kept = snapshot(simulation.state, simulation.integrator, Ledger(simulation.state))
+    return replace(kept, arrays={name: array.copy() for name, array in kept.arrays.items()})
+
+
+def resumed(simulation, kept):
+    """Put a new run to where a snapshot was taken."""
+    restore(kept, simulation.state, simulation.integrator, Ledger(simulation.state))
+    return simulation
+
+
+@plates
+def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
+    """Snapshots are taken at a stop and between two stops, as a run that is interrupted there takes them."""
+    runs, between = [], []
     for threads in (1, 2):
         set_threads(threads)
-        simulation = chain(make)
+        simulation = chain(make, plate)
         simulation.integrator.advance_to(time=simulation.settle)
         simulation.integrator.advance_to(distance=1e-6)
         if threads == 2:
-            kept = snapshot(simulation.state, simulation.integrator, Ledger(simulation.state))
-            simulation = chain(make)
-            restore(kept, simulation.state, simulation.integrator, Ledger(simulation.state))
-        simulation.integrator.advance_to(distance=2e-6)
+            simulation = resumed(chain(make, plate), copy_of(simulation))
+        keep = lambda simulation=simulation: between.append(copy_of(simulation))  # noqa: E731
+        simulation.integrator.advance_to(distance=2e-6, between=keep)
         runs.append(simulation)
     assert len(between_bodies(runs[0])) > 2
-    for one, other in zip(bits(runs[0]), bits(runs[1]), strict=True):
-        np.testing.assert_array_equal(one, other)
+    if plate is not None:  # bodies with steps of their own offer themselves once a second
+        runs.append(resumed(chain(make, plate), between[len(between) // 4]))
+        runs[-1].integrator.advance_to(distance=2e-6)
+    for other in runs[1:]:
+        for one, same in zip(bits(runs[0]), bits(other), strict=True):
+            np.testing.assert_array_equal(one, same)
 
 
 def test_an_island_that_does_not_pay_stops_the_run_or_goes_on_as_the_scene_says(make, monkeypatch):
     monkeypatch.setattr(implicit_islands, "LARGEST", 2)
+    with pytest.raises(GuardStop, match=r"more than 2 do not pay; integrator = \"explicit\", at a higher speed$"):
+        chain(make, RIGID).integrator.advance_to(distance=2e-6)
     with pytest.raises(GuardStop, match=r"bodies could meet within the next .* more than 2 do not pay"):
         chain(make).integrator.advance_to(distance=2e-6)
     going = chain(make, on_failure="continue")

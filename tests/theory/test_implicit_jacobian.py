@@ -325,7 +325,7 @@ def of_two_bodies() -> Callable[..., Any]:
         for k in range(2 * FREEDOMS):
             pool.coordinates[k // FREEDOMS, 0, k % FREEDOMS] = y[k]
         m = evaluate_island(context, island, 0.0, Motion(dt, 0.0, 0.0), pool)
-        assemble_island(context, island, m, dt, pool)
+        assemble_island(context, island, m, dt, False, pool)
         for i in range(2 * FREEDOMS):
             r[i] = pool.coordinates[i // FREEDOMS, 2, i % FREEDOMS]
             for j in range(2 * FREEDOMS):

@@ -48,9 +48,10 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
             raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
         return Plan("implicit", "required by the scene")
     if not obstacle and state.world.debris_meets:
-        obstacle = 'bodies may meet each other; contact.debris_contact = "none" would declare that they do not'
-        if not carried_together(state):
-            obstacle += ', solver.integrator = "implicit" solves those that meet together, which suits slow sliding'
+        obstacle = (
+            'bodies may meet each other; contact.debris_contact = "none" would declare that they do not, '
+            'solver.integrator = "implicit" solves those that meet together, which suits slow sliding'
+        )
     if not obstacle and scene.solver.time_step != "auto":
         obstacle = "the scene gives a time step"
     if not obstacle:
@@ -117,17 +118,21 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
 
 
 def _kind(state: State) -> type[Implicit]:
-    from thirdbody.engine.implicit import Implicit
+    if state.world.debris_meets:
+        if carried_together(state):
+            from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
 
-    if not carried_together(state):
-        if not state.world.debris_meets:
-            return Implicit
+            return ImplicitCommonPlateIslands
         from thirdbody.engine.implicit_islands import ImplicitIslands
 
         return ImplicitIslands
-    from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
+    if carried_together(state):
+        from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 
-    return ImplicitCommonPlate
+        return ImplicitCommonPlate
+    from thirdbody.engine.implicit import Implicit
+
+    return Implicit
 
 
 def carried_together(state: State) -> bool:

@@ -14,7 +14,7 @@ from thirdbody import units
 from thirdbody.assembly.bed import Bed, bed_of, fast_bed_warnings
 from thirdbody.assembly.inertial_number import examine_inertia
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
-from thirdbody.assembly.integrator import Plan, carried_together, implicit, plan
+from thirdbody.assembly.integrator import Plan, implicit, plan
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
@@ -235,9 +235,6 @@ def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
     if scene.contact.debris_contact == "none":
         return [f'{bed} have no contact with each other (contact.debris_contact = "none"), so they pass through one another and '
                 'carry no load from plate to plate; contact.debris_contact = "auto" lets them meet']  # fmt: skip
-    if chosen.kind == "implicit" and carried_together(state):
-        return [f'{bed} have no contact with each other in the implicit integrator under a plate that all carry: it stops where '
-                'two come near, here at once; solver.integrator = "explicit" has that contact']  # fmt: skip
     if chosen.kind == "implicit":
         return [f'{bed} all touch, and the implicit integrator solves those that touch together, in steps of the shortest; '
                 'solver.integrator = "explicit" is made for beds']  # fmt: skip

@@ -19,7 +19,6 @@ from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fraction
-from thirdbody.engine.proximity_guard import ProximityGuard
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
@@ -99,6 +98,8 @@ class Implicit:
     divisible, together = False, False
     meets = False
     """Whether bodies have contact with each other."""
+    earlier: dict[str, Array] = {}
+    """Tables of an earlier instant by their name in a snapshot: a run can go on from there only; empty: from now."""
 
     def __init__(
         self,
@@ -161,8 +162,7 @@ class Implicit:
         search(state)
         state.world = world
         self.max_per_body = state.slots.max_per_body
-        self.near = ProximityGuard(state) if world.debris_meets and not self.meets else None
-        self.stride = math.inf if self.near is None else self.near.stride
+        self.stride = math.inf
 
     def advance_to(
         self,
@@ -192,8 +192,6 @@ class Implicit:
                 now = until if reached else float(self.totals[:, run_totals.TIME].min())
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
             self._refuse_stopped()
-            if self.near is not None:
-                self.near.check(self.memory[:, step_memory.PATH])
 
     def _advance_to(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
@@ -216,8 +214,7 @@ class Implicit:
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays and notes with the integrator's own state."""
-        arrays = {"totals": self.totals, "memory": self.memory}
-        return arrays | ({} if self.near is None else {"near_positions": self.near.positions, "near_paths": self.near.paths}), {}
+        return {"totals": self.totals, "memory": self.memory}, {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
         """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""

@@ -120,7 +120,7 @@ class ImplicitCommonPlate(Implicit):
             dt *= kernel.reduction(converged, error, rotation)
             if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
-        kernel.accept_bodies(self.state.n_bodies, end, whole, cuts, dt, v_x, v_y, context)
+        self._accept_bodies((end, whole, cuts, dt, v_x, v_y), context)
         self._accept(dt, step, load, (v_x, v_y))
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
@@ -141,10 +141,10 @@ class ImplicitCommonPlate(Implicit):
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
-        row, first_iteration, n, context = self.state.P[-1], True, self.state.n_bodies, self._context()
+        row, first_iteration, context = self.state.P[-1], True, self._context()
         displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            kernel.solve_bodies(n, first_iteration, displacement, dt, *velocity, context)
+            self._solve_bodies((first_iteration, displacement, dt, *velocity), context)
             first_iteration = False
             step = self._motion(displacement, dt)
             if not self.solutions[:, body_solution.SOLVED].all():
@@ -165,6 +165,14 @@ class ImplicitCommonPlate(Implicit):
             if not math.isfinite(displacement) or high - low <= 1e-15 * abs(displacement):
                 return step, abs(force) <= 1e-5 * scale
         return step, False
+
+    def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
+        """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate.solve_bodies`."""
+        kernel.solve_bodies(self.state.n_bodies, *step, context)
+
+    def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
+        """Accept the step of all bodies; `step`: arguments of `common_plate.accept_bodies`."""
+        kernel.accept_bodies(self.state.n_bodies, *step, context)
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""

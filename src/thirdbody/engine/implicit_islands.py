@@ -17,12 +17,11 @@ import numpy as np
 from thirdbody.engine.implicit import CALL, FEW, Implicit
 from thirdbody.engine.islands import Islands, islands_of
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
-from thirdbody.engine.proximity_guard import may_have_touched
 from thirdbody.engine.state import Array, Numbers, State
+from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels.columns import run_totals, sphere, step_memory, step_start
-from thirdbody.kernels.implicit import island_step as kernel
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
 
@@ -58,7 +57,6 @@ class ImplicitIslands(Implicit):
         self._pack_tables = Packer(TABLES)
         self.islands: Islands
         self._saved: dict[str, Array] = {}
-        self._last_watch = clock.perf_counter()
 
     def start(self) -> None:
         """As `Implicit.start`."""
@@ -66,6 +64,8 @@ class ImplicitIslands(Implicit):
         slots = self.state.slots
         self._edges, self._incidence = slots.edges, slots.incidence
         self.stride = STRIDE * float(self.state.spheres.radius.min())
+        if not self.together:
+            _driver()
         self._search()
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -110,7 +110,7 @@ class ImplicitIslands(Implicit):
     def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         self._search()
         while True:
-            self._advance_all(until, watch)
+            self._advance_all(until, watch, between)
             own, partner = self._missed()
             if not len(own):
                 break
@@ -118,24 +118,25 @@ class ImplicitIslands(Implicit):
         largest = max(self.counts[1], self._recent[1])
         self.counts += self._recent
         self.counts[1] = largest
+        self.earlier = {}
         watch()
 
-    def _advance_all(self, until: float, watch: Callable[[], None]) -> None:
+    def _advance_all(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         """Advance bodies alone, then islands."""
         codes = self.memory[:, step_memory.CODE]
         waiting = self.islands.member & (codes == Stop.NONE)
         codes[waiting] = Stop.WAITS
         try:
-            super()._advance_to(until, lambda: self._watch_rewound(watch), lambda: None)
+            super()._advance_to(until, watch, between)
         finally:
             codes[waiting] = Stop.NONE
         parts, tables, context = self.islands.parts, self._pack_tables(self.islands.tables), self._context()
         while going := self._going(until):
             begun, before = clock.perf_counter(), self.memory[:, step_memory.TRIES].sum()
-            kernel.advance_islands(parts, until, max(FEW, CALL * self.pace / going), context, tables)
+            _driver()(parts, until, max(FEW, CALL * self.pace / going), context, tables)
             done = self.memory[:, step_memory.TRIES].sum() - before
             self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
-            self._watch_rewound(watch)
+            watch()
 
     def _going(self, until: float) -> int:
         """Return the number of bodies in islands that have not reached a time [s] and have not stopped."""
@@ -147,15 +148,6 @@ class ImplicitIslands(Implicit):
         late = self.totals[tables.bodies[first], run_totals.TIME] < until
         return int(islands.sizes[late & ~stopped].sum())
 
-    def _watch_rewound(self, watch: Callable[[], None]) -> None:
-        """Call `watch` about every second, with the state of the last search: only from there a run can go on."""
-        if clock.perf_counter() - self._last_watch < CALL:
-            return
-        self._last_watch, current = clock.perf_counter(), self._copied()
-        self._put(self._saved)
-        watch()
-        self._put(current)
-
     # -- search --
 
     def _search(self) -> None:
@@ -166,7 +158,7 @@ class ImplicitIslands(Implicit):
         replace_pairs(state, own[both], partner[both])
         state.S[:, sphere.PATH] = 0.0
         self._positions = state.S[:, :3].copy()
-        self._saved = self._copied()
+        self._save()
         self._recent[:] = 0.0
         self._connect()
         self._recent[0], self._recent[2] = 1.0, float(self.islands.sizes.sum())
@@ -179,16 +171,17 @@ class ImplicitIslands(Implicit):
         largest = int(self.islands.sizes.max(initial=0))
         self._recent[1] = max(self._recent[1], largest)
         if largest > LARGEST and not self.accuracy.skip_unsolved:
+            going_on = "" if self.together else ', or on_failure = "continue", to go on all the same'
             raise GuardStop(
                 f"stopped at t = {self.state.time:.6g} s: {largest} bodies could meet within the next "
                 f"{self.stride:.2g} m of sliding, and the implicit integrator solves them together: more than {LARGEST} "
-                'do not pay; integrator = "explicit", at a higher speed, or on_failure = "continue", to go on all the same'
+                f'do not pay; integrator = "explicit", at a higher speed{going_on}'
             )
 
     def _missed(self) -> tuple[Numbers, Numbers]:
         """Return the pairs of spheres that may have touched since the last search without being candidates."""
         state, slots = self.state, self.state.slots
-        own, partner, _ = may_have_touched(state, self._positions, ROUNDED * state.S[:, sphere.PATH])
+        own, partner = may_have_touched(state, self._positions, ROUNDED * state.S[:, sphere.PATH])
         pairs = slice(slots.n_plates, slots.count)
         known = np.isin(self._keys(own, partner), self._keys(slots.own[pairs], slots.partner[pairs]))
         going = self.memory[:, step_memory.CODE] == Stop.NONE
@@ -213,8 +206,9 @@ class ImplicitIslands(Implicit):
         self._connect()
         number = self.islands.number
         back = np.isin(number, number[state.body[own]])
-        self._put(self._saved, back)
         self._recent[3] += len(np.unique(number[back]))
+        self._put_back(back)
+        self._name_saved()
 
     # -- copies of the state --
 
@@ -223,17 +217,31 @@ class ImplicitIslands(Implicit):
         tables = {name: getattr(self.state, name) for name in STATE}
         return tables | {"H": self.state.slots.H, "R": self.state.slots.R, "totals": self.totals, "memory": self.memory}
 
-    def _copied(self) -> dict[str, Array]:
-        """Return copies of them."""
-        return {name: table.copy() for name, table in self._tables().items()}
+    def _save(self) -> None:
+        """Copy them: a run can go on from here only, until the end of the stride (`earlier`)."""
+        self._saved = {name: table.copy() for name, table in self._tables().items()}
+        self._name_saved()
 
-    def _put(self, saved: dict[str, Array], bodies: np.ndarray | None = None) -> None:
-        """Put back the saved tables, or their rows for some `bodies` (n,), a mask."""
+    def _name_saved(self) -> None:
+        """Name the copies as `engine.snapshot` does."""
+        prefix = {"H": "slots_", "R": "slots_"}
+        self.earlier = {
+            prefix.get(name, "" if name in STATE else "integrator_") + name: table for name, table in self._saved.items()
+        }
+
+    def _put_back(self, bodies: np.ndarray) -> None:
+        """Return some `bodies` (n,), a mask, to the start of the stride."""
         state, tables = self.state, self._tables()
-        chosen = np.ones(state.n_bodies, bool) if bodies is None else bodies
         patches = np.zeros(len(state.P), bool)
-        patches[state.patch[chosen]] = True
-        rows = dict.fromkeys(tables, chosen) | {"S": chosen[state.body], "P": patches}
-        rows["H"] = rows["R"] = chosen[state.body[state.slots.own]]
+        patches[state.patch[bodies]] = True
+        rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
+        rows["H"] = rows["R"] = bodies[state.body[state.slots.own]]
         for name, table in tables.items():
-            table[rows[name]] = saved[name][rows[name]]
+            table[rows[name]] = self._saved[name][rows[name]]
+
+
+def _driver() -> Callable:
+    """Return the kernel of islands that have steps of their own; imported here: a common plate needs none of it."""
+    from thirdbody.kernels.implicit.island_driver import advance_islands
+
+    return advance_islands

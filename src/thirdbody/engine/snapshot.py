@@ -35,12 +35,16 @@ class Snapshot:
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """Return all variable data of a run, without copies: write them before the run continues."""
+    """Return all variable data of a run, without copies: write them before the run continues.
+
+    Between two stops of an implicit run with contact between bodies they are those of an earlier instant (`Implicit.earlier`).
+    """
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
     saved, notes = integrator.export_state()
     arrays |= {f"integrator_{name}": array for name, array in saved.items()}
+    arrays |= {name: array for name, array in getattr(integrator, "earlier", {}).items() if name in arrays}
     return Snapshot(arrays, {
         "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
         "energy_start": ledger.start, "energy_peak": ledger.peak,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 9
+VERSION = 10
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"

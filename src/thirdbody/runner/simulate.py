@@ -243,10 +243,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
 
 def debris_contact(simulation: Simulation) -> str:
     """Describe the contact between bodies in this run."""
-    if simulation.state.world.debris_meets:
-        searched = simulation.plan.kind == "explicit" or getattr(simulation.integrator, "meets", False)
-        return "searched" if searched else "watched: the run stops where two bodies come near"
-    return "none: no contact between bodies"
+    return "searched" if simulation.state.world.debris_meets else "none: no contact between bodies"
 
 
 def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:

@@ -12,4 +12,5 @@ ROTATION = table.scalar("rotation", "rad", "rotation in the step")
 ITERATIONS = table.scalar("iterations", "", "iterations of Newton's method")
 CROWDED = table.scalar("crowded", "", "1: it has more contacts than a tile holds")
 LANDS = table.scalar("lands", "", "1: one of its contacts closed in the step")
+IN_ISLAND = table.scalar("in_island", "", "1: it is solved together with the other bodies of its island")
 WIDTH = table.width

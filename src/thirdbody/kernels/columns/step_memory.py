@@ -20,7 +20,6 @@ LAST_DV, LAST_DV3 = table.vector("last_dv", 3, "m/s", "change of the velocity in
 LAST_DL, LAST_DL3 = table.vector("last_dl", 3, "kg m2/s", "change of the angular momentum in it")
 LAST_DW, LAST_DW3 = table.vector("last_dw", 3, "rad/s", "change of the angular velocity in it")
 LAST_DRISE = table.scalar("last_drise", "m/s", "change of the velocity of the patch in it")
-PATH = table.scalar("path", "m", "longest path that a point of the body can have gone since the start")
 STIFFNESS = table.scalar("stiffness", "N/m", "stiffness of the body")
 LIMIT = table.scalar("limit", "", "what limits the length of the next step (`implicit.step_limits.StepLimit`)")
 LIMITED, LIMITED8 = table.vector("limited", 8, "", "how many steps each cause has limited")

@@ -227,7 +227,6 @@ def remember_step(context, active, y, dt):
         T[step_memory.LAST_DL + k] = momentum - Z[step_start.ANGULAR_MOMENTUM + k]
         T[step_memory.LAST_DW + k] = B[b, body.SPIN + k] - Z[step_start.SPIN + k]
     T[step_memory.LAST_DRISE], T[step_memory.LAST_DT] = velocity - Z[step_start.PATCH_VELOCITY], dt
-    T[step_memory.PATH] += math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     S = context.S
     for s in range(context.start[b], context.start[b + 1]):
         u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]

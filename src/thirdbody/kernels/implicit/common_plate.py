@@ -92,34 +92,48 @@ def copy_start(context, b, first_iteration, space):
             space.y[k] = context.ends[b, k]
 
 
-@njit(**BARE_CHUNK)
-def solve_body(context, b, first_iteration, displacement, motion, space):
-    """Solve the step of body b for a given rise of the plate."""
-    active, y, P = active_body(b, context), space.y, context.P
-    Z, T, dt = active.start, active.memory, motion.dt
+@njit(**BARE)
+def begin_body(context, active, first_iteration, displacement, motion, space):
+    """Set the start of the step of a body, or the end of the last iteration, and the plate's rise in its coordinates."""
+    y, P, Z = space.y, context.P, active.start
     if first_iteration:
         save_start(context, active)
-    copy_start(context, b, first_iteration, space)
+    copy_start(context, active.number, first_iteration, space)
     if first_iteration:
         begin_step(context, active, motion)
-        predict(context, active, dt, displacement, y)
+        predict(context, active, motion.dt, displacement, y)
     if P[active.patch, patch.SPRING] == 0.0:
         y[6] = displacement
     Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = P[P.shape[0] - 1, patch.HEIGHT] + displacement, displacement
-    outcome, m, iterations = newton(context, active, motion, space)
+
+
+@njit(**BARE)
+def write_outcome(context, active, outcome, iterations, landing, y):
+    """Write what Newton's method has found for a body: its coordinates, outcome and iterations, and whether it lands."""
+    T, solution = active.memory, context.solutions[active.number]
     T[step_memory.TRIES] += 1.0
     T[step_memory.ITERATIONS] += iterations
-    solution = context.solutions[b]
     solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
     solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
-    solution[body_solution.LANDS] = 1.0 if lands(context, b, m, space) else 0.0
+    solution[body_solution.LANDS] = 1.0 if landing else 0.0
+    solution[body_solution.ITERATIONS] = iterations
     for k in range(FREEDOMS):
-        context.ends[b, k] = y[k]
+        context.ends[active.number, k] = y[k]
+
+
+@njit(**BARE_CHUNK)
+def solve_body(context, b, first_iteration, displacement, motion, space):
+    """Solve the step of body b for a given rise of the plate."""
+    active, y, dt = active_body(b, context), space.y, motion.dt
+    begin_body(context, active, first_iteration, displacement, motion, space)
+    outcome, m, iterations = newton(context, active, motion, space)
+    write_outcome(context, active, outcome, iterations, lands(context, b, m, space), y)
     if outcome == Outcome.SOLVED:
+        solution = context.solutions[b]
         solution[body_solution.PUSH] = plate_reaction(context, active, m, space)
         solution[body_solution.SLOPE] = plate_stiffness(context, active, m, dt, space)
         solution[body_solution.ERROR] = local_error(context, active, dt, space.diagnostics)
-        solution[body_solution.ROTATION], solution[body_solution.ITERATIONS] = rotation_of(y, Z), iterations
+        solution[body_solution.ROTATION] = rotation_of(y, active.start)
 
 
 @njit(**CHUNK)
@@ -128,7 +142,8 @@ def solve_chunk(chunk, first_iteration, displacement, motion, packed):
     context = context_of(packed)
     space = make_workspace(context)
     for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
-        solve_body(context, b, first_iteration, displacement, motion, space)
+        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
+            solve_body(context, b, first_iteration, displacement, motion, space)
 
 
 @njit(**BARE_CHUNK)
@@ -143,11 +158,18 @@ def accept_body(context, b, end, whole, cuts, motion, space):
     m = active_contacts(context, active, space.y, motion, space)
     residual(context, active, m, space.y, motion, space)
     accept_step(context, active, m, motion, True, space)
-    advance_clock(active.totals, motion, end, whole)
-    count_step(active.memory, active.totals, motion.dt, cuts)
+    end_step(context, active, motion, (end, whole, cuts), space)
     if context.labels != 0:
         update_labeller(active, context, context, space)
-    active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
+
+
+@njit(**BARE)
+def end_step(context, active, motion, ended, space):
+    """Advance clock and counters of a body after an accepted step; `ended`: its end [s], whether exactly then, how often cut."""
+    end, whole, cuts = ended
+    advance_clock(active.totals, motion, end, whole)
+    count_step(active.memory, active.totals, motion.dt, cuts)
+    active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(active.number, context, space.diagnostics)
 
 
 @njit(**CHUNK)
@@ -156,7 +178,8 @@ def accept_chunk(chunk, end, whole, cuts, motion, packed):
     context = context_of(packed)
     space = make_workspace(context)
     for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
-        accept_body(context, b, end, whole, cuts, motion, space)
+        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
+            accept_body(context, b, end, whole, cuts, motion, space)
 
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")

@@ -160,7 +160,7 @@ def newton_of_island(context, island, motion, pool):
         last = iterations > 0 and part == 1.0 and now * now <= enough * size
         size, halvings = now, 0
         if not last:
-            assemble_island(context, island, m, dt, pool)
+            assemble_island(context, island, m, dt, False, pool)
             if not factorise_band(pool.band, pool.pivots, unknowns, island.half_width):
                 return Outcome.UNSOLVED, m, iterations
         solve_correction(island, pool)

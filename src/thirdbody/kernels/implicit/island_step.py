@@ -1,22 +1,22 @@
-"""Steps of islands: bodies that could meet are advanced by common steps, other bodies alone (`bdf2`).
+"""Steps of islands: bodies that could meet are advanced by common steps, other bodies alone (`bdf2.step`).
 
 Each body keeps its own BDF2 weights, so an island can form from bodies whose last steps differ. The step is that of the body
 that needs the shortest one.
 """
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs, work_error_of_island
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.band_matrix import row_length
-from thirdbody.kernels.implicit.bdf2 import PACKED, prescribed_displacement, set_load, update_labeller
-from thirdbody.kernels.implicit.bundles import FREEDOMS, context_of
+from thirdbody.kernels.implicit.bdf2 import prescribed_displacement, set_load, update_labeller
+from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.friction_work import MIN_CUT
-from thirdbody.kernels.implicit.island_bundles import Island, active_at, make_pool, space_at, tables_of
+from thirdbody.kernels.implicit.island_bundles import Island, active_at, make_pool, space_at
 from thirdbody.kernels.implicit.island_newton import newton_of_island
 from thirdbody.kernels.implicit.newton import Outcome
 from thirdbody.kernels.implicit.pair_contacts import pair_lands, save_pair_overlaps, turn_of_normals
@@ -182,15 +182,6 @@ def island_step(context, tables, island, until, pool):
 
 
 @njit(**BARE)
-def is_going(context, island, until):
-    """Return whether the island has not reached the time `until` [s], and no body of it has stopped."""
-    for a in range(island.bodies.shape[0]):
-        if context.memory[island.bodies[a], step_memory.CODE] != Stop.NONE.value:
-            return False
-    return context.totals[island.bodies[0], run_totals.TIME] < until
-
-
-@njit(**BARE)
 def island_of(h, context, tables):
     """Return island h."""
     return Island(
@@ -201,28 +192,11 @@ def island_of(h, context, tables):
 
 
 @njit(**CHUNK)
-def advance_part(part, until, tries, packed, packed_tables):
-    """Advance the islands of a part in sequence, with one workspace."""
-    context, tables = context_of(packed), tables_of(packed_tables)
+def pool_of_part(part, context, tables):
+    """Return the scratch for the islands of a part."""
     bodies, pairs, band = np.int64(1), np.int64(1), np.int64(1)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
         island = island_of(tables.order[p], context, tables)
         bodies, pairs = max(bodies, island.bodies.shape[0]), max(pairs, island.pairs.shape[0])
         band = max(band, FREEDOMS * island.bodies.shape[0] * row_length(island.half_width))
-    pool = make_pool(context, bodies, pairs, band)
-    for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
-        island = island_of(tables.order[p], context, tables)
-        T = context.memory[island.bodies[0]]
-        last = T[step_memory.TRIES] + tries
-        while is_going(context, island, until) and T[step_memory.TRIES] < last:
-            island_step(context, tables, island, until, pool)
-
-
-@njit(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), parallel=True, **OPTIONS)
-def advance_islands(parts, until, tries, packed, packed_tables):
-    """Advance all islands to the time `until` [s], with at most `tries` trial steps each.
-
-    `packed`: a packed `ImplicitContext`; `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
-    """
-    for part in prange(parts):
-        advance_part(part, until, tries, packed, packed_tables)
+    return make_pool(context, bodies, pairs, band)

@@ -148,14 +148,17 @@ def change_of_moment(d, rotation_1, rotation_2, turn, contact):
 
 
 @njit(**BARE_CHUNK)
-def assemble_island(context, island, m, dt, pool):
-    """Write the Jacobian of the island, with m contacts between its bodies, to `pool.band`."""
+def assemble_island(context, island, m, dt, coupled, pool):
+    """Write the Jacobian of the island, with m contacts between its bodies, to `pool.band`.
+
+    `coupled`: with the derivatives with respect to patches of prescribed height (`assemble_jacobian`).
+    """
     bodies, half_width, J = island.bodies.shape[0], island.half_width, pool.band
     for e in range(FREEDOMS * bodies * row_length(half_width)):
         J[e] = 0.0
     for a in range(bodies):
         space, first = space_at(a, pool), FREEDOMS * a
-        assemble_jacobian(context, active_at(a, context, island), pool.counts[a], dt, False, space)
+        assemble_jacobian(context, active_at(a, context, island), pool.counts[a], dt, coupled, space)
         for i in range(FREEDOMS):
             for j in range(FREEDOMS):
                 J[entry(first + i, first + j, half_width)] = space.jacobian[i, j]

@@ -7,6 +7,7 @@ plate and slips at the upper one, a rider sticks to the upper one and slips belo
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -117,6 +118,19 @@ def light_against_heavy(trial: Trial) -> None:
     trial.check("push - 0.6 of the load", abs(_push(run, 0, 1) - 0.6), 0.05)
 
 
+def shares_one_plate(trial: Trial) -> None:
+    """A ball and the post that stops it carry one rigid plate: forces follow from that on the top of the ball, whatever it is."""
+    bodies = (_at(BALL, START, "ball"), _at(POST, START + 2.0 * R + 0.02 + 9.0, "post"))
+    frictions = {("ball", "lid"): 0.3, ("ball", "base"): 0.5, ("post", "base"): STUCK}
+    run = trial.start(_meeting(trial, bodies, frictions, support="rigid"))
+    run.follow(STOPS[:6])
+    top, post = _force(run, 0, UPPER), _force(run, 1, UPPER)
+    trial.check("force on the plate over the load - 1", abs(top[2] + post[2] + 1.0), TILT)
+    trial.check_true(f"the ball carries some of it ({-top[2]:.3f})", 0.05 < -top[2] < 0.5)
+    trial.check("push over the force on its top - 0.6", abs(_push(run, 0, 1) / -top[2] - 0.6), TILT)
+    trial.check_true("labelled sliding", run.label(0)[0] == "sliding")
+
+
 def _at(shape: Sequence[Sequence[float]], x: float, material: str) -> Spheres:
     """Return a clump of spheres [um] at x [um] that stands on the lower plate without overlap."""
     return clump(shape, x * MICRON, gap=0.0).model_copy(update={"material": material})
@@ -124,7 +138,7 @@ def _at(shape: Sequence[Sequence[float]], x: float, material: str) -> Spheres:
 
 def _meeting(
     trial: Trial, bodies: Sequence[Spheres], frictions: Frictions, restitution: float = 0.5, motion: Motion | None = None,
-    materials: dict[str, Material] | None = None,
+    materials: dict[str, Material] | None = None, support: Literal["rigid", "load_per_particle"] = "load_per_particle",
 ) -> Scene:  # fmt: skip
     """Return a scene of bodies that see each other; pairs that `frictions` does not name have none."""
     names = {str(part.material) for part in bodies}
@@ -133,7 +147,7 @@ def _meeting(
         Pair(between=pair, friction=frictions.get(pair, 0.0), restitution=restitution)
         for pair in itertools.combinations_with_replacement(known, 2)
     )
-    upper = UpperPlate(material="lid", support="load_per_particle", load=LOAD, motion=motion or drag(SPEED))
+    upper = UpperPlate(material="lid", support=support, load=LOAD, motion=motion or drag(SPEED))
     contact = Contact(level=trial.setting.level, debris_contact="auto")
     return scene(trial, bodies, known, 0.0, size=BOX, lower="base", upper=upper, contact=contact, pairs=pairs, settle=2.5e-6)
 

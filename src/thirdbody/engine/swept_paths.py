@@ -1,58 +1,19 @@
-"""Bodies that may have touched since the last search, and the guard of an integrator without contacts between bodies."""
+"""Spheres of different bodies that may have touched since the last search, by the paths that they sweep."""
 
 import numpy as np
 
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, Ints, Numbers, State
-from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import domain, sphere
 from thirdbody.kernels.columns.sides import EVERYTHING
-
-STRIDE = 0.25
-"""Drag between two checks, in radii of the smallest sphere."""
-
 
 OUTLIER = 4.0
 """Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly. Their pairs are
 found one by one: a grid for such distances would list all pairs of all bodies."""
 
 
-class ProximityGuard:
-    """Detects whether spheres of different bodies may have touched between two checks."""
-
-    def __init__(self, state: State) -> None:
-        self.state = state
-        self.stride = STRIDE * float(state.spheres.radius.min())
-        self.positions, self.paths = state.S[:, :3].copy(), np.zeros(state.n_bodies)
-
-    def check(self, distances: Array) -> None:
-        """Raise GuardStop if two bodies may have touched since the last check.
-
-        `distances` (n,): upper bounds [m] of the path lengths since the start. A path of known length between two positions
-        deviates from the straight line by at most 0.5 sqrt(length^2 - line^2).
-        """
-        state, paths = self.state, (distances - self.paths)[self.state.body]
-        own, partner, gap = may_have_touched(state, self.positions, paths)
-        if len(own):
-            worst = int(np.argmin(gap))
-            raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
-        self.positions[:], self.paths[:] = state.S[:, :3], distances
-
-    def _explain(self, i: int, j: int) -> str:
-        state = self.state
-        a, b = int(state.body[i]), int(state.body[j])
-        x, y = state.bodies.position[a, 0], state.bodies.position[a, 1]
-        one, other = state.order[a], state.order[b]
-        return (
-            f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "
-            "and under a plate that all carry the implicit integrator has no contact between bodies: "
-            'integrator = "explicit" has it, and '
-            'contact.debris_contact = "none" declares an ensemble of bodies without mutual contact'
-        )
-
-
-def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numbers, Numbers, Array]:
-    """Return the pairs of spheres of different bodies that may have touched: owners, partners and their smallest gaps [m].
+def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numbers, Numbers]:
+    """Return the pairs of spheres of different bodies that may have touched: owners and partners.
 
     `positions`, `paths`: positions (n, 3) of all spheres at the last search, and upper bounds (n,) of the lengths of their paths
     since then [m].
@@ -61,9 +22,8 @@ def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numb
     own, partner = search_pairs(state, 2.0 * usual)
     if np.any(paths > usual):
         own, partner = _with_fast(state, paths, np.flatnonzero(paths > usual), own, partner)
-    gap = _smallest_gaps(state, positions, paths, own, partner)
-    near = gap <= 0.0
-    return own[near], partner[near], gap[near]
+    near = _smallest_gaps(state, positions, paths, own, partner) <= 0.0
+    return own[near], partner[near]
 
 
 def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Numbers) -> tuple[Numbers, Numbers]:

@@ -1,0 +1,54 @@
+"""Implicit integrator with contact between bodies that carry one plate together: rigid, or with a foundation.
+
+As in `ImplicitIslands`, islands are found after every stride of the drag; as in `ImplicitCommonPlate`, all bodies share their
+steps, and one equation for the plate remains. A contact that was missed returns all bodies, and the plate, to the start of the
+stride.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
+from thirdbody.engine.implicit_islands import ImplicitIslands
+from thirdbody.engine.state import Array, State
+from thirdbody.kernels.columns import body_solution
+from thirdbody.kernels.implicit import common_plate_islands as kernel
+
+
+class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
+    """`ImplicitCommonPlate` for a state whose bodies have contact with each other."""
+
+    def __init__(self, state: State, *arguments: Any, **options: Any) -> None:
+        super().__init__(state, *arguments, **options)
+        self._packed_tables = np.zeros(0, np.int64)
+
+    def _until(self, until: float) -> float:
+        """As `ImplicitIslands._until`, but without islands no stop is added."""
+        return super()._until(until) if self.islands.count else until
+
+    def _advance_all(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        ImplicitCommonPlate._advance_to(self, until, watch, between)
+
+    def _connect(self) -> None:
+        super()._connect()
+        self._packed_tables = self._pack_tables(self.islands.tables)
+        self.solutions[:, body_solution.IN_ISLAND] = self.islands.member
+
+    def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
+        super()._solve_bodies(step, context)
+        if self.islands.count:
+            kernel.solve_islands(self.islands.parts, *step, context, self._packed_tables)
+
+    def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
+        super()._accept_bodies(step, context)
+        if self.islands.count:
+            kernel.accept_islands(*step, context, self._packed_tables)
+
+    def _tables(self) -> dict[str, Array]:
+        return super()._tables() | {"plate": self.plate, "plate_memory": self.plate_memory}
+
+    def _put_back(self, bodies: np.ndarray) -> None:
+        for name, table in self._tables().items():
+            table[:] = self._saved[name]

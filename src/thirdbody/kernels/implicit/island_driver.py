@@ -1,0 +1,43 @@
+"""BDF2 driver of islands: those whose patches are their own, advanced to a common time by individual steps."""
+
+from numba import njit, prange, types
+
+from thirdbody.jit.options import BARE, CHUNK, OPTIONS
+from thirdbody.kernels.columns import run_totals, step_memory
+from thirdbody.kernels.implicit.bdf2 import PACKED
+from thirdbody.kernels.implicit.bundles import context_of
+from thirdbody.kernels.implicit.island_bundles import tables_of
+from thirdbody.kernels.implicit.island_step import island_of, island_step, pool_of_part
+from thirdbody.kernels.implicit.step_control import Stop
+
+
+@njit(**BARE)
+def is_going(context, island, until):
+    """Return whether the island has not reached the time `until` [s], and no body of it has stopped."""
+    for a in range(island.bodies.shape[0]):
+        if context.memory[island.bodies[a], step_memory.CODE] != Stop.NONE.value:
+            return False
+    return context.totals[island.bodies[0], run_totals.TIME] < until
+
+
+@njit(**CHUNK)
+def advance_part(part, until, tries, packed, packed_tables):
+    """Advance the islands of a part in sequence, with one workspace."""
+    context, tables = context_of(packed), tables_of(packed_tables)
+    pool = pool_of_part(part, context, tables)
+    for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
+        island = island_of(tables.order[p], context, tables)
+        T = context.memory[island.bodies[0]]
+        last = T[step_memory.TRIES] + tries
+        while is_going(context, island, until) and T[step_memory.TRIES] < last:
+            island_step(context, tables, island, until, pool)
+
+
+@njit(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), parallel=True, **OPTIONS)
+def advance_islands(parts, until, tries, packed, packed_tables):
+    """Advance all islands to the time `until` [s], with at most `tries` trial steps each.
+
+    `packed`: a packed `ImplicitContext`; `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
+    """
+    for part in prange(parts):
+        advance_part(part, until, tries, packed, packed_tables)
