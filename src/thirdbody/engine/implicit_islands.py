@@ -38,8 +38,8 @@ ROUNDED = 1.001
 LARGEST = 300
 """Largest number of bodies of an island for which the implicit integrator pays."""
 
-STATE = ("B", "E", "S", "P", "M")
-"""Tables of a state that a step changes, besides those of its candidates."""
+STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
+"""Tables that a step changes: of a state, and of its candidates."""
 
 COUNTS = ("searches", "largest_island", "in_islands", "repeated")
 """What is counted: searches, bodies of the largest island, sum over searches of bodies in islands, islands advanced again."""
@@ -215,7 +215,8 @@ class ImplicitIslands(Implicit):
     def _tables(self) -> dict[str, Array]:
         """Return all tables that steps change, by name."""
         tables = {name: getattr(self.state, name) for name in STATE}
-        return tables | {"H": self.state.slots.H, "R": self.state.slots.R, "totals": self.totals, "memory": self.memory}
+        tables |= {name: getattr(self.state.slots, name) for name in SLOTS}
+        return tables | {"totals": self.totals, "memory": self.memory}
 
     def _save(self) -> None:
         """Copy them: a run can go on from here only, until the end of the stride (`earlier`)."""
@@ -224,10 +225,8 @@ class ImplicitIslands(Implicit):
 
     def _name_saved(self) -> None:
         """Name the copies as `engine.snapshot` does."""
-        prefix = {"H": "slots_", "R": "slots_"}
-        self.earlier = {
-            prefix.get(name, "" if name in STATE else "integrator_") + name: table for name, table in self._saved.items()
-        }
+        prefix = dict.fromkeys(STATE, "") | dict.fromkeys(SLOTS, "slots_")
+        self.earlier = {prefix.get(name, "integrator_") + name: table for name, table in self._saved.items()}
 
     def _put_back(self, bodies: np.ndarray) -> None:
         """Return some `bodies` (n,), a mask, to the start of the stride."""
@@ -236,6 +235,7 @@ class ImplicitIslands(Implicit):
         patches[state.patch[bodies]] = True
         rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
         rows["H"] = rows["R"] = bodies[state.body[state.slots.own]]
+        rows["Q"] = rows["H"][: len(state.slots.Q)]
         for name, table in tables.items():
             table[rows[name]] = self._saved[name][rows[name]]
 
