@@ -62,8 +62,8 @@ def _draw_map(figure: Figure, axes: Axes, heights: np.ndarray, spacing: tuple[fl
 
 def _draw_spectrum(axes: Axes, statistics: Statistics) -> None:
     spectrum, law = statistics.spectrum, statistics.law
-    shown = spectrum.power > 1e-12 * spectrum.power.max(initial=0.0)
-    if not shown.any():
+    shown = np.zeros(0, bool) if spectrum is None else spectrum.power > 1e-12 * spectrum.power.max(initial=0.0)
+    if spectrum is None or not shown.any():
         axes.text(0.5, 0.5, "flat", transform=axes.transAxes, ha="center")
         axes.set_axis_off()
         return

@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import OutputError, UsageError
-from thirdbody.surfaces.statistics import Statistics, surface_statistics
+from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_spectrum
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty
 
@@ -54,7 +54,10 @@ def describe_scan(path: Path, unit: str | None, out: Sequence[Path]) -> Describe
     notes = ["after subtraction of the plane of least squares"]
     if scan.missing:
         notes.append(f"{100.0 * scan.missing:.2g} % of the points have no height; filled here from their surroundings")
-    return Described(path.name, heights, scan.spacing, surface_statistics(heights, scan.spacing, periodic=False), tuple(notes))
+    statistics = surface_statistics(heights, scan.spacing, periodic=False)
+    return Described(
+        path.name, heights, scan.spacing, with_spectrum(statistics, heights, scan.spacing, periodic=False), tuple(notes)
+    )
 
 
 def describe_plate(
@@ -77,7 +80,8 @@ def describe_plate(
     for target in out:
         if target.suffix.lower() in SCANS:
             _write(target, npz_bytes(HeightMap(surface.heights, surface.spacing, side)))
-    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, surface.statistics, surface.notes)
+    statistics = with_spectrum(surface.statistics, surface.one_copy, surface.spacing)
+    return Described(f"{path.name}, {side} plate", surface.heights, surface.spacing, statistics, surface.notes)
 
 
 def _write(target: Path, data: bytes) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ class Statistics:
 
     Heights [m]: `rms_height`, `highest`, `lowest` (over the mean); `skewness` and `kurtosis` (3 for a Gaussian surface);
     `rms_slope` and `max_slope` of the gradient; `rms_curvature` of the mean curvature, and the largest principal curvatures of
-    crests and of valleys, both positive [1/m]. `law`: the power law of the spectrum, None where it follows none.
+    crests and of valleys, both positive [1/m]. `spectrum`: None where it was not computed; `law`: its power law, None where it
+    follows none.
     """
 
     rms_height: float
@@ -29,24 +30,33 @@ class Statistics:
     rms_curvature: float
     crest_curvature: float
     valley_curvature: float
-    spectrum: Spectrum
-    law: PowerLaw | None
+    spectrum: Spectrum | None = None
+    law: PowerLaw | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the statistics as plain numbers and lists."""
         plain = {name: value for name, value in vars(self).items() if isinstance(value, float)}
-        spectrum = {"wavenumber": self.spectrum.wavenumber.tolist(), "power": self.spectrum.power.tolist()}
-        return plain | {"spectrum": spectrum, "power_law": asdict(self.law) if self.law else None}
+        spectrum = self.spectrum
+        columns = {} if spectrum is None else {"wavenumber": spectrum.wavenumber.tolist(), "power": spectrum.power.tolist()}
+        return plain | {"spectrum": columns, "power_law": asdict(self.law) if self.law else None}
+
+
+def with_spectrum(statistics: Statistics, heights: np.ndarray, spacing: tuple[float, float], periodic: bool = True) -> Statistics:
+    """Return statistics with the spectrum of the heights, and its power law."""
+    spectrum = radial_spectrum(heights, spacing, periodic)
+    return replace(statistics, spectrum=spectrum, law=power_law(spectrum))
 
 
 def surface_statistics(heights: np.ndarray, spacing: tuple[float, float], periodic: bool = True) -> Statistics:
-    """Return the statistics of the spline through heights (n_y, n_x) [m]; without a period a margin of 2 points is left out."""
+    """Return the statistics of the spline through heights (n_y, n_x) [m], without their spectrum.
+
+    Without a period a margin of 2 points is left out of slopes and curvatures.
+    """
     z = heights - heights.mean()
     x, y, xx, xy, yy = _derivatives(z, spacing, periodic)
     square = x**2 + y**2
     mean, difference = _curvatures(x, y, xx, xy, yy)
     rms = float(np.sqrt(np.mean(z**2)))
-    spectrum = radial_spectrum(z, spacing, periodic)
     return Statistics(
         rms_height=rms,
         highest=float(z.max()),
@@ -58,8 +68,6 @@ def surface_statistics(heights: np.ndarray, spacing: tuple[float, float], period
         rms_curvature=float(np.sqrt(np.mean(mean**2))),
         crest_curvature=max(0.0, float((mean + difference).max())),
         valley_curvature=max(0.0, float((difference - mean).max())),
-        spectrum=spectrum,
-        law=power_law(spectrum),
     )
 
 
