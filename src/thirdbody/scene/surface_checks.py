@@ -28,9 +28,6 @@ def surface_faults(plates: Plates, domain: Domain) -> list[Wrong]:
         if not domain.periodic:
             faults.append((location, "a surface repeats with the domain: domain.periodic must be true"))
         faults += [((*location, *where), text) for where, text in _in_domain(surface, domain.size)]
-    given = [surface for side in SIDES if (surface := getattr(getattr(plates, side), "surface", None)) is not None]
-    if len({surface.curvature for surface in given}) > 1:
-        faults.append((("plates", "upper", "surface", "curvature"), "must be the same for both plates"))
     return faults
 
 
