@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thirdbody.assembly.surface_scales import NARROW, surface_scales
-from thirdbody.report.rough_plates import print_rough_plates
+from thirdbody.report.plates import print_rough_plates
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.waves import phases, sine_heights
 

@@ -243,3 +243,12 @@ def test_a_scene_with_surfaces_is_saved_and_read_again(tmp_path: Path):
     )
     given.save(tmp_path / "scene.toml")
     assert Scene.load(tmp_path / "scene.toml") == given
+
+
+def test_a_scan_that_changed_stops_a_resumed_run():
+    from thirdbody.assembly.simulation import build
+    from thirdbody.runner.checkpoint import prints_of
+
+    waves = [{"amplitude": amplitude, "wavelength": 20e-6} for amplitude in (1e-7, 1.001e-7)]
+    prints = [prints_of(build(scene({"wave": wave}))) for wave in waves]
+    assert {key for key in prints[0] if prints[0][key] != prints[1][key]} == {"the surfaces of the plates"}

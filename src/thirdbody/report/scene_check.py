@@ -12,11 +12,10 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from thirdbody.kernels.columns import patch
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.bed_report import bed_report, print_bed, speed_report
-from thirdbody.report.rough_plates import print_rough_plates, rough_plates
+from thirdbody.report.plates import plate_report, print_plate, print_rough_plates, rough_plates
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
 from thirdbody.runner.run_warnings import run_warnings
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
-    from thirdbody.engine.upper_plate import UpperPlate
     from thirdbody.scene.model import Scene
 
 TRIAL_SECONDS = 0.5
@@ -116,7 +114,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "debris_contact": debris_contact(built),
             "labels": built.labeller.name if built.labeller else "none",
         },
-        "upper_plate": _plate_report(built),
+        "upper_plate": plate_report(built),
         "rough_plates": rough_plates(built),
         "bed": bed_report(built),
         "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
@@ -164,38 +162,6 @@ def _frames(built: Simulation, planned: int) -> int:
 
 def _unmeasured(cost: FrameCost) -> list[str]:
     return [f"the time of frames is not in the estimate, a trial of some was not written: {cost.failure}"] if cost.failure else []
-
-
-def _plate_report(built: Simulation) -> dict[str, Any] | None:
-    upper = built.state.world.upper
-    if upper is None:
-        return None
-    return {
-        "patches": len(upper.heights),
-        "load": float(upper.load.max()) if upper.foundation is None else upper.foundation.load,
-        "support": built.scene.plates.upper.support if built.scene.plates.upper else "none",
-        "free": upper.free if upper.foundation is None else upper.foundation.free,
-        "mass": float(upper.mass.mean()),
-        "damping": float(upper.damping.mean()),
-        "gap": float(upper.heights.mean()),
-        "moves": upper.schedule.moves,
-        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, patch.NOMINAL_LOAD].max()),
-        "loaded_at_once": built.upper.loaded,
-        "foundation": None if upper.foundation is None else upper.foundation.stiffness,
-        "preload": 0.0 if upper.foundation is None else float(upper.load.max()),
-        "direct_contact": _direct_report(built, upper),
-    }
-
-
-def _direct_report(built: Simulation, upper: UpperPlate) -> dict[str, Any] | None:
-    """Return the direct contact of the plates, and the gap at which it alone carries the load; None without."""
-    if upper.direct is None:
-        return None
-    direct, area = upper.direct, built.scene.domain.size[0] * built.scene.domain.size[1]
-    return {
-        "pressure_at_zero_gap": direct.prefactor / area, "u0": direct.length, "friction": direct.friction,
-        "gap_without_debris": direct.gap(float(upper.load.max())),
-    }  # fmt: skip
 
 
 def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
@@ -282,7 +248,8 @@ def memory_of(built: Simulation) -> int:
     """Return the bytes of the tables of a simulation."""
     state, slots = built.state, built.state.slots
     spheres = 0 if state.S is state.B else state.S.nbytes
-    arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
+    arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence,
+              state.lower_surface, state.upper_surface)  # fmt: skip
     return int(spheres + sum(array.nbytes for array in arrays))
 
 
@@ -295,7 +262,7 @@ def print_check(report: dict[str, Any]) -> None:
     print_line(f"# {report['title'] or 'scene'}: {report['bodies']} bodies, {report['spheres']} spheres")
     _print_costs(report)
     _print_integration(report)
-    _print_plate(report)
+    print_plate(report)
     print_rough_plates(report["rough_plates"])
     print_bed(report)
     _print_laws(report)
@@ -333,31 +300,6 @@ def _print_laws(report: dict[str, Any]) -> None:
     table("effects and components, with their fraction of the time (estimated)", ("part", "", "fraction", "reason"),
           [(row["part"], "on" if row["on"] else "off", percent, row["reason"])
            for row, percent in zip(report["parts"], fractions, strict=True)])  # fmt: skip
-
-
-def _print_plate(report: dict[str, Any]) -> None:
-    plate = report["upper_plate"]
-    if plate is None:
-        return
-    load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
-    load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
-    if plate["preload"]:
-        total = plate["preload"] * plate["patches"]
-        load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
-    carried = f", carried by {plate['loaded_at_once']} of {report['bodies']} bodies at once" if plate["loaded_at_once"] else ""
-    each = " on each" if plate["support"] == "load_per_particle" else ""
-    print(
-        f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
-        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
-    )
-    if direct := plate["direct_contact"]:
-        pressure, length = pretty(direct["pressure_at_zero_gap"], "pressure"), pretty(direct["u0"], "length")
-        alone = pretty(direct["gap_without_debris"], "length")
-        print_line(
-            f"direct contact of the plates: {pressure} exp(-gap / {length}), friction {direct['friction']:g}; alone it would "
-            f"carry the load at a gap of {alone}"
-        )
-    print(f"expected overlap {report['expected_overlap_over_radius']:.2g} of the radius")
 
 
 def _islands(integrator: Implicit) -> dict[str, Any]:

@@ -77,6 +77,8 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],
     }
+    if state.world.rough:
+        tables["the surfaces of the plates"] = [state.lower_surface, state.upper_surface]
     prints = {name: _digest(arrays) for name, arrays in tables.items()}
     chain, effects = simulation.choice.chain, simulation.choice.effects
     labeller = simulation.labeller
