@@ -137,6 +137,7 @@ BAD = {
     "increment in um": ("a.x3p", x3p(xml(dx=1.0, dy=1.0)), ["is the unit right?"]),
     "no size": ("a.x3p", x3p(xml(nx="")), ["SizeX", "missing, expected a number"]),
     "half a point": ("a.x3p", x3p(xml(nx="60.5")), ["SizeX", "60.5 must be a whole number"]),
+    "huge number of points": ("a.x3p", x3p(xml(nx="1e300")), ["SizeX", "1e+300 must be a whole number from 1 to 1e+09"]),
     "layers": ("a.x3p", x3p(xml(nz=3)), ["SizeZ", "3 layers, expected 1"]),
     "1e9 points of x3p": ("a.x3p", x3p(xml(nx=10**5, ny=10**4)), ["100000 x 10000 points, at most 3e+07"]),
     "no link": ("a.x3p", x3p(xml(link="")), ["PointDataLink", "missing"]),

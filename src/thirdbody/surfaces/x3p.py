@@ -17,6 +17,9 @@ from thirdbody.surfaces.zip_members import damage_reported, member, opened_archi
 MAX_XML = 10_000_000
 """Bytes of the largest `main.xml`; those of instruments have some kB."""
 
+MAX_COUNT = 1e9
+"""Largest number of points along an axis that is taken for one."""
+
 DEEPEST = 100
 """Deepest nesting of elements."""
 
@@ -82,9 +85,10 @@ def _header(file: str, texts: dict[str, str]) -> _Header:
 
     def count(path: str) -> int:
         value = number(path)
-        if np.isfinite(value) and not (value >= 1 and value == int(value)):
-            faults.append(Fault(path, f"{value:g} must be a whole number of at least 1", file))
-        return int(value) if np.isfinite(value) else 0
+        whole = 1.0 <= value <= MAX_COUNT and value == int(value)
+        if np.isfinite(value) and not whole:
+            faults.append(Fault(path, f"{value:g} must be a whole number from 1 to {MAX_COUNT:g}", file))
+        return int(value) if whole else 0
 
     axes = "Record1/Axes/"
     word("Record1/FeatureType", "SUR", "a surface (profiles and point clouds are not read)")
