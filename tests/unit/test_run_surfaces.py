@@ -130,6 +130,11 @@ def test_the_upper_plate_is_drawn_clear_of_the_bodies(rough):
     assert np.all(data.centers[:, 2] + data.radii <= plane - upper + 1e-15)
 
 
+def test_a_page_says_that_it_draws_rough_plates_flat(rough, tmp_path):
+    page = render(rough, tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "this page draws rough plates flat" in page
+
+
 def test_a_picture_shows_the_heights(rough, tmp_path):
     skip_unless_drawable()
     picture = render(rough, tmp_path / "a.png", size=(400, 225), view="top")

@@ -24,7 +24,7 @@ def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
     for mark, content in {
         "@TITLE@": html.escape(data.title or "thirdbody"),
-        "@FACTS@": html.escape(data.facts),
+        "@FACTS@": html.escape(data.facts + ("   ·   this page draws rough plates flat" if data.surfaces else "")),
         "@LEGEND@": _legend(data),
         # No tag inside a script may end it or begin another.
         "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
