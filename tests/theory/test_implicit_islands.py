@@ -305,20 +305,25 @@ def resumed(simulation, kept):
 def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
     """Snapshots are taken at a stop and between two stops, as a run that is interrupted there takes them."""
     runs, between = [], []
+    keep = lambda: between.append(copy_of(simulation))  # noqa: E731
     for threads in (1, 2):
         set_threads(threads)
         simulation = chain(make, plate)
-        simulation.integrator.advance_to(time=simulation.settle)
-        simulation.integrator.advance_to(distance=1e-6)
-        if threads == 2:
-            simulation = resumed(chain(make, plate), copy_of(simulation))
-        keep = lambda simulation=simulation: between.append(copy_of(simulation))  # noqa: E731
+        for stop in ({"time": 0.5 * simulation.settle}, {"time": simulation.settle}, {"distance": 1e-6}):
+            simulation.integrator.advance_to(**stop, between=keep)
+            if threads == 2:
+                simulation = resumed(chain(make, plate), copy_of(simulation))
         simulation.integrator.advance_to(distance=2e-6, between=keep)
         runs.append(simulation)
     assert len(between_bodies(runs[0])) > 2
     if plate is not None:  # bodies with steps of their own offer themselves once a second
-        runs.append(resumed(chain(make, plate), between[len(between) // 4]))
-        runs[-1].integrator.advance_to(distance=2e-6)
+        for kept in between[len(between) // 10 :: len(between) // 3]:
+            runs.append(resumed(chain(make, plate), kept))
+            settle = runs[-1].settle
+            for stop in (0.5 * settle, settle):
+                runs[-1].integrator.advance_to(time=stop)
+            for stop in (1e-6, 2e-6):
+                runs[-1].integrator.advance_to(distance=stop)
     for other in runs[1:]:
         for one, same in zip(bits(runs[0]), bits(other), strict=True):
             np.testing.assert_array_equal(one, same)

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
-from thirdbody.engine.implicit_islands import ImplicitIslands
+from thirdbody.engine.implicit_islands import MARGIN, ImplicitIslands
+from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.columns import body_solution
 from thirdbody.kernels.implicit import common_plate_islands as kernel
@@ -25,8 +26,9 @@ class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
         self._packed_tables = np.zeros(0, np.int64)
 
     def _until(self, until: float) -> float:
-        """As `ImplicitIslands._until`, but without islands no stop is added."""
-        return super()._until(until) if self.islands.count else until
+        """As `ImplicitIslands._until`, but no stop is added where no bodies are near each other now."""
+        sooner = super()._until(until)
+        return sooner if sooner < until and len(search_pairs(self.state, MARGIN * self.stride)[0]) else until
 
     def _advance_all(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         ImplicitCommonPlate._advance_to(self, until, watch, between)
