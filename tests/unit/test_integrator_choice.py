@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -14,7 +15,7 @@ from balls import BALLS, edited
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.errors import InputError
-from thirdbody.runner.simulate import prepare
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
 PAIR = edited(
@@ -53,8 +54,19 @@ def command(command, tmp_path):
     return call
 
 
+SLOW, SLOWER, FAST = (('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s"))
+"""Explicit runs of the slow ones take a third of a second, and minutes; with 50 m/s the inertial number of these balls is 5."""
+
+ONE_PLATE = ("load_per_particle", "rigid")
+
 CHOICES = {
-    "two that may meet": ((), "explicit", "debris_contact"),
+    "two that may meet": ((), "explicit", "expected to take about as long"),
+    "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
+    "two that soon have slid": ((SLOW,), "explicit", "expected to take no more than 0."),
+    "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
+    "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
+    "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
+    "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),
     "two that do not": ((NONE,), "implicit", "meet only the plates"),
     "one alone": ((ALONE,), "implicit", "meet only the plates"),
     "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
@@ -138,8 +150,33 @@ def test_check_reports_integrator_and_reason(command):
     code, out, _ = command((), "check", "--json")
     report = json.loads(out)
     assert code == 0
-    assert report["integrator"] == "explicit" and "debris_contact" in report["integrator_reason"]
+    assert report["integrator"] == "explicit" and "expected to take" in report["integrator_reason"]
     assert report["time_step"]["step"] > 0.0
+    assert report["expected_times"]["explicit"] == pytest.approx(report["estimated_step_time"])
+    assert report["islands"]["largest"] == 1 and report["islands"]["fraction_of_bodies"] == 0.0
+
+
+def test_check_and_run_report_islands_and_the_times_of_both(command):
+    code, out, _ = command((SLOWER,), "check")
+    assert code == 0
+    assert "integrator implicit: few bodies meet at a time" in out
+    assert "bodies cover 0.03 of the area, 0 % of them could meet another within 1.25 um of sliding" in out
+    assert re.search(r"steps, on one core: implicit about .*, explicit about ", out)
+    code, _, err = command((SLOWER,), "run", "-o", "out")
+    assert code == 0
+    assert re.search(r"^integrator implicit: few .* \(about .* of processor time, the other one about .*\)$", err, re.MULTILINE)
+
+
+@pytest.mark.parametrize("changes, kind", [((SLOW,), "explicit"), ((), "implicit")])
+def test_a_resumed_run_keeps_its_integrator(changes, kind, tmp_path, monkeypatch):
+    """As one of a version that would choose another, or one that is made so long that the choice would change."""
+    monkeypatch.setattr("thirdbody.assembly.integrator.GAIN", 0.0)
+    assert build(scene(*changes)).plan.kind != kind
+    built = prepare(scene(*changes), before=kind)
+    assert built.plan.kind == kind
+    execute(built, tmp_path / "run", threads=1)
+    with thirdbody.resume(tmp_path / "run", progress=False, settings={"solver.distance": "0.15 um"}) as run:
+        assert run.summary()["integrator"] == kind and run.summary()["distance"] == pytest.approx(0.15e-6, rel=1e-2)
 
 
 def test_check_in_words(command):
@@ -215,10 +252,10 @@ def test_declared_strangers_pass_through_each_other(tmp_path):
 
 
 def test_only_the_explicit_integrator_needs_years():
-    """A day of fretting, a millimetre at 10 nm/s."""
+    """A day of fretting, a millimetre at 10 nm/s, under one plate."""
     slow = (('velocity = "0.5 m/s"', 'velocity = "10 nm/s"'), ('distance = "0.1 um"', 'distance = "1 mm"'))
     with pytest.raises(InputError, match="of explicit integration.*explicit, because"):
-        prepare(scene(*slow))
+        prepare(scene(ONE_PLATE, *slow))
     assert prepare(scene(NONE, *slow)).plan.kind == "implicit"
 
 

@@ -90,9 +90,7 @@ def _obstacle(simulation: Simulation) -> str:
     if not simulation.state.world.debris_meets:
         return f"{NO_BED}, and here none do; {ALONE['rate_test']}"
     if simulation.plan.kind != "explicit":
-        return (
-            f"{NO_BED}, and the {simulation.plan.kind} integrator, chosen here, has no contact between them; {ALONE['rate_test']}"
-        )
+        return f"{NO_BED}, which needs the explicit integrator; {ALONE['rate_test']}"
     time, distance = two_thirds(simulation)
     if simulation.planned_distance - distance <= 1e-9 * simulation.planned_distance:
         return "compares two speeds of the upper plate, which rests in the last third of this run"

@@ -125,6 +125,12 @@ class Simulation:
         return time if time <= self.settle else self.settle + (time - self.settle) * self.time_scale
 
     @property
+    def announcement(self) -> list[str]:
+        """What a run says before it starts: an integrator that expected times decided, a speed that is not that of the scene."""
+        lines = [f"integrator {self.plan}"] if self.plan.estimated else []
+        return [*lines, f"speed: {self.speed_scale}"] if self.speed_scale else lines
+
+    @property
     def shortest_interval(self) -> float:
         """Output interval below which frames are one step apart [s or m]; 0 where steps end at every output."""
         if not self.integrator.divisible:
@@ -134,12 +140,13 @@ class Simulation:
 
 
 def build(
-    scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None
-) -> Simulation:
+    scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None,
+    before: str = "",
+) -> Simulation:  # fmt: skip
     """Build the simulation of a scene, compiled and at time zero. Raises InputError for a scene that cannot run.
 
     `force` lets a fixed time step exceed its bound. `ready` is called once the bodies are made, before the step loop is imported
-    and compiled.
+    and compiled. `before`: the integrator with which a run began, which goes on with it.
     """
     registry = registry or discover()
     rough = plate_surfaces(scene)
@@ -168,16 +175,14 @@ def build(
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
-    chosen = plan(scene, choice, state)
+    chosen = plan(scene, choice, state, upper, before)
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
         refuse_surfaces(scene, rough)
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
-        simulation = Simulation(
-            scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, surfaces=rough
-        )  # fmt: skip
-        return _examined(simulation)
+        given = scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, bed
+        return _examined(Simulation(*given, surfaces=rough))
     warnings += fast_bed_warnings(scene, bed) if bed else []
     # imported here: an implicit run then loads none of it
     from thirdbody.engine.explicit import Explicit

@@ -303,7 +303,7 @@ def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> 
     problem: GuardStop | Interrupted | None = None
     with stop_on_signal() as stop:
         try:
-            with nullcontext() if execution.quiet else reporter_for_terminal(built.scene.title, built.speed_scale) as report:
+            with nullcontext() if execution.quiet else reporter_for_terminal(built.scene.title, built.announcement) as report:
                 execute(built, folder, execution.threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as error:
             problem = error

@@ -6,7 +6,6 @@ paths of all spheres are checked. Where two spheres that were no candidates may 
 of the stride and are advanced again as one. So the result does not depend on how far bodies were expected to move.
 """
 
-import math
 import time as clock
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from thirdbody.engine.expected_islands import LARGEST, MARGIN, island_stride
 from thirdbody.engine.implicit import CALL, FEW, Implicit
 from thirdbody.engine.islands import Islands, islands_of
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
@@ -25,18 +25,11 @@ from thirdbody.kernels.columns import run_totals, sphere, step_memory, step_star
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
 
-STRIDE, MARGIN = 0.25, 1.0
-"""Drag between two searches, in radii of the smallest sphere; largest gap of candidates between bodies, in strides. A body that
-rides on the upper plate nears one that lies on the lower plate by a stride."""
-
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
 
 ROUNDED = 1.001
 """Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
-
-LARGEST = 300
-"""Largest number of bodies of an island for which the implicit integrator pays."""
 
 STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
 """Tables that a step changes: of a state, and of its candidates."""
@@ -63,7 +56,7 @@ class ImplicitIslands(Implicit):
         super().start()
         slots = self.state.slots
         self._edges, self._incidence = slots.edges, slots.incidence
-        self.stride = STRIDE * float(self.state.spheres.radius.min())
+        self.stride = island_stride(self.state)
         if not self.together:
             _driver()
         self._search()
@@ -77,16 +70,6 @@ class ImplicitIslands(Implicit):
         """As `Implicit.restore`."""
         super().restore(arrays, notes)
         self.counts[:] = arrays["counts"]
-
-    def trial(self, bodies: int, until: float) -> None:
-        """As `Implicit.trial`; the first `bodies` bodies meet each other, but no others."""
-        self.memory[bodies:, step_memory.CODE] = Stop.WAITS
-        begun = float(self.totals[:bodies, run_totals.TIME].min())
-        strides = max(1, math.ceil(self.schedule.path(begun, until) / self.stride))
-        for stop in begun + (until - begun) * np.arange(1, strides + 1) / strides:
-            self._advance_to(float(stop), lambda: None, lambda: None)
-        self.memory[bodies:, step_memory.CODE] = Stop.NONE
-        self._refuse_stopped()
 
     def summary(self) -> dict[str, Any]:
         """As `Implicit.summary`, with the number of searches, the largest island, and the mean fraction of bodies in islands."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.assembly.expected_time import NS, TOUCH, law_cost
 from thirdbody.engine.static_response import response
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
@@ -20,17 +21,6 @@ STANDARD_GRAVITY = 9.80665
 
 HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
 """Limits of warnings: weight over load; fraction of a contact's overlap due to its neighbour; drag over shear wave speed."""
-
-NS = {"sphere": 26.0, "contact": 10.0, "pair": 4.0, "law": 4.0, "mindlin": 7.0, "exact": 60.0, "spring": 2.3, "body": 6.0,
-      "labels": 30.0}  # fmt: skip
-"""Time on one core [ns], partly measured with numba 0.68 on a Zen 5, partly estimated.
-
-Per sphere and step (motion), per contact (geometry) or checked pair, per contact and law, per spring, per body and effect, per
-body for its labels. Fractions need only their ratios, and are reported as estimates.
-"""
-
-TOUCH = 0.02
-"""A sphere nearer to a plate than this fraction of its radius will carry load."""
 
 
 def parts(built: Simulation) -> list[dict[str, Any]]:
@@ -100,10 +90,7 @@ def _laws(built: Simulation) -> list[dict[str, Any]]:
     contacts = max(1, 2 * built.state.n_bodies)
     rows = []
     for law in built.choice.chain.laws:
-        numbers = len(law.history)  # a row of springs stores two numbers for each
-        row_of_springs = numbers > 16 and law.name not in NS
-        each = NS["spring"] * numbers / 2.0 if row_of_springs else NS.get(law.name, NS["law"])
-        rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * each))
+        rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * law_cost(law)))
     return rows + [_row(name, False, "no pair requires it", 0.0) for name in built.choice.off]
 
 

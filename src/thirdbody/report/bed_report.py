@@ -21,7 +21,7 @@ def bed_report(built: Simulation) -> dict[str, Any] | None:
     `inertial_number` is of the median diameter, `inertial_number_largest` of the largest; None where no pressure is known.
     """
     bed = built.bed
-    if bed is None or built.plan.kind != "explicit":
+    if bed is None:
         return None
     faster = built.speed_scale.factor if built.speed_scale else 1.0
     number = faster * bed.inertial_number

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import io
 import math
 import os
-import time
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.bed_report import bed_report, print_bed, speed_report
+from thirdbody.report.integration_trial import expected_integration
 from thirdbody.report.plates import plate_report, print_plate, print_rough_plates, rough_plates
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
@@ -25,15 +24,7 @@ from thirdbody.units import pretty
 if TYPE_CHECKING:
     from thirdbody.assembly.physics import CompiledPhysics
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.engine.explicit import Explicit
-    from thirdbody.engine.implicit import Implicit
     from thirdbody.scene.model import Scene
-
-TRIAL_SECONDS = 0.5
-"""Duration of the integration of a temporary copy, for the estimate of the wall time [s]."""
-
-TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
-"""Bodies and path [m] of such a trial of the implicit integrator."""
 
 
 class Check(dict[str, Any]):
@@ -89,7 +80,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
     from thirdbody.runner.output_schedule import planned_frames
     from thirdbody.runner.simulate import debris_contact
 
-    integration, trial = _integration(built)
+    integration, trial = expected_integration(built)
     frames = _frames(built, planned_frames(built))
     each = frame_cost(built, trial)
     framing, disk = frames * each.seconds, each.first_bytes + (frames - 1) * each.bytes
@@ -164,86 +155,6 @@ def _unmeasured(cost: FrameCost) -> list[str]:
     return [f"the time of frames is not in the estimate, a trial of some was not written: {cost.failure}"] if cost.failure else []
 
 
-def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
-    """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
-    from thirdbody.assembly.rate_test import added_time
-    from thirdbody.engine.explicit import Explicit
-
-    integrator = built.integrator
-    if not isinstance(integrator, Explicit):
-        wall, stopped, slow = _trial_wall_time(built, integrator)
-        return {
-            "accuracy": vars(integrator.accuracy),
-            "rayleigh": integrator.rayleigh,
-            "steps": None,
-            "estimated_step_time": wall,
-            "trial_stopped": stopped,
-        } | _islands(integrator), slow
-    bound, dt = integrator.bound, built.state.dt
-    assert bound is not None
-    steps = (built.planned_time + added_time(built)) / dt
-    each, stopped, trial = _seconds_per_step(integrator)
-    return {
-        "time_step": {
-            "step": dt,
-            "limited_by": "the scene" if integrator.fixed is not None else bound.mechanism,
-            "body": bound.body,
-            "rayleigh": bound.rayleigh,
-            "stability_limit": bound.stability,
-        },
-        "steps": steps,
-        "estimated_step_time": steps * each,
-        "trial_stopped": stopped,
-    }, trial
-
-
-def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
-    """Return the seconds per step, the reason if a guard stopped the trial (then NaN), and the copy that was measured.
-
-    The first call is not counted.
-    """
-    from thirdbody.errors import GuardStop
-    from thirdbody.kernels.columns import run_totals
-
-    trial = copy.deepcopy(original.state)
-    integrator = copy.copy(original)
-    integrator.state = trial
-    integrator._tables()
-    try:
-        integrator.advance_to(trial.time + 3.0 * trial.dt)
-        started, steps, before = time.perf_counter(), 0, trial.A.copy()
-        while time.perf_counter() - started < TRIAL_SECONDS:
-            integrator.advance_to(trial.time + 100.0 * trial.dt)
-        steps = int(trial.A[run_totals.STEPS] - before[run_totals.STEPS])
-        return (time.perf_counter() - started) / max(steps, 1), "", integrator
-    except GuardStop as stop:
-        return math.nan, str(stop), integrator
-
-
-def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
-    """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
-
-    A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more cores is faster by their
-    number.
-    """
-    from thirdbody.errors import GuardStop
-
-    integrator = copy.deepcopy(original)
-    distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
-    bodies = n if integrator.together else min(TRIAL_BODIES, n)
-    moved = built.schedule.time_of(distance, 0.0) if distance > 0.0 else built.settle
-    try:
-        integrator.trial(bodies, 1e-3 * built.settle)  # compiles if necessary
-        started = time.perf_counter()
-        integrator.trial(bodies, built.settle)
-        pressed = time.perf_counter() - started
-        integrator.trial(bodies, moved)
-        dragged = time.perf_counter() - started - pressed
-    except GuardStop as stop:
-        return math.nan, str(stop), integrator
-    return (pressed + dragged * (built.planned_distance / distance if distance > 0.0 else 0.0)) * n / bodies, "", integrator
-
-
 def memory_of(built: Simulation) -> int:
     """Return the bytes of the tables of a simulation."""
     state, slots = built.state, built.state.slots
@@ -302,21 +213,9 @@ def _print_laws(report: dict[str, Any]) -> None:
            for row, percent in zip(report["parts"], fractions, strict=True)])  # fmt: skip
 
 
-def _islands(integrator: Implicit) -> dict[str, Any]:
-    """Return the islands of bodies at the start, by size, where bodies have contact with each other (`engine.islands`)."""
-    if not integrator.meets:
-        return {}
-    state, islands = integrator.state, cast(Any, integrator).islands
-    covered = math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1])
-    result = {
-        "stride": integrator.stride, "largest": int(islands.sizes.max(initial=1)),
-        "fraction_of_bodies": float(islands.sizes.sum()) / state.n_bodies, "area_fraction": covered,
-    }  # fmt: skip
-    return {"islands": result}
-
-
 def _print_integration(report: dict[str, Any]) -> None:
     print_line(f"integrator {report['integrator']}: {report['integrator_reason']}")
+    _print_expected(report)
     settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
     if "time_step" not in report:
         chosen = report["accuracy"]
@@ -327,14 +226,22 @@ def _print_integration(report: dict[str, Any]) -> None:
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
         print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
         print(f"settling {settling}, simulated {whole}, every body by steps of its own")
-        if islands := report.get("islands"):
-            within = f"could meet within {pretty(islands['stride'], 'length')} of sliding"
-            inside = f"{100.0 * islands['fraction_of_bodies']:.0f} % of them {within} and are solved together"
-            print(f"bodies cover {islands['area_fraction']:.2f} of the area; {inside}, at most {islands['largest']}")
         return
     step = report["time_step"]
     print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
     print(f"settling {settling}, simulated {whole}, {report['steps']:.3g} steps")
+
+
+def _print_expected(report: dict[str, Any]) -> None:
+    """Print the expected islands of debris that may meet, and the expected times of both integrators."""
+    if islands := report["islands"]:
+        stride = pretty(islands["stride"], "length")
+        near = f"{100.0 * islands['fraction_of_bodies']:.0f} % of them could meet another within {stride} of sliding"
+        size = f"{islands['mean']:.1f} bodies on average, at most about {islands['largest']}"
+        print_line(f"bodies cover {islands['area_fraction']:.2f} of the area, {near}; expected islands: {size}")
+    if times := report["expected_times"]:
+        both = ", ".join(f"{name} about {duration(times[name])}" for name in ("implicit", "explicit"))
+        print_line(f"steps, on one core: {both}")
 
 
 def _limit(step: dict[str, Any]) -> str:

@@ -30,8 +30,8 @@ VERSION = 10
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"
-THE_VERSION, THE_RATE_TEST = "the version", "the rate test"
-"""Names of fingerprints: of the program; of the factor on the speed, in checkpoints of a rate test only."""
+THE_VERSION, THE_INTEGRATOR, THE_RATE_TEST = "the version", "the integrator", "the rate test"
+"""Names of fingerprints: of the program; explicit or implicit; the factor on the speed, in checkpoints of a rate test only."""
 
 
 @dataclass
@@ -87,7 +87,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     prints["the effects"] = f"{_named(effects)}, sources {sources([effect.kernel for effect in effects])}"
     if labeller is not None:
         prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
-    return prints | {"the integrator": simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}
+    return prints | {THE_INTEGRATOR: simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}
 
 
 def _named(things: Iterable[Any]) -> str:

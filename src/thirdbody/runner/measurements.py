@@ -41,7 +41,7 @@ def has_records(state: State) -> bool:
 
 def samplers_of(simulation: Simulation) -> dict[str, Sampler]:
     """Return the quantities to be sampled by name."""
-    if not is_bed(simulation):
+    if not is_bed(simulation) or simulation.plan.kind != "explicit":
         return {}
     drag = np.array([*simulation.integrator.drag, 0.0])
     samplers: dict[str, Sampler] = {"velocity": body_velocities}
@@ -62,7 +62,8 @@ def profiler_of(simulation: Simulation) -> Profiler | None:
 def is_bed(simulation: Simulation) -> bool:
     """Return whether debris between two plates meets other debris."""
     world = simulation.state.world
-    return world.debris_meets and world.lower is not None and world.upper is not None and simulation.plan.kind == "explicit"
+    searched = simulation.plan.kind == "explicit" or getattr(simulation.integrator, "meets", False)
+    return world.debris_meets and world.lower is not None and world.upper is not None and searched
 
 
 def bed_measures(simulation: Simulation) -> BedMeasures | None:

@@ -18,8 +18,11 @@ _preparing = threading.Lock()
 """Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
 
 
-def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
-    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError."""
+def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False, before: str = "") -> Simulation:
+    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError.
+
+    `before`: the integrator with which a run began, which goes on with it.
+    """
     from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
     from thirdbody.laws.registry import discover
 
@@ -30,7 +33,7 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
         from thirdbody.assembly.rate_test import examine_rate_test
         from thirdbody.assembly.simulation import build
 
-        simulation = build(scene, registry, force, warm_up)
+        simulation = build(scene, registry, force, warm_up, before)
         examine_rate_test(simulation)
         return simulation
 

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -30,23 +30,20 @@ Reporter = Callable[[Progress], None]
 
 
 @contextmanager
-def reporting(progress: bool | Reporter, title: str, speed: object | None = None) -> Iterator[Reporter | None]:
+def reporting(progress: bool | Reporter, title: str, first: Iterable[str] = ()) -> Iterator[Reporter | None]:
     """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself."""
     if progress is True:
-        with reporter_for_terminal(title, speed) as report:
+        with reporter_for_terminal(title, first) as report:
             yield report
     else:
         yield progress or None
 
 
 @contextmanager
-def reporter_for_terminal(title: str, speed: object | None = None) -> Iterator[Reporter]:
-    """Yield a reporter that draws on standard error while that can be written to.
-
-    `speed`: printed first, the two speeds of a scene that is computed at another one than it asks for.
-    """
-    if sys.stderr is not None and speed is not None:
-        print_line(f"speed: {speed}", err=True)
+def reporter_for_terminal(title: str, first: Iterable[str] = ()) -> Iterator[Reporter]:
+    """Yield a reporter that draws on standard error while that can be written to. `first`: lines that are printed before."""
+    for line in first if sys.stderr is not None else ():
+        print_line(line, err=True)
     if sys.stderr is None:  # the program was started without one; print would take standard output
         yield lambda _: None
     elif sys.stderr.isatty():

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.checkpoint import THE_RATE_TEST, THE_VERSION, Checkpoint, prints_of, read_checkpoint
+from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_RATE_TEST, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.parts.joined import cut, unfinished_parts
 from thirdbody.runner.parts.workers import workers_of
 from thirdbody.runner.prepare import check_threads, prepare
@@ -79,7 +79,7 @@ def resume(
         warnings.warn(warning, stacklevel=2)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
     cut(simulation, *workers_of((unfinished_parts(folder), executor), threads), plugins)
-    with reporting(progress, simulation.scene.title, simulation.speed_scale) as report, stop_on_ctrl_c() as stop:
+    with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
     return open_run(folder)
 
@@ -106,7 +106,7 @@ def prepare_resume(
             if run.frames < saved.frames:
                 message = f"has {run.frames} frames, and the checkpoint was written after {saved.frames}"
                 raise InputError(f"{folder / FILE_NAME}: {message}")
-    simulation = prepare(scene, plugins, saved.force)
+    simulation = prepare(scene, plugins, saved.force, saved.prints.get(THE_INTEGRATOR, ""))
     now = prints_of(simulation)
     _refuse_other(folder, saved.prints, now)
     if saved.prints.get(THE_VERSION) != now[THE_VERSION]:

@@ -94,7 +94,7 @@ def run(
         warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
     cut(simulation, *workers_of(parts, threads), plugins)
-    with reporting(progress, simulation.scene.title, simulation.speed_scale) as report, stop_on_ctrl_c() as stop:
+    with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, overwrite, stop)
     return open_run(folder)
 

@@ -168,7 +168,7 @@ def _bed_faults(raw: dict[str, Any], key: str, moving: bool) -> list[Wrong]:
     if entry(raw.get("contact"), "debris_contact") == "none":
         faults.append((location, f'{NO_BED}, and contact.debris_contact = "none" declares that they do not; {ALONE[key]}'))
     elif entry(raw.get("solver"), "integrator") == "implicit":
-        faults.append((location, f"{NO_BED}, and the implicit integrator has no contact between them; {ALONE[key]}"))
+        faults.append((location, f"{NO_BED}, which needs the explicit integrator; {ALONE[key]}"))
     return faults
 
 

@@ -264,7 +264,8 @@ class Solver(Part):
     """
 
     integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
-    """"auto" takes the implicit one where bodies meet the plates only, and says why. Example: "implicit"."""
+    """"auto" takes the implicit one where bodies meet the plates only, or few each other and it is expected to be faster, and
+    says why. Example: "implicit"."""
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
     """Explicit integrator: time step; one above the bound is refused without `--force`. Example: "0.5 ns"."""
     distance: PositiveLength | None = None

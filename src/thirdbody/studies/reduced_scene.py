@@ -35,6 +35,8 @@ def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = S
 
     set_threads(1)
     built, report = prepare(scene, plugins), []
+    if built.plan.estimated:  # a smaller copy might have another one
+        scene = scene.with_settings({"solver.integrator": built.plan.kind})
     for step in ("thin", "shorten"):
         fraction = maximum / seconds_of(built)
         if step == "thin":

@@ -140,7 +140,8 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
     copy, built, reduction = reduce_scene(scene, plugins, maximum)
     changes, words = coarsened(copy, built) if few else ({}, [])
     base = base_of(copy, built, plugins)
-    base = replace(base, sheared_bed=is_bed(built) and scene.plates.moving(), meets=bool(built.state.world.debris_meets))
+    bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
+    base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
     save(copy.with_settings(changes) if changes else copy, folder)
     return {"base": vars(base), "reduction": [*reduction, *words]}
 

@@ -227,7 +227,8 @@ class FrameMaker:
     def _bed_series(self, bed: BedMeasures, force: float, lines: dict[str, float]) -> dict[str, float]:
         """Return the measures of the bed; `force`: mean normal force on a plate over the output interval [N]."""
         l_x, l_y = self.state.world.size
-        interval = Interval(force / (l_x * l_y), self.interval_means["velocity"], self._gap())
+        velocities = self.interval_means.get("velocity", self.state.bodies.velocity)
+        interval = Interval(force / (l_x * l_y), velocities, self._gap())
         return bed.series(interval, lines["elastic_normal"] + lines["elastic_tangential"])
 
 

@@ -1,0 +1,122 @@
+"""Expected cost of the steps of a run: trials of a copy of its integrator, and expected times of the other one."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+from thirdbody.assembly.expected_time import extent_of, time_of_stops
+
+if TYPE_CHECKING:
+    from thirdbody.assembly.simulation import Simulation
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
+
+TRIAL_SECONDS = 0.5
+"""Duration of the integration of a temporary copy, for the estimate of the wall time [s]."""
+
+TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
+"""Bodies and path [m] of such a trial of the implicit integrator."""
+
+
+def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
+    """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
+    from thirdbody.assembly.rate_test import added_time
+    from thirdbody.engine.explicit import Explicit
+
+    integrator = built.integrator
+    if not isinstance(integrator, Explicit):
+        wall, stopped, slow = _trial_wall_time(built, integrator)
+        return {
+            "accuracy": vars(integrator.accuracy),
+            "rayleigh": integrator.rayleigh,
+            "steps": None,
+            "estimated_step_time": wall,
+            "trial_stopped": stopped,
+        } | _expected(built, wall), slow
+    bound, dt = integrator.bound, built.state.dt
+    assert bound is not None
+    steps = (built.planned_time + added_time(built)) / dt
+    each, stopped, trial = _seconds_per_step(integrator)
+    return {
+        "time_step": {
+            "step": dt,
+            "limited_by": "the scene" if integrator.fixed is not None else bound.mechanism,
+            "body": bound.body,
+            "rayleigh": bound.rayleigh,
+            "stability_limit": bound.stability,
+        },
+        "steps": steps,
+        "estimated_step_time": steps * each,
+        "trial_stopped": stopped,
+    } | _expected(built, steps * each), trial
+
+
+def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
+    """Return the seconds per step, the reason if a guard stopped the trial (then NaN), and the copy that was measured.
+
+    The first call is not counted.
+    """
+    from thirdbody.errors import GuardStop
+    from thirdbody.kernels.columns import run_totals
+
+    trial = copy.deepcopy(original.state)
+    integrator = copy.copy(original)
+    integrator.state = trial
+    integrator._tables()
+    try:
+        integrator.advance_to(trial.time + 3.0 * trial.dt)
+        started, steps, before = time.perf_counter(), 0, trial.A.copy()
+        while time.perf_counter() - started < TRIAL_SECONDS:
+            integrator.advance_to(trial.time + 100.0 * trial.dt)
+        steps = int(trial.A[run_totals.STEPS] - before[run_totals.STEPS])
+        return (time.perf_counter() - started) / max(steps, 1), "", integrator
+    except GuardStop as stop:
+        return math.nan, str(stop), integrator
+
+
+def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
+    """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
+
+    A few bodies of the copy, alone, are pressed and dragged a little; the second half of that path gives the rate of the others.
+    Measured on one core: a machine with more cores is faster by their number. Islands, and searches for them, are expected.
+    """
+    from thirdbody.errors import GuardStop
+
+    integrator = copy.deepcopy(original)
+    distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
+    bodies = n if integrator.together else min(TRIAL_BODIES, n)
+    half, moved = (built.schedule.time_of(part * distance, 0.0) if distance > 0.0 else built.settle for part in (0.5, 1.0))
+    try:
+        integrator.trial(bodies, 1e-3 * built.settle)  # compiles if necessary
+        clock = [time.perf_counter()]
+        for until in (built.settle, half, moved):
+            integrator.trial(bodies, until)
+            clock.append(time.perf_counter())
+    except GuardStop as stop:
+        return math.nan, str(stop), integrator
+    first, rest = clock[2] - clock[0], clock[3] - clock[2]
+    alone = (first + rest * (2.0 * built.planned_distance / distance - 1.0 if distance > 0.0 else 0.0)) * n / bodies
+    islands = built.plan.islands
+    if islands is None or not integrator.meets:
+        return alone, "", integrator
+    return alone * islands.mean + time_of_stops(extent_of(built.scene, built.upper), islands, n), "", integrator
+
+
+def _expected(built: Simulation, measured: float) -> dict[str, dict[str, Any] | None]:
+    """Return the `islands` expected of debris that may meet, and wall times of all steps with both integrators [s].
+
+    None where they are not known. `measured`: wall time of the chosen integrator, from a trial (NaN: unknown); the ratio of both
+    is that of the expected processor times.
+    """
+    islands, times, kind = built.plan.islands, built.plan.times, built.plan.kind
+    result: dict[str, dict[str, Any] | None] = {"islands": None, "expected_times": None}
+    if islands is not None and built.state.world.debris_meets:
+        result["islands"] = islands._asdict()
+    if times is not None:
+        expected = times._asdict()
+        scale = 1.0 if math.isnan(measured) else measured / expected[kind]
+        result["expected_times"] = {name: scale * time for name, time in expected.items()}
+    return result
