@@ -15,7 +15,6 @@ from thirdbody.kernels.columns import sphere, surface_contact
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.periodic import image, images, nearest_image
 from thirdbody.kernels.predicates import BASINS, is_plate, is_upper
-from thirdbody.kernels.rough_plates import update_surfaces
 
 
 @njit(**BARE)
@@ -37,31 +36,11 @@ def overlap_and_normal(k, context, box):
     return radii - d, d_x * inverse, d_y * inverse, d_z * inverse
 
 
-@njit(**BARE)
-def rough_overlaps(first, last, context, reach, g):
-    """Do what `plate_overlaps` does where a plate is rough. Of the rows of a sphere only those with a minimum are read."""
-    k = first
-    while k < last:
-        if len(context.upper if is_upper(context.partner[k]) else context.lower) == 0:
-            g[k - first] = first_body.surface_overlap(k, context) + reach
-            k += 1
-            continue
-        minima = np.int64(context.Q[k, surface_contact.MINIMA])
-        for row in range(BASINS):
-            near = minima >> row & 1 != 0
-            g[k + row - first] = first_body.surface_overlap(k + row, context) + reach if near else -1.0
-        k += BASINS
-
-
 @njit(**BARE_CHUNK)
 def plate_overlaps(first, last, context, box, g):
     """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
-    if first_body.is_rough(context):
-        update_surfaces(first, last, context)
-        rough_overlaps(first, last, context, box.reach, g)
-    else:
-        for k in range(first, last):
-            g[k - first] = first_body.plane_overlap(k, context) + box.reach
+    for k in range(first, last):
+        g[k - first] = first_body.plane_overlap(k, context) + box.reach
 
 
 @njit(**BARE)
@@ -112,6 +91,32 @@ def compact_active(first, last, g, closed, touching, opened):
         closed[k] = on + 2 * (was & 1) * (1 - on)
         m += on
         o += np.int64(was != 0) * (1 - on)
+    for e in range(m, m + SPARE - 1):
+        touching[e] = touching[max(m - 1, 0)]
+    return m, o
+
+
+@njit(**BARE_CHUNK)
+def compact_rough(first, last, context, reach, touching, opened):
+    """Do for contacts with rough plates what overlaps and `compact_active` do for others.
+
+    Rows of a sphere none of which has or had a minimum in the last two steps, by far the most, are passed over.
+    """
+    Q, closed, m, o, k = context.Q, context.closed, np.int64(0), np.int64(0), first
+    while k < last:
+        flat = len(context.upper if is_upper(context.partner[k]) else context.lower) == 0
+        rows = 1 if flat else BASINS
+        minima = np.int64(1) if flat else np.int64(Q[k, surface_contact.MINIMA])
+        if minima != 0 or Q[k, surface_contact.ENDED] != 0.0:
+            for row in range(rows):
+                e = k + row
+                on = np.int64(minima >> row & 1 != 0 and first_body.surface_overlap(e, context) + reach > 0.0)
+                was = np.int64(closed[e])
+                touching[m], opened[o] = e, e
+                closed[e] = on + 2 * (was & 1) * (1 - on)
+                m += on
+                o += np.int64(was != 0) * (1 - on)
+        k += rows
     for e in range(m, m + SPARE - 1):
         touching[e] = touching[max(m - 1, 0)]
     return m, o

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
 from thirdbody.kernels.closest_point import closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
@@ -65,13 +65,14 @@ def end_minimum(k, row, shortest, Q):
 
 @njit(**BARE)
 def reset_ended(k, Q):
-    """Reset the rows whose minima ended in the last update."""
-    ended = np.int64(Q[k, surface_contact.ENDED])
-    if ended != 0:
+    """Reset the rows whose minima ended in the last update; note them for the last step of their contacts (`compact_rough`)."""
+    noted = np.int64(Q[k, surface_contact.ENDED])
+    if noted != 0:
+        ended = noted & ((1 << BASINS) - 1)
         for row in range(BASINS):
             if ended >> row & 1 != 0:
                 Q[k + row, surface_contact.DISTANCE] = math.inf
-        Q[k, surface_contact.ENDED] = 0.0
+        Q[k, surface_contact.ENDED] = ended << BASINS
 
 
 @njit(**BARE)
@@ -128,9 +129,10 @@ def follow_all(k, field, x, shortest, tables):
 
 
 @njit(**BARE_CHUNK)
-def search_all(k, field, x, limits, tables, minima):
-    """Search for all minima of the sphere whose first row is k; `limits`: see `limits_of`, `minima`: scratch."""
+def search_all(k, field, x, limits, tables):
+    """Search for all minima of the sphere whose first row is k; `limits`: see `limits_of`."""
     Q, (farthest, shortest) = tables.Q, limits
+    minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(find_minima(field, x, farthest, minima), BASINS)
     for a in range(BASINS):
         known = False
@@ -176,7 +178,7 @@ def bound_distance(k, height, shortest, upper, radius, Q):
 
 
 @njit(**BARE_CHUNK)
-def update_sphere(k, field, tables, minima):
+def update_sphere(k, field, tables):
     """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
     Q, S, i = tables.Q, tables.S, tables.own[k]
     x, radius = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P), S[i, sphere.RADIUS]
@@ -186,13 +188,13 @@ def update_sphere(k, field, tables, minima):
     if tracked and height <= limits[0]:
         follow_all(k, field, x, limits[1], tables)
         if has_moved(k, x, radius, Q):
-            search_all(k, field, x, limits, tables, minima)
+            search_all(k, field, x, limits, tables)
     else:
         for row in range(BASINS):
             if has_minimum(k, row, Q):
                 end_minimum(k, row, limits[1], Q)
         Q[k, surface_contact.SEARCHED] = math.inf
-    if Q[k, surface_contact.MINIMA] == 0.0 and Q[k, surface_contact.ENDED] == 0.0:
+    if Q[k, surface_contact.MINIMA] == 0.0 and np.int64(Q[k, surface_contact.ENDED]) & ((1 << BASINS) - 1) == 0:
         bound_distance(k, height if tracked else math.inf, limits[1], is_upper(tables.partner[k]), radius, Q)
 
 
@@ -206,15 +208,15 @@ def update_plane(k, tables):
     Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
 
 
-@njit(UPDATE, **OPTIONS)
+@njit(UPDATE, **OPTIONS, **NO_COUNTS)
 def update(first, last, tables):
     """Update the rows of candidates first to last; those of a sphere and a plate are together, from basin 0 on."""
-    minima, k = np.empty((BASINS, 3)), first
+    k = first
     while k < last:
         field = tables.upper if is_upper(tables.partner[k]) else tables.lower
         if field.shape[0] == 0:
             update_plane(k, tables)
             k += 1
         else:
-            update_sphere(k, field, tables, minima)
+            update_sphere(k, field, tables)
             k += BASINS

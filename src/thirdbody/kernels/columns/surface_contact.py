@@ -13,7 +13,9 @@ OFFSET, OFFSET2 = table.vector(
 )
 DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter")
 MINIMA = table.scalar("minima", "", "in the first row of a sphere: bits of the rows that have a minimum")
-ENDED = table.scalar("ended", "", "in the first row of a sphere: bits of the rows whose minimum has ended in the last update")
+ENDED = table.scalar(
+    "ended", "", "in the first row of a sphere: bits of rows whose minimum ended in the last update, then of the one before"
+)
 NORMAL, NORMAL3 = table.vector("normal", 3, "", "unit normal from the plate to the sphere, world axes")
 RADIUS = table.scalar("radius", "m", "effective radius of curvature")
 NORMAL_GRADIENT, NORMAL_GRADIENT6 = table.vector(
@@ -23,4 +25,5 @@ GRADIENT, GRADIENT3 = table.vector("gradient", 3, "1/m", "gradient of the logari
 SEARCHED, SEARCHED3 = table.vector(
     "searched", 3, "m", "in the first row of a sphere: its centre at the last search for minima, in the coordinates of the plate"
 )
+NEARBY, NEARBY3 = table.vector("nearby", 3, "m", "scratch of the search: offset and distance of a minimum")
 WIDTH = table.width

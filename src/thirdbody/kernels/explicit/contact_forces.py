@@ -44,11 +44,12 @@ from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
-from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
+from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
+from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
 GROUP = 8
@@ -352,11 +353,15 @@ def contact_forces(group, side, part, context, step, law):
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     (tile, gaps), marks = split_scratch(context.scratch[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
-    if flat:
-        plate_overlaps(first, last, context, box, gaps)
+    if flat and first_body.is_rough(context):
+        update_surfaces(first, last, context)
+        m, o = compact_rough(first, last, context, box.reach, slots, opened)
     else:
-        pair_overlaps(first, last, context, box, gaps)
-    m, o = compact_active(first, last, gaps, context.closed, slots, opened)
+        if flat:
+            plate_overlaps(first, last, context, box, gaps)
+        else:
+            pair_overlaps(first, last, context, box, gaps)
+        m, o = compact_active(first, last, gaps, context.closed, slots, opened)
     clear_sums(c, context.sums)
     lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):

@@ -8,11 +8,13 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED
+from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
+from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.labeller_input import update_memory
-from thirdbody.kernels.rigid_body import WITH_PLATE, WITH_SPHERE, reset_plate_forces
+from thirdbody.kernels.rigid_body import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
 
 law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
@@ -39,8 +41,12 @@ def drift_groups(task, group, alone, part, context, step):
             moved[h] = step.number
             for c in range(h * GROUP, end_of(h, context)):
                 drift_bodies(c, context, step, context.scratch[part], context.marks[part])
-                cuts = context.cuts
-                reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, context.E)
+                cuts, E = context.cuts, context.E
+                if is_rough(context):  # candidates are many, most of them without a minimum
+                    for b in range(c * BODIES, min((c + 1) * BODIES, E.shape[0])):
+                        E[b, body_extra.UPPER_PUSH] = 0.0
+                else:
+                    reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, E)
 
 
 @njit(**BARE)
