@@ -44,6 +44,7 @@ RENDER = Entry.draw
 ENTRIES = {
     "roller_bearing": Entry(),
     "sliding_flakes": Entry(f"{RENDER} --zoom 0.3"),
+    "grooves": Entry(f"{RENDER} --zoom 0.6"),
     "three_spot": Entry(f"{RENDER} --body 0 --frame 6"),
     "scanned_debris": Entry(f"{RENDER} --zoom 0.4"),
     "sheared_debris": Entry(),
