@@ -14,7 +14,7 @@ from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIs
 from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body_solution, patch, record, run_totals, step_memory
+from thirdbody.kernels.columns import body, body_extra, body_solution, patch, record, run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit import common_plate
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model
@@ -268,6 +268,51 @@ def test_an_impact_off_centre_keeps_the_momentum_and_converges_with_the_second_o
     # 1e-4 of the approach: the patches, whose dashpots the impact moves
     assert ratio > 3.0 and fine < 1.5 * coarse / ratio**2 + 1e-4 * 0.3
     assert fine < 2e-4 * 0.3
+
+
+SWAY, TURN = 0.02, 1.0
+"""Velocity across the drag, and of the surface of a ball that is set in rotation, m/s. The first one strains contacts by a tenth
+of what makes them slip, the second one lets all of them slip for the time that is computed."""
+
+BEGIN, SPAN, COUNTS = 3e-8, 6e-8, (30, 60, 120, 960)
+"""Time in which the kick dies away in sticking contacts or all contacts begin to slip, time computed thereafter, s, and numbers
+of equal steps. The contact between ball and block swings with a period of some 60 ns."""
+
+
+def after_equal_steps(make, level, kick, count):
+    """A ball that is pressed against a block, kicked, and then advanced by `count` equal steps: velocities, and friction used."""
+    simulation = dragged(make, row(make, 1), {("block", "floor"): 5.0}, level=level)
+    integrator, state = simulation.integrator, simulation.state
+    integrator.advance_to(time=simulation.settle)
+    integrator.advance_to(distance=4e-7)
+    ball, inertia = 1, 0.4 * state.B[1, body.MASS] * R**2
+    if kick == "sway":
+        state.B[ball, body.VELOCITY + 1] += SWAY
+    else:
+        state.B[ball, body.SPIN + 1] += TURN / R
+        state.E[ball, body_extra.ANGULAR_MOMENTUM + 1] += inertia * TURN / R
+    integrator.memory[:, step_memory.LAST_DT] = 0.0
+    integrator.memory[:, step_memory.NEXT_DT] = 1e-10
+    integrator.advance_to(time=state.time + BEGIN)
+    integrator.settings[[step_settings.TOLERANCE, step_settings.WORK]] = 1e6
+    integrator.settings[step_settings.LONGEST] = 1e-3 * SPAN / count
+    integrator.memory[:, step_memory.LAST_DT], integrator.memory[:, step_memory.NEXT_DT] = 0.0, SPAN
+    before = integrator.totals[ball, run_totals.STEPS]
+    integrator.advance_to(time=state.time + SPAN)
+    assert integrator.totals[ball, run_totals.STEPS] - before == count
+    closed = state.slots.R[state.slots.histories.slip > 0.0]
+    used = np.linalg.norm(closed[:, record.TANGENTIAL_FORCE3], axis=1) / closed[:, record.FRICTION_LIMIT]
+    return np.concatenate([state.B[:, body.VELOCITY3].ravel(), R * state.B[ball, body.SPIN3]]), used
+
+
+@pytest.mark.parametrize(("level", "kick"), [("mindlin", "sway"), ("coulomb", "turn")])
+def test_coupled_steps_are_of_second_order_in_partial_and_in_full_slip(make, level, kick):
+    """A ball between two plates and a block: its contacts all stick, or all slip under normal forces that swing."""
+    runs = [after_equal_steps(make, level, kick, count) for count in COUNTS]
+    errors = [np.abs(velocities - runs[-1][0]).max() for velocities, _ in runs[:-1]]
+    slope = np.polyfit(np.log(COUNTS[:-1]), np.log(errors), 1)[0]
+    print(errors, slope, runs[-1])
+    assert slope == pytest.approx(-2.0, abs=0.2)
 
 
 def bits(simulation):

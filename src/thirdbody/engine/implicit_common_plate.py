@@ -215,9 +215,10 @@ class ImplicitCommonPlate(Implicit):
         kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(self.accuracy.inertia)
         self.plate[run_totals.PLATE_WORK] += work
         self.plate[run_totals.PLATE_WORK_SIZE] += abs(work)
-        dashpot_work = float(row[patch.DAMPING]) * step.velocity * step.displacement
-        self.plate[run_totals.DAMPING_WORK] += max(dashpot_work, 0.0)
-        lost = min(dashpot_work, 0.0) + (float(row[patch.LOAD]) - carried) * step.displacement
+        dashpot_work = float(row[patch.DAMPING]) * step.displacement**2 / dt
+        self.plate[run_totals.DAMPING_WORK] += dashpot_work
+        lost = float(row[patch.DAMPING]) * step.velocity * step.displacement - dashpot_work
+        lost += (float(row[patch.LOAD]) - carried) * step.displacement
         self.plate[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
         T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.displacement, step.velocity - before
         T[step_memory.LAST_DT] = dt

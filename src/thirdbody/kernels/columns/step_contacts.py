@@ -9,5 +9,4 @@ MAX_OVERLAP = table.scalar("max_overlap", "m", "largest overlap")
 MAX_RADIUS = table.scalar("max_radius", "m", "largest radius of a contact area")
 MAX_RATIO = table.scalar("max_ratio", "", "largest overlap over the radius of its sphere")
 SLOT = table.scalar("slot", "", "its contact")
-DASHPOT_POWER = table.scalar("dashpot_power", "W", "power of the dashpots, mean of the step")
 WIDTH = table.width

@@ -2,7 +2,8 @@
 
 Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
 the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part
-that it has in that work.
+that it has in that work. Work that a contact hands on from one body to the other is that of the mean of its forces at both ends
+of the step, as is the work of the plates: else what rolling bodies exchange would count as lost by one and created by the other.
 """
 
 import numpy as np
@@ -26,11 +27,13 @@ from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
+from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
+from thirdbody.kernels.implicit.jacobian import cross
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
-from thirdbody.kernels.implicit.residual import mean_velocity_factor
 from thirdbody.kernels.predicates import is_closed
+from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.surface_velocity import surface_velocity
 
 
@@ -97,6 +100,32 @@ def work_on(a, force, torque, context, island, pool):
 
 
 @njit(**BARE)
+def works_on(a, b, wrench, context, island, pool):
+    """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
+    f, torque, back = wrench
+    work_a = work_on(a, f, torque, context, island, pool)
+    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, pool)
+
+
+@njit(**BARE)
+def works_of_old(k, context, island, pool):
+    """Return the works [J] in the step of the last force of candidate k on both bodies; 0 where it was open."""
+    if not is_closed(k, context.H):
+        return 0.0, 0.0
+    (_, _, a, b), R = ends_of(k, context, island), context.R
+    n, n_x, n_y, n_z = R[k, record.NORMAL_FORCE], R[k, record.NORMAL], R[k, record.NORMAL + 1], R[k, record.NORMAL + 2]
+    t = record.TANGENTIAL_FORCE
+    f = (n * n_x + R[k, t], n * n_y + R[k, t + 1], n * n_z + R[k, t + 2])
+    x, y, z = cross((R[k, record.POINT], R[k, record.POINT + 1], R[k, record.POINT + 2]), f)
+    arm = (R[k, record.PARTNER_POINT], R[k, record.PARTNER_POINT + 1], R[k, record.PARTNER_POINT + 2])
+    u, v, w = cross(f, arm)
+    if context.rolling == MOMENTS:
+        m_x, m_y, m_z = R[k, record.MOMENT], R[k, record.MOMENT + 1], R[k, record.MOMENT + 2]
+        x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
+    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, pool)
+
+
+@njit(**BARE)
 def add_wrench(b, sign, force, torque, B):
     """Add `sign` times a force, and a torque, to those on body b."""
     for d in range(3):
@@ -121,37 +150,24 @@ def stored_energy(k, context):
 
 
 @njit(**BARE)
-def pair_recoil(q, k, dt, context, tile):
-    """Return the dashpot dissipation [J] of contact q, candidate k, that is about to open (`accept_step.recoil`); q -1: open."""
-    R, O = context.R, tile.outputs  # noqa: E741
-    if not is_closed(k, context.H) or R[k, record.NORMAL_FORCE] != 0.0:
-        return 0.0
-    if q < 0:
-        return R[k, record.STORED_NORMAL]
-    if O[law_output.NORMAL_FORCE * TILE + q] != 0.0:
-        return 0.0
-    power = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, context.initial_overlaps[k], tile.inputs)
-    return R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - power * dt
+def accept_closed(p, k, context, island, motion, pool, smooth):
+    """Book contact p, candidate k, on both bodies, and write its record; its history is stored afterwards.
 
-
-@njit(**BARE)
-def accept_closed(q, k, context, island, motion, pool, tile):
-    """Book contact q, candidate k, on both bodies, and write its record; its history is stored afterwards.
-
-    The tile has the friction loss that is booked.
+    Its tile has the friction loss that is booked. `smooth`: see `is_smooth`.
     """
-    i, j, a, b = ends_of(k, context, island)
-    b_i, b_j, O, dt = island.bodies[a], island.bodies[b], tile.outputs, motion.dt  # noqa: E741
+    (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, pool)
+    q, b_i, b_j, O = p % TILE, island.bodies[a], island.bodies[b], tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
-    done_a = work_on(a, f, torque, context, island, pool)
-    done_b = work_on(b, (-f[0], -f[1], -f[2]), back, context, island, pool)
-    part = abs(done_a) / max(abs(done_a) + abs(done_b), 1e-300)
-    power = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, context.initial_overlaps[k], tile.inputs)
-    damped, friction = power * dt + pair_recoil(q, k, dt, context, tile), O[law_output.DISSIPATED * TILE + q]
+    (mean_a, mean_b), weight = works_of_old(k, context, island, pool), 0.5 if smooth else 0.0
+    end_a, end_b = works_on(a, b, (f, torque, back), context, island, pool)
+    mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
+    part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
+    damped = dashpot_loss(q, k, context.initial_overlaps[k], smooth, motion.dt, context, tile)
+    friction = O[law_output.DISSIPATED * TILE + q]
     gained = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q] - stored_energy(k, context)
-    lost = -(done_a + done_b) - gained - friction - damped
-    add_losses(b_i, friction, damped, part * lost, context)
-    add_losses(b_j, friction, damped, (1.0 - part) * lost, context)
+    lost = -(mean_a + mean_b) - gained - friction - damped
+    add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
+    add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
     add_wrench(b_i, 1.0, f, torque, context.B)
     add_wrench(b_j, -1.0, f, back, context.B)
     context.B[b_i, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
@@ -160,44 +176,47 @@ def accept_closed(q, k, context, island, motion, pool, tile):
 
 
 @njit(**BARE)
-def accept_opened(k, of_mean, context, island, motion, tile):
+def accept_opened(k, smooth, context, island, motion, pool):
     """End candidate k, which opened within the step, and book what it stored on both bodies."""
-    _, _, a, b = ends_of(k, context, island)
-    gained, damped = -stored_energy(k, context), pair_recoil(np.int64(-1), k, motion.dt, context, tile)
-    dragged = pair_opening_work(k, context, motion, island.box) if of_mean else 0.0
+    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, pool)
+    weight = 0.5 if smooth else 0.0
+    mean_a, mean_b = weight * mean_a, weight * mean_b
+    gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
+    dragged = pair_opening_work(k, context, motion, island.box) if smooth and context.force >= 0 else 0.0
     friction = max(reset_history(k, context) + dragged, 0.0)
-    lost = 0.5 * (-gained - friction - damped)
-    add_losses(island.bodies[a], friction, damped, lost, context)
-    add_losses(island.bodies[b], friction, damped, lost, context)
+    lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
+    add_losses(island.bodies[a], friction, damped, lost + mean_a, context)
+    add_losses(island.bodies[b], friction, damped, lost + mean_b, context)
 
 
 @njit(**BARE)
-def is_of_mean(context, island):
-    """Return whether friction dissipates the work of the mean force of the step on all bodies (`friction_work.weight_of_old`)."""
-    mean = context.force >= 0
+def is_smooth(context, island):
+    """Return whether forces jump on no body: what is dissipated is the work of their mean (`friction_work.weight_of_old`)."""
+    smooth = True
     for a in range(island.bodies.shape[0]):
-        mean = mean and context.starts[island.bodies[a], step_start.OLD_WEIGHT] > 0.0
-    return mean
+        smooth = smooth and context.starts[island.bodies[a], step_start.OLD_WEIGHT] > 0.0
+    return smooth
 
 
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, pool):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
-    of_mean, p = is_of_mean(context, island), np.int64(0)
+    smooth, p = is_smooth(context, island), np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
         if p < m and pool.pair_slots[p // TILE, p % TILE] == k:
             p += 1
         elif is_closed(k, context.H):
-            accept_opened(k, of_mean, context, island, motion, pair_tile(np.int64(0), pool))
+            accept_opened(k, smooth, context, island, motion, pool)
     for t in range((m + TILE - 1) // TILE):
         n, slots, tile = tile_count(t, m), pool.pair_slots[t], pair_tile(t, pool)
+        of_mean = smooth and context.force >= 0
         if of_mean:
             book(n, context, tile)
         for q in range(0 if of_mean else n):
             tile.outputs[law_output.DISSIPATED * TILE + q] += unbooked_energy(q, slots[q], context, tile.outputs)
         for q in range(n):
-            accept_closed(q, slots[q], context, island, motion, pool, tile)
+            accept_closed(t * TILE + q, slots[q], context, island, motion, pool, smooth)
         store_history(n, slots, context, tile)
         for q in range(n):
             remember_pair(q, slots[q], context, island, tile)

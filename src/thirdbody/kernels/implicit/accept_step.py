@@ -27,8 +27,9 @@ from thirdbody.kernels.contact_history import reset_history, spring_energy, stor
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
-from thirdbody.kernels.implicit.residual import mean_velocity_factor, momentum_of, set_configuration
+from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 
 
@@ -50,57 +51,39 @@ def unbooked_energy(q, k, context, O):  # noqa: E741
 
 
 @njit(**BARE)
-def recoil(context, b, m, dt, space):
-    """Return the dashpot dissipation [J] of opening contacts that `residual` does not include.
-
-    A contact without normal force at the start of the step is about to open: its dashpot cancels the elastic force and dissipates
-    all energy still stored. As nothing accelerates the body, one step can lead from there to the open contact, and the force at
-    its end does not include it.
-    """
-    I, O, R, first = space.tile.inputs, space.tile.outputs, context.R, context.edges[b]  # noqa: E741
-    total, q = 0.0, np.int64(0)
-    for e in range(first, context.edges[b + 1]):
-        k = context.incidence[e] >> 1
-        staged = q < m and space.slots[q] == k
-        if is_closed(k, context.H) and R[k, record.NORMAL_FORCE] == 0.0:
-            if not staged:
-                total += R[k, record.STORED_NORMAL]
-            elif O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
-                work_done = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, space.before[e - first], I) * dt
-                total += R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - work_done
-        if staged:
-            q += 1
-    return total
-
-
-@njit(**BARE)
 def commit(context, active, m, motion, space):
     """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
 
     Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
     jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
-    work.
+    work. Returns the energy [J] that the dashpots dissipate (`dashpot_work`).
     """
     b, tile, sums, H = active.number, space.tile, space.sums, context.H
     O = tile.outputs  # noqa: E741
-    of_mean = context.force >= 0 and active.start[step_start.OLD_WEIGHT] > 0.0
+    smooth, first, damped = active.start[step_start.OLD_WEIGHT] > 0.0, context.edges[b], 0.0
+    of_mean = smooth and context.force >= 0
     force_and_torques(m, tile)
     if of_mean:
         book(m, context, tile)
     for i in range(0 if of_mean else m):
         O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, space.slots[i], context, O)
+    for i in range(m):
+        k = space.slots[i]
+        damped += dashpot_loss(i, k, space.before[k - first], smooth, motion.dt, context, tile)
     store_history(m, space.slots, context, tile)
     q = np.int64(0)
-    for e in range(context.edges[b], context.edges[b + 1]):
+    for e in range(first, context.edges[b + 1]):
         k = context.incidence[e] >> 1
         if q < m and space.slots[q] == k:
             store_contact(q, k, context, active, motion, space)
             q += 1
         elif is_closed(k, H):
-            dragged = opening_work(k, space.before[e - context.edges[b]], context, motion) if of_mean else 0.0
+            damped += opening_loss(k, space.before[e - first], smooth, context)
+            dragged = opening_work(k, space.before[e - first], context, motion) if of_mean else 0.0
             lost = max(reset_history(k, context) + dragged, 0.0)
             sums[0, contact_sums.FRICTION_WORK] += lost
             context.B[b, body.FRICTION_WORK] += lost
+    return damped
 
 
 @njit(**BARE)
@@ -164,33 +147,38 @@ def body_works(context, active, y, dt):
 
 
 @njit(**BARE)
-def update_ledger(context, active, motion, gained, common, space):
-    """Add the accepted step to the energy totals of the body; `gained`: elastic energy of its contacts [J].
+def update_ledger(context, active, motion, works, common, space):
+    """Add the accepted step to the energy totals of the body.
+
+    `works`: energy that its contacts store more than before, and that their dashpots dissipate [J].
 
     Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
     work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
     work and impulse use the mean of the forces at both ends of the step or, where forces jump (`weight_of_old`), those at its
-    end, as does friction (`commit`); the difference from the work of the method is added to the numerical loss. With a `common`
-    plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy.
+    end, as do friction and dashpots (`commit`); the difference from the work of the method is added to the numerical loss. With
+    a `common` plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no
+    kinetic energy.
     """
     p, Z, T, A, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
     sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
+    gained, of_dashpots = works
     contacts, effects, pushed, before, after = body_works(context, active, y, dt)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
     lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
-    damped, lost = space.diagnostics[step_contacts.DASHPOT_POWER] * dt, plate - drag
+    damped, lost = of_dashpots, plate - drag
     if P[p, patch.FREE] != 0.0:
         spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
         stretched = y[6] - Z[step_start.PLATE_DISPLACEMENT]
         carried = (1.0 - old) * P[p, patch.LOAD] + old * Z[step_start.PATCH_LOAD]
         plate -= carried * y[6] + (0.0 if common else spring * Z[step_start.PLATE_DISPLACEMENT])
         lost -= (carried - P[p, patch.LOAD]) * y[6]
-        dashpot_work = P[p, patch.DAMPING] * patch_velocity * y[6]
-        damped, lost = damped + max(dashpot_work, 0.0), lost + min(dashpot_work, 0.0)
+        # by the displacement of the step: BDF2 extrapolates the velocity at its end
+        dashpot_work = P[p, patch.DAMPING] * y[6] * y[6] / dt
+        damped, lost = damped + dashpot_work, lost + P[p, patch.DAMPING] * patch_velocity * y[6] - dashpot_work
         force = (
             fraction
             * P[p, patch.MASS]
@@ -205,7 +193,7 @@ def update_ledger(context, active, motion, gained, common, space):
         plate += stored
         lost += stored - lift
     friction = sums[0, contact_sums.FRICTION_WORK]
-    laws = drag + lift - contacts - gained - friction - space.diagnostics[step_contacts.DASHPOT_POWER] * dt
+    laws = drag + lift - contacts - gained - friction - of_dashpots
     A[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost
     A[run_totals.FRICTION_WORK] += friction
     A[run_totals.DAMPING_WORK] += damped
@@ -258,9 +246,8 @@ def accept_step(context, active, m, motion, common, space):
     diagnostics = space.diagnostics
     for k in range(contact_sums.WIDTH):
         space.sums[0, k] = 0.0
-    diagnostics[step_contacts.DASHPOT_POWER] += recoil(context, b, m, dt, space) / dt
-    Z[step_start.OLD_WEIGHT] = weight_of_old(m, dt, active, space)
-    commit(context, active, m, motion, space)
+    Z[step_start.OLD_WEIGHT] = weight_of_old(context, m, dt, active, space)
+    damped = commit(context, active, m, motion, space)
     E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2] = momentum_of(
         b, B, E
     )
@@ -268,7 +255,7 @@ def accept_step(context, active, m, motion, common, space):
         B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
         B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
     stored = elastic_energy(b, context)
-    update_ledger(context, active, motion, stored - T[step_memory.STORED], common, space)
+    update_ledger(context, active, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, active, space.y, dt)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))

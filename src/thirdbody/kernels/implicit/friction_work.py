@@ -11,18 +11,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import (
-    body,
-    contact_state,
-    law_input,
-    law_output,
-    sphere,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-)
+from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory, step_settings, step_start
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit.dashpot_work import loss_of_end
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
 
@@ -43,19 +34,21 @@ CALM = 0.01
 
 
 @njit(**BARE)
-def weight_of_old(m, dt, active, space):
+def weight_of_old(context, m, dt, active, space):
     """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
 
-    The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion if the dashpots of
-    the m contacts dissipate more than CALM of the work of the tangential forces.
+    The work is that of the plate, of friction and of dashpots. Forces jump with the velocity at a breakpoint of the motion if the
+    dashpots of the m contacts dissipate more than CALM of the work of the tangential forces.
     """
-    I, O, work_done = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
+    if active.memory[step_memory.LAST_DT] > 0.0:
+        return 0.5
+    I, O, work_done, damped = space.tile.inputs, space.tile.outputs, 0.0, 0.0  # noqa: E741
     for q in range(m):
+        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[active.number]], dt, space.tile)
         work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
-    power = space.diagnostics[step_contacts.DASHPOT_POWER]
-    return 0.5 if active.memory[step_memory.LAST_DT] > 0.0 or power * dt <= CALM * work_done else 0.0
+    return 0.5 if damped <= CALM * work_done else 0.0
 
 
 @njit(**BARE)

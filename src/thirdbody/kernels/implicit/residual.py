@@ -248,7 +248,7 @@ def residual(context, active, m, y, motion, space):
                 r[3 + d] += moment[d]
         if is_upper(context.partner[k]):
             r[6] -= f_z
-        observe_contact(q, motion.dt, space.before[k - context.edges[b]], context, space)
+        observe_contact(q, context, space)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
     if context.has_effects != 0:
@@ -259,15 +259,13 @@ def residual(context, active, m, y, motion, space):
 
 
 @njit(**BARE)
-def observe_contact(q, dt, before, context, space):
+def observe_contact(q, context, space):
     """Add contact q to the sums and maxima in `space.diagnostics`."""
     I, O, k, diagnostics = space.tile.inputs, space.tile.outputs, space.slots[q], space.diagnostics  # noqa: E741
     overlap, radius = I[law_input.OVERLAP * TILE + q], context.S[context.own[k], sphere.RADIUS]
     diagnostics[step_contacts.NORMAL_FORCE] += abs(O[law_output.NORMAL_FORCE * TILE + q])
     diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
     diagnostics[step_contacts.MAX_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], O[law_output.CONTACT_RADIUS * TILE + q])
-    power = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before, I)
-    diagnostics[step_contacts.DASHPOT_POWER] += power
     if overlap > diagnostics[step_contacts.MAX_RATIO] * radius:
         diagnostics[step_contacts.MAX_RATIO], diagnostics[step_contacts.SLOT] = overlap / radius, k
 
@@ -280,23 +278,6 @@ def add_effects(context, active, dt, r):
     for k in range(3):
         r[k] += E[b, body_extra.EFFECT_FORCE + k]
         r[3 + k] += E[b, body_extra.EFFECT_TORQUE + k]
-
-
-@njit(**BARE)
-def mean_velocity_factor(q, dt, before, I):  # noqa: E741
-    """Return the mean velocity of contact q in the step over that at its end, in [0, 2].
-
-    A dashpot's force is that at the end of the step, but it acts along the displacement of the step: its dissipation is force
-    times displacement.
-    """
-    n = I[law_input.NORMAL_VELOCITY * TILE + q]
-    x = I[law_input.VELOCITY_X * TILE + q]
-    y = I[law_input.VELOCITY_Y * TILE + q]
-    square = n * n + x * x + y * y
-    along = (
-        -n * (I[law_input.OVERLAP * TILE + q] - before) + x * I[law_input.SLIP_X * TILE + q] + y * I[law_input.SLIP_Y * TILE + q]
-    )
-    return min(max(along / (dt * square), 0.0), 2.0) if square > 0.0 else 1.0
 
 
 @njit(**BARE)
