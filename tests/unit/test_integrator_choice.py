@@ -14,7 +14,8 @@ from balls import BALLS, edited
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.errors import InputError
+from thirdbody.engine import implicit_islands
+from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
@@ -243,6 +244,26 @@ def test_a_ball_that_meets_a_flake_pushes_it_along(tmp_path, plate):
     assert report["finished"] and report["islands"]["largest"] == 2
     assert np.any(contacts["partner"] >= 0)
     assert bodies["velocity"][:, 0] == pytest.approx([0.005, 0.005], rel=1e-2)
+
+
+@pytest.mark.parametrize(("plate", "advice"), [((), 'on_failure = "continue"'), ((RIGID,), "solver.inertial_number")],
+                         ids=["patches", "rigid"])  # fmt: skip
+def test_an_island_that_does_not_pay_stops_the_run_and_frames_are_kept(tmp_path, monkeypatch, plate, advice):
+    """One of two bodies, so that the run stops where they come near; or goes on, if the scene says so."""
+    monkeypatch.setattr(implicit_islands, "LARGEST", 1)
+    with pytest.raises(GuardStop, match="2 bodies could meet .* more than 1 do not pay") as caught:
+        thirdbody.run(scene(*MEETING, *plate), out=tmp_path / "run", progress=False)
+    assert caught.value.exit_code == 4
+    assert 'integrator = "explicit"' in str(caught.value) and advice in str(caught.value)
+    with thirdbody.open(tmp_path / "run") as run:
+        assert run.frames >= 2 and np.all(np.isfinite(run.bodies(-1)["position"]))
+        report = run.summary()
+    assert not report["finished"] and "could meet" in report["stopped"]
+    if plate:
+        return
+    going = scene(*MEETING).with_settings({"solver.on_failure": "continue"})
+    with thirdbody.run(going, out=tmp_path / "going", progress=False) as run:
+        assert run.summary()["finished"] and run.summary()["islands"]["largest"] == 2
 
 
 def test_declared_strangers_pass_through_each_other(tmp_path):
