@@ -54,17 +54,7 @@ def chain(bodies: int) -> thirdbody.Scene:
     x, y = (2.0 + GAP) * RADIUS * 0.75**0.5, (2.0 + GAP) * RADIUS * 0.5
     places = ", ".join(f'["{k * x + 1e-5!r} m", "{k * y + 1e-5!r} m", "{RADIUS!r} m"]' for k in range(bodies))
     size = f'["{bodies * x + 1e-4!r} m", "{bodies * y + 1e-4!r} m"]'
-    base = scene_of(Case("implicit", "mindlin", SPEED, 4, PATH, EVERY)).document()
-    base["debris"] = [{"material": "steel", "kind": "spheres", "shape": [{"center": ["0 m"] * 3, "radius": f"{RADIUS!r} m"}]}]
-    base["contact"]["debris_contact"] = "auto"
-    document = thirdbody.Scene.parse(_toml(base, places, size))
-    return document
-
-
-def _toml(base: dict[str, Any], places: str, size: str) -> str:
-    """Return the text of a scene like `base` with other debris."""
-    motion = base["plates"]["upper"]["motion"]["x"]["velocity"]
-    return f"""scene = 1
+    return thirdbody.Scene.parse(f"""scene = 1
 domain = {{size = {size}}}
 [materials.steel]
 youngs_modulus = "210 GPa"
@@ -81,14 +71,14 @@ shape = [{{center = ["0 m", "0 m", "0 m"], radius = "{RADIUS!r} m"}}]
 positions = [{places}]
 [plates]
 lower = {{material = "steel"}}
-upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "{motion}"}}}}}}
+upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "{SPEED!r} m/s"}}}}}}
 [solver]
 integrator = "implicit"
 on_failure = "continue"
 distance = "{PATH!r} m"
 [output]
 every = "{EVERY!r} m"
-"""
+""")
 
 
 def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
@@ -110,8 +100,7 @@ def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str
     simulation = prepare(island(shape, bodies, seed), force=True)
     integrator = simulation.integrator
     set_threads(1)
-    stride = implicit_islands.STRIDE * float(simulation.state.spheres.radius.min())
-    implicit_islands.MARGIN = 1.0 if shape == "chain" else gap / stride
+    implicit_islands.MARGIN = 1.0 if shape == "chain" else gap / integrator.stride
     began = time.process_time()
     integrator.advance_to(simulation.settle)
     settled = time.process_time()

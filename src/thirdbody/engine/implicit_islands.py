@@ -37,6 +37,10 @@ STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
 COUNTS = ("searches", "largest_island", "in_islands", "repeated")
 """What is counted: searches, bodies of the largest island, sum over searches of bodies in islands, islands advanced again."""
 
+TOGETHER_ADVICE = "in a bed of several layers with solver.inertial_number, which tells the speed that is slow enough"
+PATCHES_ADVICE = 'at a higher speed, or on_failure = "continue", to go on all the same'
+"""What else a scene can do, where all bodies carry one plate and where each has a patch."""
+
 
 class ImplicitIslands(Implicit):
     """`Implicit` for a state whose bodies have patches of their own and contact with each other."""
@@ -154,11 +158,11 @@ class ImplicitIslands(Implicit):
         largest = int(self.islands.sizes.max(initial=0))
         self._recent[1] = max(self._recent[1], largest)
         if largest > LARGEST and not self.accuracy.skip_unsolved:
-            going_on = "" if self.together else ', or on_failure = "continue", to go on all the same'
+            advice = TOGETHER_ADVICE if self.together else PATCHES_ADVICE
             raise GuardStop(
                 f"stopped at t = {self.state.time:.6g} s: {largest} bodies could meet within the next "
                 f"{self.stride:.2g} m of sliding, and the implicit integrator solves them together: more than {LARGEST} "
-                f'do not pay; integrator = "explicit", at a higher speed{going_on}'
+                f'do not pay; integrator = "explicit", {advice}'
             )
 
     def _missed(self) -> tuple[Numbers, Numbers]:
