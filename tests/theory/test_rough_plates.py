@@ -16,10 +16,12 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq
 
 from thirdbody.assembly.simulation import Simulation, build
-from thirdbody.engine.neighbours import search, update_closest_points
-from thirdbody.engine.state import refresh_spheres
+from thirdbody.engine.neighbours import search
+from thirdbody.engine.state import State, refresh_spheres
 from thirdbody.kernels.columns import run_totals, surface_contact
 from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.rough_plates import RoughPlates
+from thirdbody.kernels.surface_minima import update
 
 SIZE, CELLS, WAVES, SLOPE = 10.0, 80, 2, 0.16
 """Period of the surface [m], cells along x, waves along x, and their steepest slope."""
@@ -57,6 +59,13 @@ def lifted_ball(make: Any) -> Callable[..., Simulation]:
 def put(simulation: Simulation, centre) -> None:
     simulation.state.bodies.position[0] = centre
     refresh_spheres(simulation.state)
+
+
+def update_minima(state: State) -> None:
+    """Follow the minima of all spheres to where they are now, and search for new ones where a sphere has moved far enough."""
+    slots = state.slots
+    tables = slots.own, slots.partner, state.S, state.P, slots.Q, state.D, state.lower_surface, state.upper_surface
+    update(0, slots.n_plates, RoughPlates(*tables))
 
 
 def force_at(simulation: Simulation, centre) -> tuple[np.ndarray, np.ndarray, float]:
@@ -227,7 +236,7 @@ def test_the_path_of_a_rigid_sphere_is_the_dilation_of_the_field(lifted_ball):
 
     def gap(x: float, y: float, z: float) -> float:
         put(simulation, (x, y, z))
-        update_closest_points(state)
+        update_minima(state)
         return float(state.slots.Q[:, surface_contact.DISTANCE].min()) - radius
 
     for x, y in rng.uniform(0.0, SIZE, (6, 2)):
@@ -263,7 +272,7 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
         simulation.integrator.advance_to(time=state.time + 4e-4)
         followed, rows = touching(simulation, 1.0), state.slots.Q.copy()
         state.slots.Q[:, surface_contact.SEARCHED] = np.inf
-        update_closest_points(state)
+        update_minima(state)
         searched = touching(simulation, 1.0)
         state.slots.Q[:] = rows
         numbers.append(len(searched))
@@ -284,7 +293,7 @@ def test_a_shift_by_a_period_changes_no_bit(lifted_ball):
         search(simulation.state)
         simulation.state.slots.Q[:] = 0.0
         simulation.state.slots.Q[:, [surface_contact.DISTANCE, surface_contact.SEARCHED]] = np.inf
-        update_closest_points(simulation.state)
+        update_minima(simulation.state)
         rows.append(simulation.state.slots.Q[:, : surface_contact.SEARCHED].tobytes())
     assert rows[0] == rows[1] == rows[2]
 
