@@ -151,7 +151,7 @@ def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
     if of_beds := [f"solver.{key}" for key in MOTION_OF_BEDS if getattr(scene.solver, key) is not None]:
         return f"{of_beds[0]} is for beds"
     if any(plate is not None and plate.surface is not None for plate in (scene.plates.lower, scene.plates.upper)):
-        return "bodies may meet each other, and the implicit one has flat plates only"
+        return "bodies may meet each other, and the time of the implicit one is estimated for flat plates only"
     declare = 'contact.debris_contact = "none" would declare that they do not'
     if carried_together(state):
         return (

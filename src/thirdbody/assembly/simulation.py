@@ -19,7 +19,7 @@ from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
 from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
-from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, refuse_surfaces, surface_notes, with_surfaces
+from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, surface_notes, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.spatial_order import in_columns
@@ -178,7 +178,6 @@ def build(
     chosen = plan(scene, choice, state, upper, before)
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
-        refuse_surfaces(scene, rough)
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)
         given = scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, bed

@@ -41,13 +41,6 @@ def plate_surfaces(scene: Scene) -> dict[str, Surface]:
     return surfaces
 
 
-def refuse_surfaces(scene: Scene, surfaces: dict[str, Surface]) -> None:
-    """Raise InputError for a scene with surfaces that the implicit integrator would run: it has flat plates only."""
-    message = 'the implicit integrator has flat plates only; solver.integrator = "explicit" runs rough ones'
-    if surfaces:
-        raise InputError(scene.fault(("plates", side, "surface"), message) for side in surfaces)
-
-
 def refuse_curvature(scene: Scene, surfaces: Mapping[str, Surface], laws: Iterable[Law]) -> None:
     """Raise InputError where the curvature of a surface is to enter contacts whose normal force is not that of Hertz alone.
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
+from thirdbody.engine.implicit_surfaces import find_minima, surface_updates
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fraction
@@ -126,10 +127,8 @@ class Implicit:
         self.solutions, self.initial_overlaps = np.zeros((0, body_solution.WIDTH)), np.zeros(0)
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
-        self.memory[:, step_memory.NEXT_DT], self.memory[:, step_memory.CONTACT_RADIUS] = (
-            FIRST * self.rayleigh,
-            UNLOADED * smallest,
-        )
+        self.memory[:, step_memory.NEXT_DT] = FIRST * self.rayleigh
+        self.memory[:, step_memory.CONTACT_RADIUS] = UNLOADED * smallest
         self.memory[:, step_memory.LIMIT] = StepLimit.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
@@ -139,7 +138,7 @@ class Implicit:
         self._law, self._effects, self._observe = (
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
-        self._tangent, self._pack = address(tangents, LAW), Packer(KINDS)
+        self._tangent, self._pack, self._surface_updates = address(tangents, LAW), Packer(KINDS), surface_updates(state)
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = self.memory.copy(), ""  # counters and text of the last `describe_limit`
 
@@ -161,6 +160,7 @@ class Implicit:
         state.world = replace(world, debris_meets=False)
         search(state)
         state.world = world
+        find_minima(state)
         self.max_per_body = state.slots.max_per_body
         self.stride = math.inf
 
@@ -251,13 +251,14 @@ class Implicit:
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
                 body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, Q=slots.Q, H=slots.H, R=slots.R, M=s.M,
                 pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag,
-                lower=s.lower_surface, upper=s.upper_surface, update_surfaces=s.update_surfaces,
+                lower=s.lower_surface, upper=s.upper_surface, update_surfaces=self._surface_updates[0],
                 n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, stored=physics.stored,
                 dashpots=physics.dashpots, width=loaded_contact.MEMORY + physics.contact_memory,
                 has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
+                accept_surfaces=self._surface_updates[1],
             )
         )  # fmt: skip
 

@@ -1,5 +1,7 @@
 """Neighbour search: a new list of candidates, with the contact histories of the old one."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, sides_of, table
@@ -9,6 +11,7 @@ from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rigid_body import BODIES
+from thirdbody.kernels.rough_plates import RoughPlates
 
 
 def search(state: State, recorded: bool = True) -> None:
@@ -31,14 +34,13 @@ def search(state: State, recorded: bool = True) -> None:
     state.patches.search_height[:] = state.patches.height
     state.searches += 1
     if state.world.rough:
-        update_closest_points(state)
+        from thirdbody.kernels.surface_minima import update
+
+        update_closest_points(state, update)
 
 
-def update_closest_points(state: State) -> None:
-    """Update the closest points of rough plates for the present positions."""
-    from thirdbody.kernels.rough_plates import RoughPlates
-    from thirdbody.kernels.surface_minima import update
-
+def update_closest_points(state: State, update: Callable[[int, int, RoughPlates], None]) -> None:
+    """Update the closest points of rough plates for the present positions by a compiled function."""
     slots = state.slots
     tables = slots.own, slots.partner, state.S, state.P, slots.Q, state.D, state.lower_surface, state.upper_surface
     update(0, slots.n_plates, RoughPlates(*tables))

@@ -81,6 +81,12 @@ def within_period(x, length):
 
 
 @njit(**BARE)
+def has_heights(field):
+    """Return whether a surface is not a plane."""
+    return field.shape[0] > 0 and field[head.MAX_HEIGHT] > field[head.MIN_HEIGHT]
+
+
+@njit(**BARE)
 def jet_at(field, x, y):
     """Return height and derivatives at a point (x, y) [m] (`Jet`)."""
     n_x, n_y = field[head.COUNT_X], field[head.COUNT_Y]

@@ -24,4 +24,5 @@ STIFFNESS = table.scalar("stiffness", "N/m", "stiffness of the body")
 LIMIT = table.scalar("limit", "", "what limits the length of the next step (`implicit.step_limits.StepLimit`)")
 LIMITED, LIMITED8 = table.vector("limited", 8, "", "how many steps each cause has limited")
 MAX_ENERGY = table.scalar("max_energy", "J", "largest energy that its contacts could store so far (`friction_work`)")
+CANDIDATES = table.scalar("candidates", "", "number of candidates that can touch in this step: the first ones of the body")
 WIDTH = table.width

@@ -11,6 +11,8 @@ table = Table("Q", "a candidate contact with a plate")
 OFFSET, OFFSET2 = table.vector(
     "offset", 2, "m", "closest point of the surface, along x and y from below the centre of the sphere"
 )
+START, START2 = table.vector("start", 2, "m", "implicit: the same at the start of the step")
+START_DISTANCE = table.scalar("start_distance", "m", "implicit: the distance at the start of the step")
 DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter")
 MINIMA = table.scalar("minima", "", "in the first row of a sphere: bits of the rows that have a minimum")
 ENDED = table.scalar(
@@ -26,4 +28,7 @@ SEARCHED, SEARCHED3 = table.vector(
     "searched", 3, "m", "in the first row of a sphere: its centre at the last search for minima, in the coordinates of the plate"
 )
 NEARBY, NEARBY3 = table.vector("nearby", 3, "m", "scratch of the search: offset and distance of a minimum")
+START_CENTRE, START_CENTRE3 = table.vector(
+    "start_centre", 3, "m", "implicit, in the first row of a sphere: its centre at the start of the step, in the same coordinates"
+)
 WIDTH = table.width

@@ -22,15 +22,18 @@ from thirdbody.kernels.columns import (
     step_start,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.contact_geometry import force_and_torques
+from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
 from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
+from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
+from thirdbody.kernels.rough_plates import update_by, update_surfaces
 
 
 @njit(**BARE)
@@ -63,6 +66,8 @@ def commit(context, active, m, motion, space):
     smooth, first, damped = active.start[step_start.OLD_WEIGHT] > 0.0, context.edges[b], 0.0
     of_mean = smooth and context.force >= 0
     force_and_torques(m, tile)
+    if is_rough(context):
+        add_gradient_force(m, space.slots, context, tile)
     if of_mean:
         book(m, context, tile)
     for i in range(0 if of_mean else m):
@@ -72,14 +77,14 @@ def commit(context, active, m, motion, space):
         damped += dashpot_loss(i, k, space.before[k - first], smooth, motion.dt, context, tile)
     store_history(m, space.slots, context, tile)
     q = np.int64(0)
-    for e in range(first, context.edges[b + 1]):
+    for e in range(first, last_candidate(b, context)):
         k = context.incidence[e] >> 1
         if q < m and space.slots[q] == k:
             store_contact(q, k, context, active, motion, space)
             q += 1
         elif is_closed(k, H):
-            damped += opening_loss(k, space.before[e - first], smooth, context)
-            dragged = opening_work(k, space.before[e - first], context, motion) if of_mean else 0.0
+            damped += opening_loss(k, space.before[k - first], smooth, context)
+            dragged = opening_work(k, space.before[k - first], context, motion) if of_mean else 0.0
             lost = max(reset_history(k, context) + dragged, 0.0)
             sums[0, contact_sums.FRICTION_WORK] += lost
             context.B[b, body.FRICTION_WORK] += lost
@@ -103,7 +108,7 @@ def store_contact(q, k, context, active, motion, space):
 def elastic_energy(b, context):
     """Return the elastic energy [J] of the contacts of body b."""
     total, R = 0.0, context.R
-    for e in range(context.edges[b], context.edges[b + 1]):
+    for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
         if is_closed(k, context.H):
             total += R[k, record.STORED_NORMAL] + R[k, record.STORED_TANGENTIAL]
@@ -237,6 +242,8 @@ def reject_step(context, active, y):
     P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
     for k in range(2):
         P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
+    if is_rough(context):
+        update_surfaces(context.edges[b], context.edges[b + 1], context)
 
 
 @njit(**BARE)
@@ -257,6 +264,8 @@ def accept_step(context, active, m, motion, common, space):
     stored = elastic_energy(b, context)
     update_ledger(context, active, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, active, space.y, dt)
+    if is_rough(context):
+        update_by(context.accept_surfaces, context.edges[b], context.edges[b + 1], context)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:

@@ -49,6 +49,8 @@ KINDS: Kinds = {
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE, "initial_overlaps": _ROW,
     # largest number of candidates of a body; address of the laws' tangents
     "max_per_body": types.int64, "tangents": types.int64,
+    # address of the function that takes the closest points of rough plates as those of an accepted step (`surface_steps`)
+    "accept_surfaces": types.int64,
 }  # fmt: skip
 """Types of all arguments of an implicit step, by name."""
 

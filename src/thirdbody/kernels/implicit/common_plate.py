@@ -9,14 +9,23 @@ from numba import njit, prange, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body_solution, patch, step_memory, step_start
+from thirdbody.kernels.columns import body_solution, law_output, patch, step_memory, step_start
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.direct_contact import book_direct_contact
+from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, active_body, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import Outcome, factorise, newton, substitute
-from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
+from thirdbody.kernels.implicit.residual import (
+    active_contacts,
+    contact_force,
+    gradient_force,
+    residual,
+    save_start,
+    set_configuration,
+)
 from thirdbody.kernels.implicit.step_control import (
     advance_clock,
     bdf2_weights,
@@ -48,8 +57,11 @@ def plate_reaction(context, active, m, space):
         return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - active.start[step_start.PLATE_HEIGHT])
     push = 0.0
     for q in range(m):
-        if is_upper(context.partner[space.slots[q]]):
+        k = space.slots[q]
+        if is_upper(context.partner[k]):
             push -= contact_force(q, space.tile)[2]
+            if is_rough(context):
+                push -= gradient_force(k, space.tile.outputs[law_output.STORED_NORMAL * TILE + q], context)[2]
     return push
 
 

@@ -13,6 +13,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory, step_settings, step_start
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
@@ -150,10 +151,10 @@ def work_error_of_plates(context, active, m, motion, space):
     """Return the error [J] of the friction work of the contacts of a body with plates."""
     b, first = active.number, context.edges[active.number]
     error, q = work_difference(m, context, first, space), np.int64(0)
-    for e in range(first, context.edges[b + 1]):
+    for e in range(first, last_candidate(b, context)):
         k = context.incidence[e] >> 1
         if q < m and space.slots[q] == k:
             q += 1
         elif is_closed(k, context.H):
-            error += abs(opening_work(k, space.before[e - first], context, motion))
+            error += abs(opening_work(k, space.before[k - first], context, motion))
     return error

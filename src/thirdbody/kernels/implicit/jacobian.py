@@ -11,11 +11,16 @@ s = u + w x r - h z. To first order
     frame:              turns by W = n x dn + (w.n/2) n: transported with the normal, turned about it by half the spin
     slip in the frame:  ds_1 += S.(W x e)     ds_2 += S.(W x g)    with the displacement S of the step
     force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike
+    effective radius:   d ln R_eff = G.c, which changes N and T_1, T_2 as an overlap of N/(2 dN/dd) d ln R_eff would do
+    gradient force:     p = -U/2 G, at the centre of the sphere, with the energy U of the normal spring;
+                        dp = -(N dd + U/2 G.c)/2 G
     arm:                dr = w x a + dd n/2 - A dn
 
 and N, T_1, T_2, M_1, M_2 follow from the tangents of the laws. This is exact at the start of a step; left out is what grows with
-the rotation in the step, and the change of a dashpot's normal velocity as the normal turns. On planes dn = 0; there the turning
-of the frame about its normal is left out, too: Newton's method takes as many iterations without, and a step costs 6 to 15 % less.
+the rotation in the step, the change of a dashpot's normal velocity as the normal turns, and that of G
+(`surface_contact.GRADIENT`), smaller than W x f by the order of overlap over radius. On planes G = 0 and dn = 0; the
+turning of the frame about its normal is left out there, too: Newton's method takes as many iterations without, and a step costs 6
+to 15 % less.
 """
 
 from typing import NamedTuple
@@ -23,9 +28,19 @@ from typing import NamedTuple
 from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, patch, sphere, step_start, surface_contact
+from thirdbody.kernels.columns import (
+    body,
+    contact_tangent,
+    geometry,
+    law_input,
+    law_output,
+    patch,
+    sphere,
+    step_start,
+    surface_contact,
+)
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import (
@@ -61,8 +76,11 @@ class Contact(NamedTuple):
     """Distance of the contact point from the centre of the sphere [m]."""
     force: Vector
     moment: Vector
-    rough: bool
-    """Whether the plates are rough."""
+    normal_force: float
+    energy: float
+    """Energy of the normal spring [J]."""
+    gradient: Vector
+    """Gradient of the logarithm of the effective radius [1/m]."""
     normal_gradient: tuple[float, float, float, float, float, float]
     """Change of the normal with the displacement of the sphere (`surface_contact.NORMAL_GRADIENT`) [1/m]."""
     displacement: Vector
@@ -121,8 +139,11 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     for i in range(FREEDOMS):
         for j in range(FREEDOMS):
             J[i, j] = 0.0
-    for q in range(m):
-        add_contact(contact_at(q, active.number, dt, context, space), J)
+    if first_body.is_rough(context):
+        add_rough_contacts(m, active.number, dt, context, space)
+    else:
+        for q in range(m):
+            add_contact(contact_at(q, active.number, dt, context, False, space), False, J)
     subtract_inertia(context, active, dt, J)
     if P[p, patch.FREE] == 0.0 and not coupled:
         for k in range(6):
@@ -132,6 +153,17 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
         rate = Z[step_start.NOW] / dt
         square = Z[step_start.MASS_FRACTION] * rate * rate
         J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.TETHER_STIFFNESS]
+
+
+@njit(**BARE_CHUNK)
+def add_rough_contacts(m, b, dt, context, space):
+    """Add m contacts of body b, some of them with rough plates, to the Jacobian."""
+    for q in range(m):
+        contact = contact_at(q, b, dt, context, True, space)
+        if is_curved(contact):
+            add_contact(contact, True, space.jacobian)
+        else:
+            add_contact(contact, False, space.jacobian)
 
 
 @njit(**BARE)
@@ -164,16 +196,27 @@ def subtract_inertia(context, active, dt, J):
 
 
 @njit(**BARE)
+def is_curved(contact):
+    """Return whether the normal of a contact turns as its sphere moves."""
+    xx, yy, zz, xy, xz, yz = contact.normal_gradient
+    return xx != 0.0 or yy != 0.0 or zz != 0.0 or xy != 0.0 or xz != 0.0 or yz != 0.0
+
+
+@njit(**BARE)
 def normal_gradient_at(k, context):
     """Return the change of the normal with the displacement of candidate k (6,) [1/m]."""
-    if not first_body.is_rough(context):
-        return NO_TANGENT
     Q, t = context.Q, surface_contact.NORMAL_GRADIENT
     return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
 @njit(**BARE)
-def contact_at(q, b, dt, context, space):
+def gradient_at(k, context):
+    """Return the gradient of the logarithm of the effective radius of candidate k (3,) [1/m]."""
+    return first_body.three(context.Q, k, surface_contact.GRADIENT)
+
+
+@njit(**BARE)
+def contact_at(q, b, dt, context, rough, space):
     """Return contact q of body b as a `Contact`."""
     k, tile, G = space.slots[q], space.tile, space.tile.geometry
     i, upper = context.own[k], is_upper(context.partner[k])
@@ -188,8 +231,10 @@ def contact_at(q, b, dt, context, space):
     return Contact(
         frame, (context.S[i, sphere.ARM], context.S[i, sphere.ARM + 1], context.S[i, sphere.ARM + 2]),
         contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
-        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), first_body.is_rough(context),
-        normal_gradient_at(k, context), displacement,
+        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0),
+        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
+        gradient_at(k, context) if rough else (0.0, 0.0, 0.0), normal_gradient_at(k, context) if rough else NO_TANGENT,
+        displacement,
         tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, upper,
     )  # fmt: skip
 
@@ -220,37 +265,41 @@ def rolling_tangent_at(q, fraction, K):
 
 
 @njit(**BARE)
-def add_contact(contact, J):
-    """Add a contact to J (rotations in rad)."""
+def add_contact(contact, curved, J):
+    """Add a contact to J (rotations in rad). `curved`: as `is_curved`; a constant, so that planes cost nothing."""
     n, e, g = contact.frame
     x, y, z = contact.centre
     rn, re, rg = cross(contact.point, n), cross(contact.point, e), cross(contact.point, g)
     none, about_x, about_y, about_z = (0.0, 0.0, 0.0), (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
-    add_column(Column(0, (-n[0], e[0], g[0]), (1.0, 0.0, 0.0), none, none), contact, J)
-    add_column(Column(1, (-n[1], e[1], g[1]), (0.0, 1.0, 0.0), none, none), contact, J)
-    add_column(Column(2, (-n[2], e[2], g[2]), (0.0, 0.0, 1.0), none, none), contact, J)
-    add_column(Column(3, (-rn[0], re[0], rg[0]), about_x, about_x, (n[0], e[0], g[0])), contact, J)
-    add_column(Column(4, (-rn[1], re[1], rg[1]), about_y, about_y, (n[1], e[1], g[1])), contact, J)
-    add_column(Column(5, (-rn[2], re[2], rg[2]), about_z, about_z, (n[2], e[2], g[2])), contact, J)
+    add_column(Column(0, (-n[0], e[0], g[0]), (1.0, 0.0, 0.0), none, none), contact, curved, J)
+    add_column(Column(1, (-n[1], e[1], g[1]), (0.0, 1.0, 0.0), none, none), contact, curved, J)
+    add_column(Column(2, (-n[2], e[2], g[2]), (0.0, 0.0, 1.0), none, none), contact, curved, J)
+    add_column(Column(3, (-rn[0], re[0], rg[0]), about_x, about_x, (n[0], e[0], g[0])), contact, curved, J)
+    add_column(Column(4, (-rn[1], re[1], rg[1]), about_y, about_y, (n[1], e[1], g[1])), contact, curved, J)
+    add_column(Column(5, (-rn[2], re[2], rg[2]), about_z, about_z, (n[2], e[2], g[2])), contact, curved, J)
     if contact.upper:
-        add_column(Column(6, (n[2], -e[2], -g[2]), (0.0, 0.0, -1.0), none, none), contact, J)
+        add_column(Column(6, (n[2], -e[2], -g[2]), (0.0, 0.0, -1.0), none, none), contact, curved, J)
 
 
 @njit(**BARE)
-def add_column(column, contact, J):
+def add_column(column, contact, curved, J):
     """Add the change of force and torque with one coordinate to J."""
     n, e, g = contact.frame
     d, s_1, s_2 = column.strain
     dn, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if contact.rough:
+    if curved:
         dn, w, more_1, more_2 = frame_change(column, contact)
         s_1, s_2 = s_1 + more_1, s_2 + more_2
     k_n, xx, xy, yx, yy, xd, yd = contact.tangent
-    f_n, t_1, t_2 = k_n * d, xx * s_1 + xy * s_2 + xd * d, yx * s_1 + yy * s_2 + yd * d
+    equivalent = d
+    if curved and k_n > 0.0:
+        equivalent += 0.5 * contact.normal_force / k_n * dot(contact.gradient, column.moved)
+    f_n = k_n * equivalent
+    t_1, t_2 = xx * s_1 + xy * s_2 + xd * equivalent, yx * s_1 + yy * s_2 + yd * equivalent
     df = t_1 * e[0] + t_2 * g[0] + f_n * n[0], t_1 * e[1] + t_2 * g[1] + f_n * n[1], t_1 * e[2] + t_2 * g[2] + f_n * n[2]
     swing = column.swing
     dr = swing[0] + 0.5 * n[0] * d, swing[1] + 0.5 * n[1] * d, swing[2] + 0.5 * n[2] * d
-    if contact.rough:
+    if curved:
         rotated, arm = cross(w, contact.force), contact.arm
         df = df[0] + rotated[0], df[1] + rotated[1], df[2] + rotated[2]
         dr = dr[0] - arm * dn[0], dr[1] - arm * dn[1], dr[2] - arm * dn[2]
@@ -263,8 +312,26 @@ def add_column(column, contact, J):
     J[5, c] += x * df[1] - y * df[0] + dr[0] * f[1] - dr[1] * f[0]
     if contact.upper:
         J[6, c] -= df[2]
+    if curved:
+        add_gradient_column(column, contact, J)
     if contact.rolling:
-        add_moment(column, w, contact, J)
+        add_moment(column, w, contact, curved, J)
+
+
+@njit(**BARE)
+def add_gradient_column(column, contact, J):
+    """Add the change of the gradient force, and of its torque, with one coordinate to J."""
+    (x, y, z), (s_x, s_y, s_z), (g_x, g_y, g_z), c = contact.centre, column.swing, contact.gradient, column.coordinate
+    size = -0.5 * contact.energy
+    change = -0.5 * contact.normal_force * column.strain[0] + 0.5 * size * dot(contact.gradient, column.moved)
+    J[0, c] += change * g_x
+    J[1, c] += change * g_y
+    J[2, c] += change * g_z
+    J[3, c] += change * (y * g_z - z * g_y) + size * (s_y * g_z - s_z * g_y)
+    J[4, c] += change * (z * g_x - x * g_z) + size * (s_z * g_x - s_x * g_z)
+    J[5, c] += change * (x * g_y - y * g_x) + size * (s_x * g_y - s_y * g_x)
+    if contact.upper:
+        J[6, c] -= change * g_z
 
 
 @njit(**BARE)
@@ -280,14 +347,14 @@ def frame_change(column, contact):
 
 
 @njit(**BARE)
-def add_moment(column, w, contact, J):
+def add_moment(column, w, contact, curved, J):
     """Add the change of the rolling moment with one coordinate to J; `w`: rotation of the frame."""
     (_, e, g), c, d, (_, rotation_1, rotation_2) = contact.frame, column.coordinate, column.strain[0], column.spin
     xx, xy, yx, yy, xd, yd = contact.rolling_tangent
     m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
     m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
     dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
-    if contact.rough:
+    if curved:
         rotated = cross(w, contact.moment)
         dm = dm[0] + rotated[0], dm[1] + rotated[1], dm[2] + rotated[2]
     J[3, c] += dm[0]

@@ -11,6 +11,7 @@ from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
+    height_field,
     law_input,
     law_output,
     patch,
@@ -22,6 +23,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian, dot
 from thirdbody.kernels.implicit.residual import (
     MAX_ROTATION,
@@ -144,12 +146,19 @@ def force_scale(context, active, y, dt, diagnostics):
 
 
 @njit(**BARE)
+def steepest(field):
+    """Return a bound of the slope of a surface."""
+    return field[height_field.MAX_SLOPE] if field.shape[0] > 0 else 0.0
+
+
+@njit(**BARE)
 def rounding_force(context, active, diagnostics):
-    """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights."""
+    """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights alone."""
     b, B = active.number, context.B
     radius = abs(B[b, body.POSITION + 2])
     if first_body.is_rough(context):
-        radius = max(radius, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
+        slope = max(steepest(context.lower), steepest(context.upper))
+        radius = max(radius, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
     radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     return rounding_at(radius, diagnostics)
 
@@ -207,7 +216,7 @@ def limit_overlap_change(context, active, expected_overlap, space):
     if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
         return fraction  # no point of the body moves farther
     max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
-    for e in range(context.edges[b], context.edges[b + 1]):
+    for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
         up, overlap, n = is_upper(j), first_body.overlap(k, context), first_body.normal(k, context)

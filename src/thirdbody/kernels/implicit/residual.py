@@ -30,14 +30,17 @@ from thirdbody.kernels.columns import (
     step_memory,
     step_settings,
     step_start,
+    surface_contact,
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import gather_plate_contact, slip_increment, transport_frames
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body
 from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
 from thirdbody.kernels.rotation import matrix, rotate
+from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.signatures import EFFECTS, LAW
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
@@ -50,6 +53,8 @@ MAX_ROTATION = 0.05
 def save_start(context, active):
     """Save the state of the body and its patch at the start of a step."""
     b, p, Z, B, P, E = active.number, active.patch, active.start, context.B, context.P, context.E
+    if first_body.is_rough(context):
+        sort_candidates(b, context)
     for k in range(3):
         Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
         Z[step_start.ANGULAR_MOMENTUM + k] = E[b, body_extra.ANGULAR_MOMENTUM + k]
@@ -134,7 +139,9 @@ def active_contacts(context, active, y, motion, space):
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
     m = np.int64(0)
-    for e in range(context.edges[b], context.edges[b + 1]):
+    if first_body.is_rough(context):
+        update_surfaces(context.edges[b], context.edges[b + 1], context)
+    for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
         if first_body.overlap(k, context) <= 0.0:
             continue
@@ -248,6 +255,8 @@ def residual(context, active, m, y, motion, space):
                 r[3 + d] += moment[d]
         if is_upper(context.partner[k]):
             r[6] -= f_z
+        if first_body.is_rough(context):
+            add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
         observe_contact(q, context, space)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
@@ -256,6 +265,32 @@ def residual(context, active, m, y, motion, space):
     add_inertial_forces(context, active, y, motion.dt, r)
     for k in range(3):
         r[3 + k] /= active.start[step_start.ARM]
+
+
+@njit(**BARE)
+def gradient_force(k, energy, context):
+    """Return the force (3,) [N] of candidate k, a contact with a rough plate, as its effective radius changes along the surface.
+
+    `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`.
+    """
+    x, y, z = first_body.three(context.Q, k, surface_contact.GRADIENT)
+    return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
+
+
+@njit(**BARE)
+def add_gradient_force(k, energy, context, r):
+    """Add the gradient force of candidate k (`gradient_force`), which acts on the centre of the sphere, to the residual."""
+    i, S = context.own[k], context.S
+    x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+    f_x, f_y, f_z = gradient_force(k, energy, context)
+    r[0] += f_x
+    r[1] += f_y
+    r[2] += f_z
+    r[3] += y * f_z - z * f_y
+    r[4] += z * f_x - x * f_z
+    r[5] += x * f_y - y * f_x
+    if is_upper(context.partner[k]):
+        r[6] -= f_z
 
 
 @njit(**BARE)

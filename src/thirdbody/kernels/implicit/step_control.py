@@ -10,9 +10,21 @@ from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import load
 from thirdbody.kernels import first_body
 from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.columns import body, domain, patch, run_totals, step_contacts, step_memory, step_settings, step_start
+from thirdbody.kernels.columns import (
+    body,
+    domain,
+    patch,
+    run_totals,
+    sphere,
+    step_contacts,
+    step_memory,
+    step_settings,
+    step_start,
+)
+from thirdbody.kernels.height_field import has_heights
+from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
-from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.step_limits import TRAVEL, StepLimit
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
@@ -160,6 +172,22 @@ def step_ratio(T, V, dt):
 
 
 @njit(**BARE)
+def travel_error(context, active, dt):
+    """Return the largest displacement of a sphere relative to a plate in the step over what is allowed, squared (`TRAVEL`)."""
+    p, Z, S, P, largest = active.patch, active.start, context.S, context.P, 0.0
+    if not (has_heights(context.lower) or has_heights(context.upper)):
+        return 0.0
+    up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
+    up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
+    up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
+    for i in range(context.start[active.number], context.start[active.number + 1]):
+        x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
+        square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
+        largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
+    return largest / (TRAVEL * TRAVEL)
+
+
+@njit(**BARE)
 def local_error(context, active, dt, diagnostics):
     """Return the local error of the step of a body and its patch over the tolerance (`error_of_change`)."""
     b, Z, T, V, B = active.number, active.start, active.memory, context.settings, context.B
@@ -171,7 +199,8 @@ def local_error(context, active, dt, diagnostics):
     velocity_change = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
-    return error_of_change(change, radius, T, V, dt)
+    error = error_of_change(change, radius, T, V, dt)
+    return max(error, travel_error(context, active, dt)) if first_body.is_rough(context) else error
 
 
 @njit(**BARE)
@@ -183,8 +212,9 @@ def rotation_of(y, Z):
 @njit(**BARE)
 def initial_overlaps(b, context, before):
     """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
-    for e in range(context.edges[b], context.edges[b + 1]):
-        before[e - context.edges[b]] = first_body.overlap(context.incidence[e] >> 1, context)
+    for e in range(context.edges[b], last_candidate(b, context)):
+        k = context.incidence[e] >> 1
+        before[k - context.edges[b]] = first_body.overlap(k, context)
 
 
 @njit(**BARE)

@@ -31,6 +31,10 @@ class StepLimit(IntEnum):
     """Nothing: the step grows by the largest allowed ratio."""
 
 
+TRAVEL = 0.12
+"""Largest displacement of a sphere relative to a rough plate in one step, in radii: minima of the distance are searched for after
+each step, in all directions."""
+
 OF_A_BODY = 4
 """Number of causes due to a body; the others are due to the scene."""
 

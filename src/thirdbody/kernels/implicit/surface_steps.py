@@ -1,0 +1,152 @@
+"""Contacts with rough plates in an implicit step: called through pointers, as `surface_minima` in explicit steps.
+
+Newton's method tries positions from which there may be no way back, so every trial follows the minima from where they were at the
+start of the step, and ends or finds none. An accepted step ends those that met others, and searches for new ones; it finds them
+before they can touch, since no sphere moves farther in a step than the margin of the search (`step_control.travel_error`).
+"""
+
+import math
+
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
+from thirdbody.kernels.height_field import has_heights
+from thirdbody.kernels.predicates import BASINS, is_upper
+from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels.surface_minima import (
+    end_minimum,
+    follow,
+    has_minimum,
+    has_moved,
+    is_same,
+    offset_of,
+    reset_ended,
+    search_all,
+    update_plane,
+)
+
+MARGIN = 0.15
+"""Largest gap of a minimum that is followed, in radii: more than `step_limits.TRAVEL` and `surface_minima.MOVED` together."""
+
+
+NEARBY = 0.25
+"""In units of a cell: within this distance of where it was at the start of the step a minimum is surely the same one."""
+
+FAR = 1.02
+"""Distance over the radius beyond which a minimum that cannot touch in a trial is not followed."""
+
+
+@njit(**BARE)
+def guess_of(k, field, Q):
+    """Return the offset (2,) [m] from where the minimum of row k is followed: that of the last trial, or of the start."""
+    nearby = NEARBY / max(field[height_field.RATE_X], field[height_field.RATE_Y])
+    at = surface_contact.OFFSET if moved_square(k, Q) <= nearby * nearby else surface_contact.START
+    return Q[k, at], Q[k, at + 1]
+
+
+@njit(**BARE)
+def moved_square(k, Q):
+    """Return how far the minimum of row k has moved in the step, squared [m2]."""
+    x, y = (
+        Q[k, surface_contact.OFFSET] - Q[k, surface_contact.START],
+        Q[k, surface_contact.OFFSET + 1] - Q[k, surface_contact.START + 1],
+    )
+    return x * x + y * y
+
+
+@njit(**BARE)
+def is_apart(k, Q):
+    """Return whether row k has met another one in this trial."""
+    return Q[k, surface_contact.DISTANCE] == math.inf
+
+
+@njit(**BARE)
+def displacement_in(k, x, Q):
+    """Return the displacement [m] in the step of the sphere whose first row is k; x (3,): its centre now."""
+    d_x, d_y = x[0] - Q[k, surface_contact.START_CENTRE], x[1] - Q[k, surface_contact.START_CENTRE + 1]
+    d_z = x[2] - Q[k, surface_contact.START_CENTRE + 2]
+    return math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z)
+
+
+@njit(**BARE_CHUNK)
+def follow_step(k, field, x, ends, tables):
+    """Move all minima of the sphere whose first row is k from the start of the step to where they are for a centre x (3,).
+
+    Of two that meet, the one that moved farther is apart; with `ends` it ends.
+    """
+    Q, path = tables.Q, displacement_in(k, x, tables.Q)
+    far = math.inf if ends or not has_heights(field) else FAR * tables.S[tables.own[k], sphere.RADIUS] + tables.D[domain.REACH]
+    for a in range(BASINS):
+        if not has_minimum(k, a, Q):
+            continue
+        if Q[k + a, surface_contact.START_DISTANCE] - path > far:
+            Q[k + a, surface_contact.DISTANCE] = Q[k + a, surface_contact.START_DISTANCE] - path
+            continue
+        follow(k + a, field, x, guess_of(k + a, field, Q), tables)
+        for b in range(a):
+            same = has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field)
+            if same and not is_apart(k + b, Q):
+                lost = a if moved_square(k + a, Q) > moved_square(k + b, Q) else b
+                Q[k + lost, surface_contact.DISTANCE] = math.inf
+                break
+    for a in range(BASINS if ends else 0):
+        if has_minimum(k, a, Q) and is_apart(k + a, Q):
+            end_minimum(k, a, math.inf, Q)
+
+
+@njit(**BARE)
+def centre_of(k, tables):
+    """Return the centre of the sphere of row k (3,) in the coordinates of its plate [m]."""
+    return first_body.to_surface(tables.partner[k], first_body.centre(tables.own[k], tables.S), tables.P)
+
+
+@njit(**BARE_CHUNK)
+def accept_sphere(k, field, tables):
+    """Take the minima of the sphere whose first row is k as those at the start of the next step, after a search if one is due."""
+    Q, radius = tables.Q, tables.S[tables.own[k], sphere.RADIUS]
+    x, farthest = centre_of(k, tables), radius * (1.0 + MARGIN) + tables.D[domain.REACH]
+    reset_ended(k, Q)
+    follow_step(k, field, x, True, tables)
+    if not x[2] - field[height_field.MAX_HEIGHT] <= farthest:
+        for a in range(BASINS):
+            if has_minimum(k, a, Q):
+                end_minimum(k, a, math.inf, Q)
+        Q[k, surface_contact.SEARCHED] = math.inf
+    elif has_moved(k, x, radius, Q):
+        search_all(k, field, x, (farthest, math.inf), tables)
+    for a in range(k, k + BASINS):
+        Q[a, surface_contact.START], Q[a, surface_contact.START + 1] = offset_of(a, Q)
+        Q[a, surface_contact.START_DISTANCE] = Q[a, surface_contact.DISTANCE]
+    for d in range(3):
+        Q[k, surface_contact.START_CENTRE + d] = x[d]
+
+
+@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+def update_trial(first, last, tables):
+    """Update the rows of candidates first to last for positions within a step."""
+    k = first
+    while k < last:
+        field = tables.upper if is_upper(tables.partner[k]) else tables.lower
+        if field.shape[0] == 0:
+            update_plane(k, tables)
+            k += 1
+        else:
+            if tables.Q[k, surface_contact.MINIMA] != 0.0:
+                follow_step(k, field, centre_of(k, tables), False, tables)
+            k += BASINS
+
+
+@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+def update_accepted(first, last, tables):
+    """Update the rows of candidates first to last for positions at the end of a step."""
+    k = first
+    while k < last:
+        field = tables.upper if is_upper(tables.partner[k]) else tables.lower
+        if field.shape[0] == 0:
+            update_plane(k, tables)
+            k += 1
+        else:
+            accept_sphere(k, field, tables)
+            k += BASINS
