@@ -51,6 +51,7 @@ ENTRIES = {
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
+    "rough_plates": Entry(f"{RENDER} --zoom 0.3"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
     "angular_bed": Entry(f"{RENDER} --forces --view side"),
     "balance/three_spot": Entry("balance SCENE -o PICTURE"),

@@ -22,6 +22,7 @@ CLOSED = 1e-3
 SHORT = {
     "sheared_debris.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "grooves.toml": {"debris.0.count": "4", "solver.distance": "1.5 um"},
+    "rough_plates.toml": {"debris.0.count": "10", "domain.size": ["60 um", "60 um"], "solver.distance": "0.1 um"},
     "sliding_flakes.toml": {"debris.0.count": "6", "domain.size": ["50 um", "40 um"], "solver.distance": "1.5 um"},
     "roller_bearing.toml": {"debris.0.count": "8", "domain.size": ["60 um", "50 um"], "solver.distance": "1.5 um"},
     "scanned_debris.toml": {"debris.0.count": "6", "domain.size": ["40 um", "30 um"], "solver.distance": "0.5 um"},
