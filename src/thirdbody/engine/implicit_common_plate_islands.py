@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.expected_islands import MARGIN
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
-from thirdbody.engine.implicit_islands import MARGIN, ImplicitIslands
+from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.columns import body_solution
