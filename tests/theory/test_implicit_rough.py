@@ -1,28 +1,47 @@
-"""Bodies between rough plates by the implicit integrator: a field of zeros is the flat plate, the ledger closes, and what the
-explicit integrator finds at 1 m/s."""
+"""Bodies between rough plates by the implicit integrator: a field of zeros is the flat plate, the ledger closes, steps are of
+second order, threads and checkpoints change no bit, and what the explicit integrator finds at 1 m/s."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import pytest
-from rough import field
+from meetings import MEETINGS
+from rough import field, rough_plates
 from stories import SCENE, agreement, dragged
 
 import thirdbody
 from thirdbody.assembly import simulation
 from thirdbody.assembly.surfaces import with_surfaces
+from thirdbody.engine.energy import Ledger
 from thirdbody.engine.numerical_energy_guard import body_energies
-from thirdbody.kernels.columns import run_totals, step_memory
-from thirdbody.runner.prepare import prepare
+from thirdbody.engine.snapshot import restore, snapshot
+from thirdbody.kernels.columns import patch as plate
+from thirdbody.kernels.columns import record, run_totals, step_memory
+from thirdbody.runner.prepare import prepare, set_threads
+from thirdbody.scene.model import ConstantVelocity, Motion
 
 SIZE = 160e-6, 120e-6
 SURFACES = {
     f"plates.{side}.surface": {"rms": "0.1 um", "long": "40 um", "short": "4 um", "seed": seed}
     for side, seed in (("lower", 1), ("upper", 2))
 }
+
+MEET = {"contact.debris_contact": "auto", "domain.size": ["56 um", "42 um"]} | {
+    f"plates.{side}.surface.long": "20 um" for side in ("lower", "upper")
+}
+"""Six particles so near each other that most are in islands; lengths of the surfaces fit into the domain."""
+
+
+def rigid(count: int, speed: str = "1 m/s") -> dict[str, Any]:
+    """Settings of one plate that `count` particles carry together, under the load of as many patches."""
+    return {
+        "plates.upper.support": "rigid", "plates.upper.load": f"{0.1 * count} mN",
+        "plates.upper.damping": f"{7e-5 * count} kg/s", "plates.upper.motion": {"x": {"velocity": speed}},
+    }  # fmt: skip
 
 
 def scene(count: int, **settings: Any) -> thirdbody.Scene:
@@ -63,9 +82,120 @@ def test_the_ledger_closes_on_rough_plates():
     assert np.abs(totals[:, run_totals.NUMERICAL_LOSS]).sum() < 1e-2 * totals[:, run_totals.PLATE_WORK_SIZE].sum()
 
 
+def tables(simulation: Any) -> list[bytes]:
+    """All tables of a run that a step changes."""
+    state, slots = simulation.state, simulation.state.slots
+    own = simulation.integrator.export_state()[0].values()
+    return [table.tobytes() for table in (state.B, state.E, state.P, state.A, slots.own, slots.partner, slots.Q, slots.H, *own)]
+
+
+def resumed(given: thirdbody.Scene) -> Any:
+    """As `advanced`, with a checkpoint halfway from which a new run goes on."""
+    begun, ahead = advanced(given, 0.25e-6), prepare(given)
+    captured = snapshot(begun.state, begun.integrator, Ledger(begun.state))
+    restore(captured, ahead.state, ahead.integrator, Ledger(ahead.state))
+    ahead.integrator.advance_to(distance=0.5e-6)
+    return ahead
+
+
+def unchanged_by_threads_and_resume(given: thirdbody.Scene) -> bool:
+    """Whether a run on one thread, on all, and from a checkpoint halfway has the same bits."""
+    set_threads(None)
+    whole = prepare(given)
+    whole.integrator.advance_to(time=whole.settle)
+    for stop in (0.25e-6, 0.5e-6):  # a stop shortens steps
+        whole.integrator.advance_to(distance=stop)
+    set_threads(1)
+    try:
+        return tables(resumed(given)) == tables(whole)
+    finally:
+        set_threads(None)
+
+
+def test_threads_and_checkpoints_change_no_bit():
+    assert unchanged_by_threads_and_resume(scene(8, **SURFACES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings", [rigid(6), MEET, MEET | rigid(6)], ids=["one plate", "bodies that meet", "bodies that meet under one plate"]
+)
+def test_threads_and_checkpoints_change_no_bit_of_coupled_bodies(settings):
+    assert unchanged_by_threads_and_resume(scene(6, **SURFACES | settings))
+
+
+def test_steps_on_a_wavy_plate_are_of_second_order(make):
+    """A ball without friction swings in the valley of a wave, with steps of one length."""
+    side, wave, height, duration = 2e-4, 2e-5, 2e-7, 4e-6
+    valley = field(lambda x, y: -height * np.cos(2.0 * math.pi / wave * (x - 0.5 * side)), (side, side), (80, 8))
+    lengths, found = np.array([8e-8, 4e-8, 2e-8, 1e-8, 1e-9]), []
+    for length in lengths:
+        ball = make.ball(5e-6, (0.5 * side, 0.5 * side, 5e-6 - height), (0.3, 0.0, 0.0))
+        keys = {"friction": 0.0, "restitution": 0.3, "tolerance": 1.0, "largest_step": length, "settle": 0.0, "size": side}
+        with rough_plates(valley):
+            motion = Motion(x=[ConstantVelocity(velocity=1.0)])
+            simulation = make.under_patches([ball], {"ball": make.STEEL}, 1e-4, motion, integrator="implicit", **keys)
+        simulation.integrator.advance_to(time=duration)
+        state = simulation.state
+        assert simulation.integrator.summary()["longest_step"] == pytest.approx(length, rel=1e-3)
+        found.append(np.append(state.bodies.position[0], state.P[0, plate.HEIGHT])[[0, 2, 3]])
+    errors = np.abs(np.array(found[:-1]) - found[-1])
+    slopes = np.polyfit(np.log(lengths[:-1]), np.log(errors), 1)[0]
+    # the finest run has errors of its own, of 1 % of those of the fourth one; the first steps are shorter than `length`
+    assert slopes == pytest.approx([2.0, 2.0, 2.0], abs=0.1)
+
+
+def test_one_plate_carried_by_all_bodies_is_in_balance():
+    """At 1 mm/s bodies carry its load and what its dashpot takes."""
+    simulation = prepare(scene(6, **SURFACES | rigid(6, "1 mm/s")))
+    integrator, ledger = simulation.integrator, Ledger(simulation.state)
+    integrator.advance_to(time=simulation.settle)
+    for stop in (0.1e-6, 0.2e-6):
+        integrator.advance_to(distance=stop)
+        ledger.watch(simulation.state)
+    state, row = simulation.state, simulation.state.P[-1]
+    carried, lines = row[plate.LOAD] + row[plate.DAMPING] * row[plate.VELOCITY], ledger.lines(state)
+    # its equation is solved to 1e-8 of the load; its mass takes even less at this speed
+    assert state.A[run_totals.UPPER_FORCE3][2] == pytest.approx(carried, rel=1e-6)
+    assert ledger.relative_residual(state, lines["residual"]) < 1e-6
+
+
+def against_a_post(kind: str, settings: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, float]:
+    """A ball that rolls against a post between wavy plates: mean push on the upper one [N], ends [m], force between both [N]."""
+    given = thirdbody.Scene.parse(MEETINGS["stopped_by_a_rough_post"].text(kind)).with_settings(settings)
+    x, y = (2.0 * math.pi * waves / side for waves, side in zip((5, 2), given.domain.size, strict=True))
+    wavy = field(lambda u, v: -2.5e-8 * (2.0 - np.cos(x * u) - np.cos(y * v)), tuple(given.domain.size), (120, 80))
+    with rough_plates(wavy, wavy):
+        simulation = prepare(given)
+    ledger = Ledger(simulation.state)
+    simulation.integrator.advance_to(time=simulation.settle)
+    before = simulation.state.A.copy()
+    simulation.integrator.advance_to(distance=1e-6)
+    ledger.watch(simulation.state)
+    residual = ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"])
+    # Newton's method leaves 1e-9 of the forces; the explicit integrator has no line for what its steps lose
+    assert residual < (1e-6 if kind == "implicit" else 1e-3)
+    state, slots, passed = simulation.state, simulation.state.slots, simulation.state.A - before
+    met = (slots.histories.slip > 0.0) & (slots.partner >= 0)
+    push = passed[run_totals.UPPER_IMPULSE3] / passed[run_totals.TIME]
+    return push, state.bodies.position[np.argsort(state.order)], float(slots.R[met, record.NORMAL_FORCE].sum())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "support", [{}, {"plates.upper.support": "rigid", "plates.upper.load": "0.2 mN"}], ids=["patches", "rigid"]
+)
+def test_both_integrators_agree_where_bodies_meet_between_rough_plates(support):
+    """Both come to rest against each other; overlaps of nanometres and the steps at the first touch are all that differs."""
+    (push, ends, met), (other_push, other_ends, other_met) = (against_a_post(kind, support) for kind in ("explicit", "implicit"))
+    assert met > 0.0 and other_met == pytest.approx(met, rel=2e-3)
+    assert other_push == pytest.approx(push, rel=2e-3, abs=1e-3 * push[2])
+    assert np.abs(ends - other_ends).max() < 1e-3 * 1e-6
+
+
 @pytest.mark.slow
 def test_both_integrators_agree_on_rough_plates_at_1_m_per_s():
-    """97 % of the labels and 1 % of friction."""
+    """97 % of the labels at all stops (60 at the last one alone are too few to tell), and 1 % of friction."""
     stories = [dragged(scene(60, **SURFACES | {"solver.integrator": kind}), path=4e-6) for kind in ("explicit", "implicit")]
     found = agreement(*stories)
-    assert found.labels >= 0.97 and found.friction < 0.01, found
+    assert found.all_labels >= 0.97 and found.friction < 0.01, found
