@@ -12,7 +12,7 @@ import thirdbody
 from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD
+from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, NEGLIGIBLE, created_fractions
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, run_totals
@@ -120,6 +120,34 @@ def test_a_sound_run_is_far_from_the_guard():
     )
     with pytest.raises(GuardStop, match=f"body {simulation.state.order[7]} at"):
         simulation.integrator.refuse_created_energy()
+
+
+def created(bodies, common, **rows):
+    """Created fractions of bodies; rows: what a body loses and its dashpots dissipate [J]; `common`: what the plate exchanges."""
+    totals = np.zeros((bodies, run_totals.WIDTH))
+    for number, (loss, spent) in rows.items():
+        totals[int(number[1:])][[run_totals.NUMERICAL_LOSS, run_totals.DAMPING_WORK]] = loss, spent
+    whole = totals.sum(axis=0)
+    whole[run_totals.DAMPING_WORK] += common
+    return created_fractions(totals, np.zeros(bodies), whole)
+
+
+def test_energy_created_in_a_weak_impact_stops_no_run():
+    """Idle bodies of 2000 between rough plates create a tenth of the 4e-16 J of an impact; loaded ones exchange 1e-11 J."""
+    fractions, whole = created(4, 4e-11, b0=(-5e-17, 4e-16), b1=(-1e-28, 1e-28))
+    assert (fractions < 1e-2 * CREATED_ENERGY_GUARD).all() and abs(whole) < 1e-5
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-11])
+def test_energy_created_by_one_body_is_refused_at_every_scale(scale):
+    """The scale is that of the run: neither idle neighbours nor weak loads hide a body that creates what others exchange."""
+    alone, _ = created(1, 0.0, b0=(-0.13 * scale, scale))
+    assert alone == pytest.approx(0.13)
+    loaded, _ = created(4, 0.0, b0=(-0.13 * scale, scale), b1=(0.0, 1e-6 * scale), b2=(0.0, scale), b3=(0.0, scale))
+    assert loaded[0] == pytest.approx(0.13) and (loaded[1:] <= 0.0).all()
+    # an idle body that goes on creating energy is stopped at a thousandth of what the mean body exchanges
+    idle, _ = created(4, 4.0 * scale, b0=(-1.1 * NEGLIGIBLE * CREATED_ENERGY_GUARD * scale, 1e-6 * scale))
+    assert idle[0] > CREATED_ENERGY_GUARD
 
 
 # -- the number that decides --

@@ -19,7 +19,7 @@ from thirdbody.engine.guards import Guards
 from thirdbody.engine.implicit_surfaces import find_minima, surface_updates
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fraction
+from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
@@ -312,10 +312,10 @@ class Implicit:
             raise GuardStop(self._explain(int(stopped[0])))
 
     def refuse_created_energy(self) -> None:
-        """Raise GuardStop if the integrator has created more than MADE_GUARD of the exchanged energy."""
+        """Raise GuardStop if the integrator has created more than CREATED_ENERGY_GUARD of the exchanged energy."""
         stored = body_energies(self.state, self.memory[:, step_memory.STORED])
-        built = created_fraction(self.totals, stored)
-        body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(stored.sum()))[0])
+        built, whole = created_fractions(self.totals, stored, self._summed())
+        body = int(np.argmax(built))
         if built[body] > CREATED_ENERGY_GUARD:
             fraction, who, when = built[body], self._who(body), self.totals[body, run_totals.TIME]
         elif whole > CREATED_ENERGY_GUARD:

@@ -14,15 +14,29 @@ CREATED_ENERGY_GUARD = 0.1
 the very start, and below 0.005 later."""
 
 
-def created_fraction(totals: Array, stored: Array | float) -> Array:
-    """Return the energy (n,) created by the integrator (negative: lost) over the exchanged energy.
+NEGLIGIBLE = 0.01
+"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
+length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
+they exchange, a millionth of what a loaded body exchanges."""
 
-    The exchanged energy is the largest of: sum of |plate work increments|; |work of effects|; dissipated plus `stored` (n,) [J]
-    kinetic and elastic energy. `totals`: (n, run_totals.WIDTH).
+
+def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
+    """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
+
+    `totals`: (n, run_totals.WIDTH); `stored`: kinetic and elastic energy (n,) [J]; `whole`: totals of the run, with those of a
+    common plate. The exchanged energy of a body is at least NEGLIGIBLE times the mean.
     """
+    scales, all_scale = exchanged_energy(totals, stored), float(exchanged_energy(whole[None], stored.sum())[0])
+    if not all_scale > 0.0:
+        return np.zeros(len(totals)), 0.0
+    scales = np.maximum(scales, NEGLIGIBLE * all_scale / len(totals))
+    return -totals[:, run_totals.NUMERICAL_LOSS] / scales, -float(whole[run_totals.NUMERICAL_LOSS]) / all_scale
+
+
+def exchanged_energy(totals: Array, stored: Array) -> Array:
+    """Return the largest (n,) [J] of: sum of |plate work increments|; |work of effects|; dissipated plus `stored` energy."""
     spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + stored
-    scale = np.maximum(np.maximum(totals[:, run_totals.PLATE_WORK_SIZE], np.abs(totals[:, run_totals.EFFECT_WORK])), spent)
-    return np.divide(-totals[:, run_totals.NUMERICAL_LOSS], scale, out=np.zeros(len(totals)), where=scale > 0.0)
+    return np.maximum(np.maximum(totals[:, run_totals.PLATE_WORK_SIZE], np.abs(totals[:, run_totals.EFFECT_WORK])), spent)
 
 
 def body_energies(state: State, stored: Array) -> Array:
