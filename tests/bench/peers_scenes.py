@@ -120,10 +120,10 @@ def simulation_of(start: Start) -> Simulation:
     placed = placed_of(start)
     plate = building.upper_plate
 
-    def upper(scene: Scene, choice: Any, bodies: Placed, warnings: list[str]) -> Any:
+    def upper(scene: Scene, choice: Any, bodies: Placed, warnings: list[str], rough: Any) -> Any:
         """The plate is where the file says, although spheres press into it: what is built is that over sunken bodies."""
         sunken = bodies.positions - [0.0, 0.0, start.gap]
-        return plate(scene, choice, replace(bodies, positions=sunken), warnings)
+        return plate(scene, choice, replace(bodies, positions=sunken), warnings, rough)
 
     with patch.multiple(building, populate=lambda *_: placed, upper_plate=upper):
         # the step is fixed as the peers' is, also where a contact comes to its bound of stability

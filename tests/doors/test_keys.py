@@ -131,7 +131,7 @@ def test_names_are_those_of_a_run(registry, tmp_path):
     names = all_names(registry)
     with run(Scene.parse(ROLLERS), tmp_path / "run", progress=False) as result:
         assert names["series"].keys() == result.series.keys() | SCALED | DIRECT
-        units = {name: entry.unit for name, entry in names["series"].items() if name not in SCALED}
+        units = {name: entry.unit for name, entry in names["series"].items() if name not in SCALED | DIRECT}
         assert units == {name: result.units[name] for name in result.series}
         assert names["bodies"].keys() == result.bodies(-1).keys()
         assert names["spheres"].keys() == result.spheres(-1).keys()

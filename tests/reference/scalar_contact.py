@@ -178,7 +178,7 @@ def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surround
     if j == -1:
         return own, (0.0, 0.0, 0.0)
     if j < -1:
-        return own, (world.v_x, world.v_y, world.P[-j - 2][patch.VELOCITY])
+        return own, (world.v_x, world.v_y, world.P[(-1 - j) // BASINS - 1][patch.VELOCITY])
     return own, surface(S[j], scaled(frame.n, frame.arms[1]))
 
 

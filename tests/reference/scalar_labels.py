@@ -9,6 +9,7 @@ from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE
 
 from thirdbody.kernels.columns import body, contact_state, loaded_contact, observed_body, record, run_totals
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.predicates import BASINS
 
 FAR = 67108864.0
 """2^26: spheres that a name of a contact can tell apart."""
@@ -56,8 +57,8 @@ def contact_row(pair: tuple[int, int], sign: float, H: list[float], R: list[floa
         (loaded_contact.CRITICAL_SLIP, record.CRITICAL_SLIP),
     ):
         C[to] = R[column]
-    here, there = (i, max(j, -2)) if owner else (j, i)
-    C[loaded_contact.IDENTITY] = here * FAR + there + 3.0
+    here, there = (i, max(j, -1 - BASINS)) if owner else (j, i)
+    C[loaded_contact.IDENTITY] = here * FAR + there + 1.0 + 2.0 * BASINS
     return np.array(C)
 
 

@@ -18,7 +18,9 @@ SHORT = {"debris.0.count": "16", "solver.distance": "1 um", "output.every": "0.1
 # Scenes of one layer that is dragged, a load on every body.
 NAMES = ["roller_bearing", "scanned_debris", "sheared_debris", "sliding_flakes"]
 # Scenes of other kinds, with tests of their own.
-OTHERS = ["angular_bed", "dense_layer", "fretting", "fretting_rig", "mixed_population", "three_spot"]
+OTHERS = [
+    "angular_bed", "dense_layer", "fretting", "fretting_rig", "grooves", "mixed_population", "rough_plates", "three_spot"
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -79,7 +79,7 @@ def test_every_notebook_is_listed():
     assert all(f"(tutorials/{path.name})" in page for path in NOTEBOOKS)
 
 
-LONG = ("3_my_particles", "6_how_accurate", "9_calibration")
+LONG = ("3_my_particles", "6_how_accurate", "7_a_sweep", "8_which_input_matters", "9_calibration")
 """Run behind `-m slow`: what they show besides is shown by the others and by tests of meshes, levels and sweeps."""
 
 RUN = [pytest.param(path, marks=pytest.mark.slow if path.stem in LONG else (), id=path.stem) for path in NOTEBOOKS]

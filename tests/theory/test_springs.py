@@ -15,6 +15,7 @@ from thirdbody_three_spot import mdr, theory
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import geometry, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import travel
 from thirdbody.laws.kernel_data import Contact as Touch
 from thirdbody.laws.kernel_data import Load
@@ -228,7 +229,7 @@ def test_the_path_of_the_patch():
     skidding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     assert path(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx((1.5, 0.0)), "new material on one side only"
     riding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert path(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
+    assert path(riding, 0, -1 - BASINS, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
     gears = spheres((1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))
     assert np.hypot(*path(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0))) == pytest.approx(2.0)
     # two spheres that turn about their common centre as one body

@@ -69,6 +69,11 @@ class Plan:
     times: ExpectedTimes | None = None
     estimated: bool = False
 
+    @property
+    def matters(self) -> bool:
+        """Whether times decided, and one of them is longer than a user notices."""
+        return self.estimated and self.times is not None and max(self.times) >= GAIN
+
     def __str__(self) -> str:
         if not (self.estimated and self.times):
             return f"{self.kind}: {self.reason}"

@@ -127,7 +127,7 @@ class Simulation:
     @property
     def announcement(self) -> list[str]:
         """What a run says before it starts: an integrator that expected times decided, a speed that is not that of the scene."""
-        lines = [f"integrator {self.plan}"] if self.plan.estimated else []
+        lines = [f"integrator {self.plan}"] if self.plan.matters else []
         return [*lines, f"speed: {self.speed_scale}"] if self.speed_scale else lines
 
     @property

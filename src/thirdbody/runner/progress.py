@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,8 +42,9 @@ def reporting(progress: bool | Reporter, title: str, first: Iterable[str] = ()) 
 @contextmanager
 def reporter_for_terminal(title: str, first: Iterable[str] = ()) -> Iterator[Reporter]:
     """Yield a reporter that draws on standard error while that can be written to. `first`: lines that are printed before."""
-    for line in first if sys.stderr is not None else ():
-        print_line(line, err=True)
+    with suppress(OSError):  # a closed or full stream ends no run
+        for line in first if sys.stderr is not None else ():
+            print_line(line, err=True)
     if sys.stderr is None:  # the program was started without one; print would take standard output
         yield lambda _: None
     elif sys.stderr.isatty():
