@@ -20,7 +20,7 @@ from numba import njit
 from thirdbody.engine.state import table
 from thirdbody.jit.options import NO_COUNTS
 from thirdbody.jit.packed_arguments import argument_specs, pack
-from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
+from thirdbody.kernels import contact_geometry, contact_history, first_body, narrow_phase, rigid_body
 from thirdbody.kernels.bundles import Box, Motion, Step, Tile
 from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
@@ -209,7 +209,7 @@ def gaps_of(k: Tables) -> list[Pass]:
     return [
         Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
              flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
-             [(narrow_phase.plate_overlap, flat), (narrow_phase.pair_overlaps, paired)]),
+             [(first_body.plane_overlap, flat), (narrow_phase.pair_overlaps, paired)]),
         Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
              24 * slots.count, k.closed.nbytes, []),
     ]  # fmt: skip
