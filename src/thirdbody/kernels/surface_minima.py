@@ -135,9 +135,9 @@ def search_all(k, field, x, limits, tables):
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(find_minima(field, x, farthest, minima), BASINS)
     for a in range(BASINS):
-        known = False
+        known = False  # a minimum that an earlier row has is no longer there to be claimed: else there are more minima than rows
         for m in range(n if has_minimum(k, a, Q) else 0):
-            if is_same(offset_of(k + a, Q), (minima[m, 0], minima[m, 1]), field):
+            if minima[m, 2] < math.inf and is_same(offset_of(k + a, Q), (minima[m, 0], minima[m, 1]), field):
                 known, minima[m, 2] = True, math.inf
         if has_minimum(k, a, Q) and not known:
             end_minimum(k, a, shortest, Q)
@@ -208,15 +208,19 @@ def update_plane(k, tables):
     Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
 
 
+@njit(**BARE)
+def next_rough(k, last, tables):
+    """Update the rows of flat plates from k on; return the first row of a sphere and a rough plate, or `last`."""
+    while k < last and (tables.upper if is_upper(tables.partner[k]) else tables.lower).shape[0] == 0:
+        update_plane(k, tables)
+        k += 1
+    return k
+
+
 @njit(UPDATE, **OPTIONS, **NO_COUNTS)
 def update(first, last, tables):
     """Update the rows of candidates first to last; those of a sphere and a plate are together, from basin 0 on."""
-    k = first
+    k = next_rough(first, last, tables)
     while k < last:
-        field = tables.upper if is_upper(tables.partner[k]) else tables.lower
-        if field.shape[0] == 0:
-            update_plane(k, tables)
-            k += 1
-        else:
-            update_sphere(k, field, tables)
-            k += BASINS
+        update_sphere(k, tables.upper if is_upper(tables.partner[k]) else tables.lower, tables)
+        k = next_rough(k + BASINS, last, tables)

@@ -21,15 +21,14 @@ from thirdbody.kernels.surface_minima import (
     has_minimum,
     has_moved,
     is_same,
+    next_rough,
     offset_of,
     reset_ended,
     search_all,
-    update_plane,
 )
 
 MARGIN = 0.15
 """Largest gap of a minimum that is followed, in radii: more than `step_limits.TRAVEL` and `surface_minima.MOVED` together."""
-
 
 NEARBY = 0.25
 """In units of a cell: within this distance of where it was at the start of the step a minimum is surely the same one."""
@@ -126,27 +125,18 @@ def accept_sphere(k, field, tables):
 @njit(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_trial(first, last, tables):
     """Update the rows of candidates first to last for positions within a step."""
-    k = first
+    k = next_rough(first, last, tables)
     while k < last:
-        field = tables.upper if is_upper(tables.partner[k]) else tables.lower
-        if field.shape[0] == 0:
-            update_plane(k, tables)
-            k += 1
-        else:
-            if tables.Q[k, surface_contact.MINIMA] != 0.0:
-                follow_step(k, field, centre_of(k, tables), False, tables)
-            k += BASINS
+        if tables.Q[k, surface_contact.MINIMA] != 0.0:
+            field = tables.upper if is_upper(tables.partner[k]) else tables.lower
+            follow_step(k, field, centre_of(k, tables), False, tables)
+        k = next_rough(k + BASINS, last, tables)
 
 
 @njit(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_accepted(first, last, tables):
     """Update the rows of candidates first to last for positions at the end of a step."""
-    k = first
+    k = next_rough(first, last, tables)
     while k < last:
-        field = tables.upper if is_upper(tables.partner[k]) else tables.lower
-        if field.shape[0] == 0:
-            update_plane(k, tables)
-            k += 1
-        else:
-            accept_sphere(k, field, tables)
-            k += BASINS
+        accept_sphere(k, tables.upper if is_upper(tables.partner[k]) else tables.lower, tables)
+        k = next_rough(k + BASINS, last, tables)
