@@ -7,6 +7,7 @@ import re
 
 import pytest
 from pydantic import TypeAdapter
+from steel import STEEL
 
 from thirdbody import errors
 from thirdbody.engine.implicit import Accuracy
@@ -36,16 +37,9 @@ TABLES = {
 """Keys that hold nothing but tables, whose own keys are listed."""
 PYTHON_ONLY = {"every_kind", "options", "named"}
 
-ROLLERS = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+ROLLERS = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -70,6 +64,7 @@ duration = "0.6 us"
 [output]
 every = "0.05 us"
 """
+)
 
 
 SCALED = {"scene_time"}

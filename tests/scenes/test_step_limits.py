@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from steel import STEEL
 
 import thirdbody
 from thirdbody.kernels.implicit.step_limits import CAUSES, WORDS
 
-SCENE = """
-scene = 1
-title = "two balls that roll between two plates"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.5
+# two balls that roll between two plates
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -43,6 +37,7 @@ settle = "1 us"
 [output]
 every = "0.1 um"
 """
+)
 
 
 def summary_of(tmp_path, changes, report=False):
