@@ -29,6 +29,7 @@ from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Materi
 from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
+from thirdbody.laws.first_yield import yield_limit
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Wrench
 from thirdbody.laws.mindlin import MINDLIN
@@ -121,4 +122,5 @@ __all__ = [
     "renewed",
     "seat",
     "wrongs_of",
+    "yield_limit",
 ]

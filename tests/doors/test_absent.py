@@ -44,8 +44,11 @@ EFFECTS = {
     "local_damping": {"coefficient": 0.3},
     "rolling_resistance": {"coefficient": 0.05},
     "dmt_adhesion": {"work_of_adhesion": "50 mJ/m2"},
+    "elastic_plastic": {},
 }
 MOMENTS = {"moment", "rolling_utilisation"}
+REMEMBERING = {"rolling_resistance", "elastic_plastic"}
+ADDED = {"rolling_resistance": MOMENTS, "elastic_plastic": {"plastic_work", "energy_plastic"}}
 
 
 def scene(**changes) -> Scene:
@@ -125,9 +128,9 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     # a rolling law has a spring and a dashpot, whose energy and moment are remembered with those of the others
     own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment", "springs"))}
     assert set(named.state.physics.history) - own == set(bare.state.physics.history)
-    assert bool(own) == (effect == "rolling_resistance")
+    assert bool(own) == (effect in REMEMBERING)
     first, second = results(bare, tmp_path / "bare"), results(named, tmp_path / "named")
-    added = MOMENTS if effect == "rolling_resistance" else set() if contact else {"energy_body_effects"}
+    added = ADDED.get(effect, set()) if contact else {"energy_body_effects"}
     assert ends(second[0].keys() - first[0].keys()) == added
     assert not first[0].keys() - second[0].keys()
     # no body effect, no line in the ledger; and their work is no rounding of zero with them

@@ -57,9 +57,11 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     family, level, laws = _family(scene, registry, faults)
     contact_effects, effects, values = _effects(scene, registry, faults)
     materials, pairs = _materials(scene)
+    law_values = _law_options(scene, family, laws, faults)
+    replaced = {law.replaces for law in contact_effects}
+    laws = tuple(law for law in laws if law.name not in replaced)
     chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
     off = tuple(law.name for law in laws if not law.wanted(pairs))
-    law_values = _law_options(scene, family, laws, faults)
     if faults:
         raise InputError(faults)
     try:
@@ -287,6 +289,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         force_columns=chain.force_columns,
         stored=chain.stored,
         dashpots=chain.dashpots,
+        plastic=chain.plastic,
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
         effects=compose_effects(effects),

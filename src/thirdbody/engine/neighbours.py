@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, sides_of, table
+from thirdbody.engine.state import Array, Candidates, Ints, Numbers, Physics, State, sides_of, table
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.columns import contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
@@ -62,8 +62,13 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
         near=np.flatnonzero(can_touch).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
         cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q, H=H,
-        F=np.zeros((len(remote_body), remote_force.WIDTH)), R=R,
+        F=np.zeros((len(remote_body), remote_columns(state.physics))), R=R,
     )  # fmt: skip
+
+
+def remote_columns(physics: Physics) -> int:
+    """Return the width of F."""
+    return remote_force.WIDTH if physics.flows else remote_force.WIDTH_WITHOUT_PLASTIC_FLOW
 
 
 def plate_pairs(state: State) -> Candidates:

@@ -72,7 +72,7 @@ class Physics:
     """Compiled laws and effects with their parameters.
 
     `kinds[a, b]`: row of `pairs` for two materials, -1 if none. `rolling`: which relative rotations contacts need
-    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`: see `Chain`.
+    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`, `plastic`: see `Chain`.
     """
 
     law: Callable
@@ -82,6 +82,7 @@ class Physics:
     force_columns: tuple[int, int]
     stored: int
     dashpots: int
+    plastic: int
     pairs: Array
     kinds: Ints
     effects: Callable
@@ -99,6 +100,11 @@ class Physics:
     def stiffness_at(self) -> int:
         """Address of `stiffness` for `critical_time_step`; raises AttributeError if there is none."""
         return address(self.stiffness, LAW)
+
+    @property
+    def flows(self) -> bool:
+        """Whether the normal law dissipates, by plastic flow."""
+        return self.plastic >= 0
 
     @property
     def moments(self) -> bool:
@@ -293,7 +299,7 @@ def sides_of(partner: Numbers) -> Ints:
 def empty_slots(memory: int, record: int) -> Candidates:
     """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
-    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH)), np.zeros((0, record))
+    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_PLASTIC_FLOW)), np.zeros((0, record))
     Q = np.zeros((0, surface_contact.WIDTH))
     return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R)
 
@@ -317,7 +323,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
     B = table(n_bodies, body.WIDTH)
-    E = table(n_bodies, body_extra.WIDTH if physics.has_effects else body_extra.WIDTH_WITHOUT_EFFECTS)
+    E = table(n_bodies, body_extra.WIDTH if physics.has_effects or physics.flows else body_extra.WIDTH_WITHOUT_EFFECTS)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, body.POSITION3] = placed.positions

@@ -38,7 +38,8 @@ which is the work that the bodies exchange (`kernels.explicit.contact_dissipatio
 run closes only to first order in the step where friction jumps. A tangential or rolling law whose history contains the value it
 returns as `stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and
 with opposite sign on j; `turn` is the rotation of i relative to j about the two tangential axes, so the work of the pair is
-moment times turn.
+moment times turn. A normal law that dissipates names what its contact has dissipated since it closed `plastic_work` in its
+history: the engine then keeps that per body, and apart from friction in the ledger.
 """
 
 from __future__ import annotations
@@ -131,7 +132,8 @@ class Law:
     `rolls` receives the travel of the contact area, for history that belongs to the material under it. `wanted(pairs)` returns
     whether these materials need the law; if not, it is absent from the compiled code. `variant(options)` may return another law
     that replaces this one under these options, one with more history for instance, or None. `assumes` is the name of the normal
-    law that the law is derived for; it is refused under another one. `reach(pair, options, radius)` is the distance [m] before
+    law that the law is derived for; it is refused under another one. `replaces` is the name of the law of a level whose place an
+    effect takes. `reach(pair, options, radius)` is the distance [m] before
     touch where a normal or adhesion law begins to act between bodies of at most this effective radius [m]; it must not fall with
     the radius.
     """
@@ -150,6 +152,7 @@ class Law:
     rolls: bool = False
     variant: Callable[[Options], Law | None] | None = None
     assumes: str = ""
+    replaces: str = ""
     reach: Callable[[Pair, Options, float], float] | None = None
 
     def memory(self) -> tuple[str, ...]:

@@ -35,7 +35,17 @@ class YieldLimit(NamedTuple):
 
 
 def yield_limit(a: Material, b: Material) -> YieldLimit:
-    """Return the limit of the pair, that of the softer material: both bodies of a contact carry the same pressure."""
+    """Return the limit of the pair, that of the softer material: both bodies of a contact carry the same pressure.
+
+    Parameters
+    ----------
+    a, b : Material
+        The two materials. One without a yield strength is given E/100, the strength of a hard metal, unless it is an elastomer.
+
+    Returns
+    -------
+    YieldLimit
+    """
     limits = [YieldLimit(FIRST_YIELD * strength, m.name, strength, not m.yield_strength)
               for m in (a, b) for strength in (m.yield_strength or _assumed_strength(m),)]  # fmt: skip
     return min(limits, key=lambda limit: limit.pressure)

@@ -7,7 +7,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
+from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
@@ -121,6 +121,9 @@ class FrameMaker:
             "peak_pressure": self._largest(contacts, contacts["peak_pressure"]),
             "contacts": self._count(contacts),
         }
+        if s.physics.flows:
+            arrays["plastic_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
+            arrays["friction_work"] -= arrays["plastic_work"]
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]

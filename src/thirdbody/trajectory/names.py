@@ -77,6 +77,7 @@ SERIES = {
     ),
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),
     "energy_friction": Name("J", "Dissipated by slip since the start."),
+    "energy_plastic": Name("J", "Dissipated by plastic flow of contacts since the start; with `effects.elastic_plastic` only."),
     "energy_plate_work": Name("J", "Work of the plates since the start."),
     "energy_body_effects": Name("J", "Work of body effects since the start; with such effects only."),
     "energy_numerical": Name("J", "Lost by the implicit integrator itself since the start; 0 in explicit runs."),
@@ -116,6 +117,9 @@ CLUMPS = {
     "force": Name("N", "Total force, (B, 3)."),
     "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
     "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
+    "plastic_work": Name(
+        "J", "Dissipated by plastic flow of its contacts since the start, as `friction_work`; with such a law only."
+    ),
     "slip_distance": Name("m", "Slip of all its contacts since the start, summed."),
     "utilisation": Name("1", "Largest tangential force over friction limit of its contacts."),
     "contacts": Name("1", "Number of its contacts."),

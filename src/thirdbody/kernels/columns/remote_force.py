@@ -8,4 +8,6 @@ FORCE, FORCE3 = table.vector("force", 3, "N", "force on the partner's body")
 FRICTION_WORK = table.scalar("friction_work", "J", "the partner's part of the friction work")
 TORQUE, TORQUE3 = table.vector("torque", 3, "N m", "torque on the partner's body")
 SLIP = table.scalar("slip", "m", "the partner's part of the slip")
-WIDTH = table.width
+WIDTH_WITHOUT_PLASTIC_FLOW = table.width
+PLASTIC_WORK = table.scalar("plastic_work", "J", "the partner's part of the plastic work; only in scenes that have some")
+WIDTH = table.skip(3)

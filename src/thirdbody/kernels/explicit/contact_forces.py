@@ -46,6 +46,7 @@ from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, 
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import box_of
+from thirdbody.kernels.plastic_work import add_plastic_work
 from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
@@ -336,6 +337,8 @@ def apply_tile(n, c, slots, flat, context, step, tile):
         scatter_plate_tile(n, c, slots, context, tile)
     else:
         scatter_pair_tile(n, slots, context, tile)
+    if context.plastic >= 0:
+        add_plastic_work(n, slots, context, tile)
     store_history(n, slots, context, tile)
     if step.record:
         add_elastic_energy(n, c, tile.outputs, context.sums)

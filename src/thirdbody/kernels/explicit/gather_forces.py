@@ -47,11 +47,14 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 
 @njit(**BARE)
-def add_remote_forces(first, last, remote_body, F, B):
+def add_remote_forces(first, last, remote_body, F, B, E):
     """Add the remote forces, rows first to last of F, to their partners, in that order."""
     for f in range(first, last):
         prefetch(B, np.uint64(remote_body[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
         add_force(np.uint64(remote_body[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
+    if F.shape[1] > remote_force.WIDTH_WITHOUT_PLASTIC_FLOW:
+        for f in range(first, last):
+            E[remote_body[f], body_extra.PLASTIC_WORK] += F[f, remote_force.PLASTIC_WORK]
 
 
 @njit(**BARE_CHUNK)
@@ -63,7 +66,7 @@ def gather_forces(c, context, step, effects):
     """
     B, E, cuts, has_effects = context.B, context.E, context.cuts, context.has_effects != 0
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context.remote_body, context.F, B)
+    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context.remote_body, context.F, B, E)
     context.moves[c, chunk_motion.EFFECT_POWER] = 0.0
     if has_effects or step.record:
         closing_kick(first, last, B, E, step.dt)

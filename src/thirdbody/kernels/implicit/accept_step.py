@@ -32,6 +32,7 @@ from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
+from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rough_plates import update_by, update_surfaces
 
@@ -98,6 +99,8 @@ def store_contact(q, k, context, active, motion, space):
     write_record(q, k, context, motion, tile)
     sums[0, contact_sums.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]
     B[b, body.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
+    if context.plastic >= 0:
+        context.E[b, body_extra.PLASTIC_WORK] += plastic_work_of(q, context.plastic, tile)
     B[b, body.SLIP_DISTANCE] += tile.outputs[law_output.SLIP * TILE + q]
     side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
     for d in range(3):

@@ -84,6 +84,12 @@ class Chain:
         return len(self.history) - count if count else -1
 
     @property
+    def plastic(self) -> int:
+        """Column of the history with the energy that the normal law has dissipated since the contact closed; -1: it does not."""
+        history = self.laws[0].history
+        return history_of(self.laws, 0)[0] + history.index("plastic_work") if "plastic_work" in history else -1
+
+    @property
     def rolling(self) -> int:
         """Relative rotation required by the laws.
 
@@ -108,7 +114,8 @@ def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
             raise ValueError("no law for the normal stage")
     for law in chain:
         if law.assumes not in ("", chain[0].name):
-            raise ValueError(f"the law '{law.name}' assumes the normal law '{law.assumes}', not '{chain[0].name}'")
+            which = f"'{law.assumes}', not '{chain[0].name}'; take another level, or leave '{chain[0].name}' out"
+            raise ValueError(f"the law '{law.name}' assumes the normal law {which}")
     return chain
 
 
