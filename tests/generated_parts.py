@@ -86,7 +86,7 @@ def law_data() -> str:
     from thirdbody import plugin
 
     lines = ["| tuple | field | meaning |", "|---|---|---|"]
-    for name in ("Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Body", "Wrench"):
+    for name in ("Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench"):
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
         fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
         for k, (names, meaning) in enumerate(fields):

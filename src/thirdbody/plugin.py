@@ -31,7 +31,7 @@ from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Wrench
+from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Twist, Twisting, Wrench
 from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.patch_renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
@@ -94,6 +94,8 @@ __all__ = [
     "Table",
     "Tangential",
     "Turn",
+    "Twist",
+    "Twisting",
     "UsageError",
     "Whole",
     "Wrench",

@@ -245,7 +245,7 @@ def fields_of(k: Tables) -> list[Pass]:
 def booking_of(k: Tables) -> list[Pass]:
     """What friction takes, where the laws remember their force, and what dashpots take: forces before and after, slip, velocity
     along the normal, energies (no rolling moments)."""
-    (force, moment), place, found = k.physics.force_columns, k.physics.dashpots, []
+    (force, moment, _), place, found = k.physics.force_columns, k.physics.dashpots, []
     if force >= 0 and moment < 0:
         found.append(tiled(k, "book friction", contact_dissipation.book, k.tiles, (k.context, k.tile), 11 + 1))
     if place >= 0 and moment < 0:

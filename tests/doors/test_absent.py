@@ -45,10 +45,14 @@ EFFECTS = {
     "rolling_resistance": {"coefficient": 0.05},
     "dmt_adhesion": {"work_of_adhesion": "50 mJ/m2"},
     "elastic_plastic": {},
+    "pivoting": {},
 }
-MOMENTS = {"moment", "rolling_utilisation"}
-REMEMBERING = {"rolling_resistance", "elastic_plastic"}
-ADDED = {"rolling_resistance": MOMENTS, "elastic_plastic": {"plastic_work", "energy_plastic"}}
+ADDED = {
+    "rolling_resistance": {"moment", "rolling_utilisation"},
+    "elastic_plastic": {"plastic_work", "energy_plastic"},
+    "pivoting": {"twist_moment", "twist_utilisation"},
+}
+"""Arrays that the effects of contacts add to the file: those that remember."""
 
 
 def scene(**changes) -> Scene:
@@ -125,10 +129,10 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     differ = {name for name, module in modules(named).items() if modules(bare)[name] != module}
     # the stiffness stands in the module of the law, and so do tangents in one of their own; labels see forces on bodies
     assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"})
-    # a rolling law has a spring and a dashpot, whose energy and moment are remembered with those of the others
+    # a law of moments has a spring and a dashpot, whose energy and moment are remembered with those of the others
     own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment", "springs"))}
     assert set(named.state.physics.history) - own == set(bare.state.physics.history)
-    assert bool(own) == (effect in REMEMBERING)
+    assert bool(own) == (effect in ADDED)
     first, second = results(bare, tmp_path / "bare"), results(named, tmp_path / "named")
     added = ADDED.get(effect, set()) if contact else {"energy_body_effects"}
     assert ends(second[0].keys() - first[0].keys()) == added

@@ -50,7 +50,7 @@ from thirdbody.kernels.implicit.residual import active_contacts, set_configurati
 from thirdbody.kernels.implicit.residual import residual as write_residual
 from thirdbody.kernels.implicit.surface_steps import update_accepted, update_trial
 from thirdbody.kernels.predicates import BASINS
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import UPDATE, RoughPlates
 from thirdbody.kernels.signatures import LAW
 
@@ -58,16 +58,16 @@ UNCACHED = OPTIONS | {"cache": False}
 
 FLAT = np.zeros((0, surface_contact.WIDTH))
 
-HISTORY = 4
-"""Force and moment of a contact at the start of the step."""
+HISTORY = 5
+"""Force, moment and moment about the normal of a contact at the start of the step."""
 
-STIFF, SHEAR, ROLL = 1.3, 0.9, 0.2
+STIFF, SHEAR, ROLL, TORSION = 1.3, 0.9, 0.2, 0.7
 
 
 @njit(LAW, **UNCACHED)
 def law(I, O, n, _):  # noqa: E741
     """A smooth law: N = STIFF R^.5 d^1.5, U = 0.4 N d, T = T_0 - SHEAR (R^.5 d^1.5)^(1/3) slip, M = M_0 - ROLL d turn; slip and
-    turn with a tenth across."""
+    turn with a tenth across. About the normal M = M_0 - TORSION d^1.5 twist."""
     for q in range(n):
         d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
         root = math.sqrt(I[law_input.RADIUS * TILE + q])
@@ -80,6 +80,7 @@ def law(I, O, n, _):  # noqa: E741
         a, b = I[turn + rolling_input.ROTATION_X * TILE], I[turn + rolling_input.ROTATION_Y * TILE]
         O[to + rolling_output.MOMENT_X * TILE] = I[old + 2 * TILE] - ROLL * d * (a + 0.1 * b)
         O[to + rolling_output.MOMENT_Y * TILE] = I[old + 3 * TILE] - ROLL * d * (b - 0.1 * a)
+        O[to + rolling_output.TWIST_MOMENT * TILE] = I[old + 4 * TILE] - TORSION * d**1.5 * I[turn + rolling_input.TWIST * TILE]
 
 
 @njit(LAW, **UNCACHED)
@@ -95,6 +96,7 @@ def tangents(I, K, n, _):  # noqa: E741
         values = (
             1.5 * STIFF * root * math.sqrt(d), -k_t, -0.1 * k_t, 0.1 * k_t, -k_t, -bend * (x + 0.1 * y), -bend * (y - 0.1 * x),
             -ROLL * d, -0.1 * ROLL * d, 0.1 * ROLL * d, -ROLL * d, -ROLL * (a + 0.1 * b), -ROLL * (b - 0.1 * a),
+            -TORSION * d**1.5, -1.5 * TORSION * math.sqrt(d) * I[turn + rolling_input.TWIST * TILE],
         )  # fmt: skip
         for k in range(contact_tangent.ROLLING_WIDTH):
             K[k * TILE + q] = values[k]
@@ -154,8 +156,9 @@ def tables(n_plates: int) -> dict[str, Any]:
         "incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
         "E": E, "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z, "memory": memory,
         "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
-        "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY, "rolling": MOMENTS,
-        "force": 0, "moment": 2, "stored": -1, "law": address(law, LAW), "tangents": address(tangents, LAW),
+        "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
+        "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
+        "tangents": address(tangents, LAW),
     }  # fmt: skip
 
 
@@ -336,8 +339,9 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
         "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
         "S": S, "B": B, "E": E, "P": P, "Q": FLAT, "H": H, "starts": Z, "memory": np.zeros((2, step_memory.WIDTH)),
         "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": 1,
-        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY, "rolling": MOMENTS,
-        "force": 0, "moment": 2, "stored": -1, "law": address(law, LAW), "tangents": address(tangents, LAW),
+        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
+        "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
+        "tangents": address(tangents, LAW),
     }  # fmt: skip
     island = {
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),

@@ -27,11 +27,20 @@ NEAR = 0.3
 
 @njit
 def answers(overlap, radius, mass, kind, P):
-    """k_n, k_t, k_r, c_n, c_t, c_r of a law of no physics: all different functions, some zero."""
+    """k_n, k_t, k_r, c_n, c_t, c_r, k_w, c_w of a law of no physics: all different functions, some zero."""
     k_n, share, roll, damping = P[4 * kind], P[4 * kind + 1], P[4 * kind + 2], P[4 * kind + 3]
     k_n *= math.sqrt(overlap * radius)
     c_n = damping * math.sqrt(mass * k_n)
-    return k_n, share * k_n, roll * k_n * radius**2, c_n, share**2 * c_n, roll * c_n * radius**2
+    return (
+        k_n,
+        share * k_n,
+        roll * k_n * radius**2,
+        c_n,
+        share**2 * c_n,
+        roll * c_n * radius**2,
+        0.7 * roll * k_n * radius,
+        0.3 * c_n * radius,
+    )
 
 
 @njit(LAW)
@@ -40,7 +49,7 @@ def stiffness(I, O, n, P):  # noqa: E741
     for q in range(n):
         kind = int(I[q + law_input.PAIR_TYPE * TILE])
         report = answers(I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE], kind, P)
-        for f in range(6):
+        for f in range(8):
             O[q + f * TILE] = report[f]
 
 
@@ -150,9 +159,9 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
         along = np.outer(n, n)
         for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
             J = np.hstack((np.eye(3), -cross(state.S[number, sphere.ARM3] + reach * n)))
-            for w, (normal, across, roll) in enumerate((report[:3], report[3:])):
+            for w, (normal, across, roll, spin) in enumerate(((*report[:3], report[6]), (*report[3:6], report[7]))):
                 sums[state.body[number], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
-                sums[state.body[number], w, 3:, 3:] += twice * roll * (np.eye(3) - along)
+                sums[state.body[number], w, 3:, 3:] += twice * (roll * (np.eye(3) - along) + spin * along)
     spring = 2.0 * state.P[:-1, patch.SPRING]
     patches[:-1, 0] += spring / state.P[:-1, patch.MASS]
     patches[-1, 0] += spring.sum() / state.P[-1, patch.MASS] * state.P[-1, patch.FREE]

@@ -29,7 +29,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.predicates import BASINS
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
 
@@ -79,7 +79,7 @@ class Physics:
     stiffness: Callable | None
     history: tuple[str, ...]
     rolling: int
-    force_columns: tuple[int, int]
+    force_columns: tuple[int, int, int]
     stored: int
     dashpots: int
     plastic: int
@@ -108,8 +108,8 @@ class Physics:
 
     @property
     def moments(self) -> bool:
-        """Whether a contact carries a moment."""
-        return self.rolling == MOMENTS
+        """Whether a contact has a law of the rolling stage."""
+        return self.rolling & MOMENTS != 0
 
 
 @dataclass
@@ -351,7 +351,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts), start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
         population=placed.populations, rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics), record.ROLLING_WIDTH if physics.moments else record.WIDTH), skin=skin,
+        slots=empty_slots(memory_columns(physics), record_width(physics.rolling)), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )  # fmt: skip
     refresh_spheres(state)

@@ -5,7 +5,8 @@ all other scenes is unaffected.
 
 The relative rotation of the step is in the contact's plane, in the transported frame. It is conjugate to the moment: the work of
 the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, zero for two bodies that rotate as one. A plate does not
-rotate. The part about the normal (pivoting) is left out.
+rotate. The part about the normal goes to laws of the twisting stage only: with the normal of the middle of the step, so that its
+work is exact to second order.
 """
 
 import numpy as np
@@ -18,7 +19,27 @@ from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
 MOMENTS = 2
-"""Value of `rolling` in a scene with moments; 1: a law requests the travel only, 0: neither."""
+"""Value of `rolling` in a scene with a rolling law; 1: a law requests the travel only, 0: neither."""
+
+TWIST = 4
+"""Added to `rolling` in a scene with a twisting law. Without a rolling law the moments about the tangential axes are zero."""
+
+
+def record_width(rolling):
+    """Return the number of columns of a contact's record in a scene with this value of `rolling`."""
+    return record.TWIST_WIDTH if rolling >= TWIST else record.ROLLING_WIDTH if rolling >= MOMENTS else record.WIDTH
+
+
+@njit(**BARE)
+def has_moments(context):
+    """Return whether contacts carry moments."""
+    return context.rolling >= MOMENTS
+
+
+@njit(**BARE)
+def has_twist(context):
+    """Return whether contacts carry moments about their normals."""
+    return context.rolling >= TWIST
 
 
 @njit(**BARE)
@@ -63,6 +84,13 @@ def travel(i, j, q, context, motion, G):
 
 
 @njit(**BARE)
+def component(q, field, v, G):
+    """Return the component of a vector along the unit vector in a field of the tile at contact q."""
+    at = q + field * TILE
+    return v[0] * G[at] + v[1] * G[at + TILE] + v[2] * G[at + 2 * TILE]
+
+
+@njit(**BARE)
 def gather_rolling(q, k, context, motion, tile):
     """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
@@ -76,7 +104,11 @@ def gather_rolling(q, k, context, motion, tile):
         + w_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
         + w_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]
     ) * dt
+    if has_twist(context):
+        I[at + rolling_input.TWIST * TILE] = dt * component(q, np.int64(geometry.MID_NORMAL), (w_x, w_y, w_z), G)
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.END_SPIN))
+    if has_twist(context):
+        I[at + rolling_input.TWIST_RATE * TILE] = component(q, np.int64(geometry.NORMAL), (w_x, w_y, w_z), G)
     I[at + rolling_input.RATE_X * TILE] = (
         w_x * G[q + geometry.AXIS * TILE] + w_y * G[q + (geometry.AXIS + 1) * TILE] + w_z * G[q + (geometry.AXIS + 2) * TILE]
     )
@@ -103,8 +135,20 @@ def add_moments(n, n_history, tile):
 
 
 @njit(**BARE)
+def add_twist_moments(n, n_history, tile):
+    """Add the moments of n contacts about their normals to the torques, as `add_moments`."""
+    O, G = tile.outputs, tile.geometry  # noqa: E741
+    for q in range(n):
+        twist = O[(law_output.HISTORY + n_history + rolling_output.TWIST_MOMENT) * TILE + q]
+        for d in range(3):
+            moment = twist * G[q + (geometry.NORMAL + d) * TILE]
+            G[q + (geometry.TORQUE + d) * TILE] += moment
+            G[q + (geometry.PARTNER_TORQUE + d) * TILE] -= moment
+
+
+@njit(**BARE)
 def record_rolling(q, k, context, tile):
-    """Write the moment on the owner's body, world axes, and its limit into the record [N m]."""
+    """Write the moment on the owner's body, world axes, and its limit into the record [N m]; then those about the normal."""
     R, O, G, at = context.R, tile.outputs, tile.geometry, (law_output.HISTORY + context.n_history) * TILE + q  # noqa: E741
     for d in range(3):
         R[k, record.MOMENT + d] = (
@@ -112,3 +156,6 @@ def record_rolling(q, k, context, tile):
             + O[at + rolling_output.MOMENT_Y * TILE] * G[q + (geometry.CROSS_AXIS + d) * TILE]
         )
     R[k, record.MOMENT_LIMIT] = O[at + rolling_output.MOMENT_LIMIT * TILE]
+    if has_twist(context):
+        R[k, record.TWIST_MOMENT] = O[at + rolling_output.TWIST_MOMENT * TILE]
+        R[k, record.TWIST_LIMIT] = O[at + rolling_output.TWIST_LIMIT * TILE]

@@ -39,8 +39,8 @@ KINDS: Kinds = {
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
-    **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "plastic", "width", "has_effects"), _I),
-    **dict.fromkeys(("stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
+    **dict.fromkeys(("n_history", "rolling", "force", "moment", "twist", "stored", "dashpots", "plastic", "width"), _I),
+    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
 }  # fmt: skip
 """Types of all arguments of a step, by name."""
 

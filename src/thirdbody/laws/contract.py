@@ -18,6 +18,7 @@ Kernels by stage (`h` only for laws that name a history; they return `(result, (
 | tangential | `(c, load, p[, h])` | `Tangential` |
 | tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity [N s/m] |
 | rolling | `(c, turn, load, p[, h])` | `Rolling` |
+| twisting | `(c, twist, load, p[, h])` | `Twisting` |
 
 A tangential law may also have a *field*: floats per contact, whose number its options may determine. Its kernel is `(c, load, p,
 h, w, w_new)`: it reads the array `w`, zeros in a virgin contact, and fills all of `w_new`; its tangent is `(c, load, p, h, w)`.
@@ -28,18 +29,19 @@ overlaps down to minus the reach, and returns no force and no energy from there 
 where it is negative. A time step must resolve the reach. The implicit integrator and `balance` refuse such laws.
 
 The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry contact; where a normal law with a reach attracts, it
-cannot add to the attraction), passes that sum to the tangential stage as
-the load available to friction, adds adhesion to the total force only, and scales the viscous tangential force to fit within the
-remaining friction limit; likewise the viscous part of a rolling moment. It computes the power of all dashpots from the forces and
-moments that actually acted; explicit runs store these, because energies there are those of the mean force. `dissipated` belongs
-to the force at the end of the step. If a tangential law stores its force as history `force_x, force_y` (a rolling law its moment
-as `moment_x, moment_y`), the explicit integrator computes the friction work with the mean of the forces at both ends of the step,
-which is the work that the bodies exchange (`kernels.explicit.contact_dissipation`); without these names the ledger of an explicit
-run closes only to first order in the step where friction jumps. A tangential or rolling law whose history contains the value it
-returns as `stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and
-with opposite sign on j; `turn` is the rotation of i relative to j about the two tangential axes, so the work of the pair is
-moment times turn. A normal law that dissipates names what its contact has dissipated since it closed `plastic_work` in its
-history: the engine then keeps that per body, and apart from friction in the ledger.
+cannot add to the attraction), passes that sum to the tangential stage as the load available to friction, adds adhesion to the
+total force only, and scales the viscous tangential force to fit within the remaining friction limit; likewise the viscous parts
+of moments. It computes the power of all dashpots from the forces and moments that actually acted; explicit runs store these,
+because energies there are those of the mean force. `dissipated` belongs to the force at the end of the step. If a tangential law
+stores its force as history `force_x, force_y` (a rolling law its moment as `moment_x, moment_y`, a twisting law as `moment`), the
+explicit integrator computes the friction work with the mean of the forces at both ends of the step, which is the work that the
+bodies exchange (`kernels.explicit.contact_dissipation`); without these names the ledger of an explicit run closes only to first
+order in the step where friction jumps. A tangential, rolling or twisting law whose history contains the value it returns as
+`stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and with opposite
+sign on j; `turn` is the rotation of i relative to j about the two tangential axes, `twist` that about the normal, so the work of
+the pair is moment times rotation. Only scenes with a twisting law compute the rotation about the normal. A normal law that
+dissipates names what its contact has dissipated since it closed `plastic_work` in its history: the engine then keeps that per
+body, and apart from friction in the ledger.
 """
 
 from __future__ import annotations
@@ -54,8 +56,8 @@ from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
 from thirdbody.kernels.columns.table import Column
 
-STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
-STIFF = ("normal", "tangential", "rolling")
+STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling", "twisting")
+STIFF = ("normal", "tangential", "rolling", "twisting")
 """Stages whose tangents bound the time step."""
 
 _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
@@ -127,15 +129,15 @@ class Law:
 
     `mix(pair, options)` is plain Python, run once per material pair; it returns the kernel's parameter tuple `p`, an instance of
     `parameters`. `tangent` has the kernel's arguments and returns dN/dd (normal, adhesion) or the six derivatives dTx/dsx,
-    dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn); a law without one runs in the explicit
-    integrator only. `field` is the number of floats of the field, or a function of the options that returns it; a law that
-    `rolls` receives the travel of the contact area, for history that belongs to the material under it. `wanted(pairs)` returns
-    whether these materials need the law; if not, it is absent from the compiled code. `variant(options)` may return another law
-    that replaces this one under these options, one with more history for instance, or None. `assumes` is the name of the normal
-    law that the law is derived for; it is refused under another one. `replaces` is the name of the law of a level whose place an
-    effect takes. `reach(pair, options, radius)` is the distance [m] before
-    touch where a normal or adhesion law begins to act between bodies of at most this effective radius [m]; it must not fall with
-    the radius.
+    dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn) or the two dM/d(angle), dM/dd
+    (twisting); a law without one runs in the explicit integrator only. `field` is the number of floats of the field, or a
+    function of the options that returns it; a law that `rolls` receives the travel of the contact area, for history that
+    belongs to the material under it. `wanted(pairs)` returns whether these materials need the law; if not, it is absent from
+    the compiled code. `variant(options)` may return another law that replaces this one under these options, one with more
+    history for instance, or None. `assumes` is the name of the normal law that the law is derived for; it is refused under
+    another one. `replaces` is the name of the law of a level whose place an effect takes. `reach(pair, options, radius)` is
+    the distance [m] before touch where a normal or adhesion law begins to act between bodies of at most this effective radius
+    [m]; it must not fall with the radius.
     """
 
     name: str

@@ -169,6 +169,46 @@ class Rolling(NamedTuple):
     dissipated: float
 
 
+class Twist(NamedTuple):
+    """Rotation of i relative to j about the normal, input of the twisting stage.
+
+    Attributes
+    ----------
+    angle : float
+        Rotation during the step [rad].
+    rate : float
+        Its rate, synchronised with the overlap [rad/s].
+    """
+
+    angle: float
+    rate: float
+
+
+class Twisting(NamedTuple):
+    """Result of a twisting law.
+
+    Attributes
+    ----------
+    moment : float
+        Moment on i about the normal [N m].
+    limit : float
+        Largest moment [N m].
+    viscosity : float
+        Viscous moment per unit rate, limited by the engine to the remaining moment [N m s].
+    turn : float
+        Irreversible rotation during this step [rad].
+    stored, dissipated : float
+        Elastic energy, and energy dissipated during this step [J].
+    """
+
+    moment: float
+    limit: float
+    viscosity: float
+    turn: float
+    stored: float
+    dissipated: float
+
+
 class Body(NamedTuple):
     """State of one body in world axes, input of body effects.
 

@@ -31,6 +31,7 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
     "damping": ("effects.damping", {"rate": "1e3 1/s"}, "rate 1e3 1/s"),
     "local_damping": ("effects.local_damping", {"coefficient": 0.3}, "coefficient 0.3 while settling"),
     "rolling_resistance": ("effects.rolling_resistance", {"coefficient": 0.01}, "coefficient 0.01"),
+    "pivoting": ("effects.pivoting", {}, "undamped"),
 }
 """Effects of the catalogue that can be switched on, and the trial values."""
 

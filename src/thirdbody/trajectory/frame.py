@@ -9,6 +9,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
+from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
@@ -104,6 +105,10 @@ class FrameMaker:
             size, limit = np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT]
             arrays["moment"] = moment
             arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        if s.physics.rolling >= TWIST:
+            arrays["twist_moment"] = R[:, record.TWIST_MOMENT]
+            size, limit = np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT]
+            arrays["twist_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
         return arrays
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -144,6 +144,8 @@ CONTACTS = {
     "critical_slip": Name("m", "Displacement at which a virgin contact under this load slips throughout."),
     "moment": Name("N·m", "Rolling moment on the owner, (C, 3); with rolling resistance only."),
     "rolling_utilisation": Name("1", "Rolling moment over its limit; with rolling resistance only."),
+    "twist_moment": Name("N·m", "Moment on the owner about the normal; with pivoting friction only."),
+    "twist_utilisation": Name("1", "Moment about the normal over its limit, without sign; with pivoting friction only."),
 }
 CYCLES = {
     "cycle": Name("1", "Number of the cycle, from 1."),

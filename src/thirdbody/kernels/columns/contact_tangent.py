@@ -1,4 +1,4 @@
-"""Tangents of contacts (stride TILE); those of the moment only with a law of the rolling stage."""
+"""Tangents of contacts (stride TILE); those of moments only with a law of the rolling or of the twisting stage."""
 
 from thirdbody.kernels.columns.table import Table
 
@@ -13,4 +13,6 @@ XD = table.scalar("xd", "N/m", "of x with the overlap")
 YD = table.scalar("yd", "N/m", "of y with the overlap")
 WIDTH = table.width
 ROLLING, ROLLING6 = table.vector("rolling", 6, "N m/rad, N", "the same six of the moment: xx, xy, yx, yy with rotations, xd, yd")
+TWIST = table.scalar("twist", "N m/rad", "change of the moment about the normal with the rotation about it")
+TWIST_OVERLAP = table.scalar("twist_overlap", "N", "of the moment about the normal with the overlap")
 ROLLING_WIDTH = table.width

@@ -26,3 +26,6 @@ WIDTH = table.width
 MOMENT, MOMENT3 = table.vector("moment", 3, "N m", "moment on the owner; only in scenes with a rolling law")
 MOMENT_LIMIT = table.scalar("moment_limit", "N m", "largest moment; only in scenes with a rolling law")
 ROLLING_WIDTH = table.width
+TWIST_MOMENT = table.scalar("twist_moment", "N m", "moment on the owner about the normal; only in scenes with a twisting law")
+TWIST_LIMIT = table.scalar("twist_limit", "N m", "largest moment about the normal; only in scenes with a twisting law")
+TWIST_WIDTH = table.width

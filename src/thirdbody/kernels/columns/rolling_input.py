@@ -1,4 +1,4 @@
-"""Fields of a tile after the history of `law_input`: relative rotation."""
+"""Fields of a tile after the history of `law_input`: relative rotation; that about the normal only for twisting laws."""
 
 from thirdbody.kernels.columns.table import Table
 
@@ -11,4 +11,6 @@ RATE_Y = table.scalar("rate_y", "rad/s", "about the second one")
 TRAVEL_X = table.scalar("travel_x", "m", "travel of the contact area over the surfaces in the step, along the first axis")
 TRAVEL_Y = table.scalar("travel_y", "m", "along the second one")
 INVERSE_DT = table.scalar("inverse_dt", "1/s", "one over the length of the step, for tangents; 0 where nothing moves in time")
+TWIST = table.scalar("twist", "rad", "relative rotation of the step about the normal")
+TWIST_RATE = table.scalar("twist_rate", "rad/s", "relative angular velocity about the normal at the end of the step")
 WIDTH = table.width

@@ -20,6 +20,7 @@ from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
 from thirdbody.kernels.columns import geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
+from thirdbody.kernels.rolling_kinematics import has_twist
 
 
 @njit(**BARE)
@@ -35,13 +36,23 @@ def work_of_mean(q, old, new, displacement, tile):
     return broadcast(0.5) * (along + across)
 
 
+@njit(**BARE)
+def twist_work_of_mean(q, old, new, twist, tile):
+    """Return the work, at elements q to q + 3, of the mean of an old and a new moment about the normal [J].
+
+    `old`, `twist`: fields of the inputs; `new`: of the outputs.
+    """
+    I, O = tile.inputs, tile.outputs  # noqa: E741
+    return broadcast(0.5) * ((get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + twist * TILE))
+
+
 @njit(**BARE_CHUNK)
 def book(n, context, tile):
     """Replace the friction loss that the laws of n contacts booked by that of the mean force.
 
-    The context has the columns of the history with the force, the moment and the energy of the springs; moment -1: none.
+    The context has the columns of the history with the force, both moments and the energy of the springs; moment, twist -1: none.
     """
-    I, O, moment = tile.inputs, tile.outputs, context.moment  # noqa: E741
+    I, O, moment, twist = tile.inputs, tile.outputs, context.moment, context.twist  # noqa: E741
     old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):
         work = work_of_mean(q, old, new, np.int64(law_input.SLIP_X), tile)
@@ -49,6 +60,10 @@ def book(n, context, tile):
         if moment >= 0:
             rotation = law_input.HISTORY + context.n_history + rolling_input.ROTATION_X
             dissipated = dissipated - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, rotation, tile)
+        if twist >= 0:
+            rotation = law_input.HISTORY + context.n_history + rolling_input.TWIST
+            work = twist_work_of_mean(q, law_input.HISTORY + twist, law_output.HISTORY + twist, rotation, tile)
+            dissipated = dissipated - work
         dissipated = clamp_below(dissipated - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
         before = get(O, q + law_output.DISSIPATED * TILE)
         put(O, q + law_output.DISSIPATED * TILE, before + (dissipated - get(O, q + law_output.FRICTION_LOSS * TILE)))
@@ -58,6 +73,7 @@ def book(n, context, tile):
 def book_opened(n, context, tile):
     """Do the same for n contacts that opened within the step: their loss goes to law_output.DISSIPATED."""
     O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
+    twist = law_output.HISTORY + max(context.twist, 0)
     for q in range(n):
         O[q + law_output.DISSIPATED * TILE] = 0.0
         O[q + law_output.FRICTION_LOSS * TILE] = 0.0
@@ -65,6 +81,7 @@ def book_opened(n, context, tile):
         for k in range(2):
             O[q + (force + k) * TILE] = 0.0
             O[q + (moment + k) * TILE] = 0.0
+        O[q + twist * TILE] = 0.0
     book(n, context, tile)
 
 
@@ -82,7 +99,9 @@ def load_dashpot_forces(n, context, I):  # noqa: E741
         old, to = I[(law_input.HISTORY + column + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
         for q in range(n):
             p = np.uint64(q)
-            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], _ = unpack_triple(old[p])
+            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], twist = unpack_triple(old[p])
+            if has_twist(context):
+                to[p + rolling_input.TWIST_RATE * TILE] = twist
 
 
 @njit(**BARE_CHUNK)
@@ -97,7 +116,8 @@ def store_dashpot_forces(n, context, O):  # noqa: E741
         for q in range(n):
             p = np.uint64(q)
             x, y = behind[p + rolling_output.VISCOUS_MOMENT_X * TILE], behind[p + rolling_output.VISCOUS_MOMENT_Y * TILE]
-            new[p + TILE] = pack_triple(x, y, 0.0)
+            twist = behind[p + rolling_output.VISCOUS_TWIST * TILE] if has_twist(context) else 0.0
+            new[p + TILE] = pack_triple(x, y, twist)
 
 
 @njit(**BARE)
@@ -137,6 +157,9 @@ def book_dashpots(n, dt, context, tile):
         if has_dashpot_moments(context):
             rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X
             work = work + work_of_mean(q, rate, moment, rotation + rolling_input.ROTATION_X, tile)
+        if has_twist(context):
+            rate, moment = rotation + rolling_input.TWIST_RATE, behind + rolling_output.VISCOUS_TWIST
+            work = work + twist_work_of_mean(q, rate, moment, rotation + rolling_input.TWIST, tile)
         put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
     store_dashpot_forces(n, context, O)
 
@@ -148,6 +171,9 @@ def book_opened_dashpots(n, dt, context, tile):
     for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
         for q in range(n):
             O[q + (law_output.HISTORY + context.n_history + h) * TILE] = 0.0
+    if has_twist(context):
+        for q in range(n):
+            O[q + (law_output.HISTORY + context.n_history + rolling_output.VISCOUS_TWIST) * TILE] = 0.0
     book_dashpots(n, dt, context, tile)
     total = 0.0
     for q in range(n):

@@ -49,7 +49,7 @@ from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.plastic_work import add_plastic_work
 from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
-from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
+from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments, has_moments, has_twist, record_rolling
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
@@ -288,7 +288,7 @@ def write_record(q, k, context, motion, tile):
     R[k, record.STORED_NORMAL] = O[q + law_output.STORED_NORMAL * TILE]
     R[k, record.STORED_TANGENTIAL] = O[q + law_output.STORED_TANGENTIAL * TILE]
     R[k, record.EFFECTIVE_RADIUS] = I[q + law_input.RADIUS * TILE]
-    if context.rolling == MOMENTS:
+    if has_moments(context):
         record_rolling(q, k, context, tile)
 
 
@@ -326,8 +326,10 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     force_and_torques(n, tile)
     if flat and first_body.is_rough(context):
         add_gradient_force(n, slots, context, tile)
-    if context.rolling == MOMENTS:
+    if has_moments(context):
         add_moments(n, context.n_history, tile)
+    if has_twist(context):
+        add_twist_moments(n, context.n_history, tile)
 
 
 @njit(**BARE)

@@ -88,7 +88,7 @@ class Scratch(NamedTuple):
     inputs: Array
     """Of the law's stiffness: a tile of `law_input`."""
     outputs: Array
-    """k_n, k_t, k_r, c_n, c_t, c_r of a tile."""
+    """k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law."""
     stiffnesses: Array
     """`contact_stiffness`"""
     near: Array
@@ -140,12 +140,13 @@ def store_stiffness(m, first, P, scratch, patches):
         r = first + t
         k_n, k_t, k_r = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE]
         c_n, c_t, c_r = outputs[t + 3 * TILE], outputs[t + 4 * TILE], outputs[t + 5 * TILE]
+        k_w, c_w = outputs[t + 6 * TILE], outputs[t + 7 * TILE]
         count, p = stiffnesses[r, contact_stiffness.COUNT], np.int64(stiffnesses[r, contact_stiffness.PATCH])
         if p >= 0:
             patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
             patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
-        store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), broadcast(count) * set4(k_n - k_t, k_t, k_r, 0.0))
-        store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), broadcast(count) * set4(c_n - c_t, c_t, c_r, 0.0))
+        store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), broadcast(count) * set4(k_n - k_t, k_t, k_r, k_w))
+        store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), broadcast(count) * set4(c_n - c_t, c_t, c_r, c_w))
 
 
 @njit(**BARE_CHUNK)
@@ -327,7 +328,7 @@ def make_scratch(n_bodies, n_candidates):
     untouched parts cost no memory."""
     return Scratch(
         np.zeros((law_input.HISTORY + 1) * TILE),
-        np.empty(6 * TILE),
+        np.zeros(8 * TILE),
         np.empty((n_candidates, contact_stiffness.WIDTH)),
         np.empty(n_candidates + 1, np.int32),
         np.empty(n_candidates, np.int32),

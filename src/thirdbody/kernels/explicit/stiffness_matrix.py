@@ -50,13 +50,14 @@ def contact_jacobian(n, arm, radius):
 def add_stiffness(s, k, g):
     """Add the stiffness of a contact with `contact_jacobian` g to the sum s.
 
-    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x): forces per displacement, moments per rotation, forces per
-    rotation. The second part resists by k_r all rotations but those about n.
+    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T) + k_w n n^T, J = (1, -[r]x): forces per displacement, moments per
+    rotation, forces per rotation. The second part resists by k_r all rotations but those about n, which k_w resists.
     """
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
+    w = broadcast_lane(k, 3)
     return (
         s[0] + (t * one + d * g[0]), s[1] + d * g[1],
-        s[2] + (t * g[7] + d * g[2] + r * (one - g[0])), s[3] + (d * g[3] - t * g[8] - r * g[1]),
+        s[2] + (t * g[7] + d * g[2] + r * (one - g[0]) + w * g[0]), s[3] + (d * g[3] - t * g[8] - r * g[1] + w * g[1]),
         s[4] + d * g[4], s[5] + (d * g[5] + t * g[9]), s[6] + (d * g[6] - t * g[9]),
     )  # fmt: skip
 

@@ -35,7 +35,7 @@ from thirdbody.kernels.implicit.jacobian import cross
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
 from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import is_closed
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.surface_velocity import surface_velocity
 
 
@@ -121,8 +121,11 @@ def works_of_old(k, context, island, pool):
     x, y, z = cross((R[k, record.POINT], R[k, record.POINT + 1], R[k, record.POINT + 2]), f)
     arm = (R[k, record.PARTNER_POINT], R[k, record.PARTNER_POINT + 1], R[k, record.PARTNER_POINT + 2])
     u, v, w = cross(f, arm)
-    if context.rolling == MOMENTS:
+    if has_moments(context):
         m_x, m_y, m_z = R[k, record.MOMENT], R[k, record.MOMENT + 1], R[k, record.MOMENT + 2]
+        if has_twist(context):
+            twist = R[k, record.TWIST_MOMENT]
+            m_x, m_y, m_z = m_x + twist * n_x, m_y + twist * n_y, m_z + twist * n_z
         x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
     return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, pool)
 

@@ -13,6 +13,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.contact_dissipation import has_dashpot_moments
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 from thirdbody.kernels.predicates import is_closed
+from thirdbody.kernels.rolling_kinematics import has_twist
 
 
 @njit(**BARE)
@@ -47,9 +48,11 @@ def loss_of_mean(q, before, context, tile):
     work += (x + O[new + rolling_output.VISCOUS_X * TILE]) * I[law_input.SLIP_X * TILE + q]
     work += (y + O[new + rolling_output.VISCOUS_Y * TILE]) * I[law_input.SLIP_Y * TILE + q]
     if has_dashpot_moments(context):
-        u, v, _ = unpack_triple(I[(law_input.HISTORY + context.dashpots + 1) * TILE + q])
+        u, v, w = unpack_triple(I[(law_input.HISTORY + context.dashpots + 1) * TILE + q])
         work += (u + O[new + rolling_output.VISCOUS_MOMENT_X * TILE]) * I[displaced + rolling_input.ROTATION_X * TILE]
         work += (v + O[new + rolling_output.VISCOUS_MOMENT_Y * TILE]) * I[displaced + rolling_input.ROTATION_Y * TILE]
+        if has_twist(context):
+            work += (w + O[new + rolling_output.VISCOUS_TWIST * TILE]) * I[displaced + rolling_input.TWIST * TILE]
     return max(-0.5 * work, 0.0)
 
 
@@ -64,7 +67,7 @@ def keep_dashpot_forces(q, context, O):  # noqa: E741
     )
     if has_dashpot_moments(context):
         x, y = O[new + rolling_output.VISCOUS_MOMENT_X * TILE], O[new + rolling_output.VISCOUS_MOMENT_Y * TILE]
-        O[to + TILE] = pack_triple(x, y, 0.0)
+        O[to + TILE] = pack_triple(x, y, O[new + rolling_output.VISCOUS_TWIST * TILE] if has_twist(context) else 0.0)
 
 
 @njit(**BARE)

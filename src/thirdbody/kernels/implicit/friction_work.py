@@ -11,7 +11,17 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory, step_settings, step_start
+from thirdbody.kernels.columns import (
+    body,
+    contact_state,
+    law_input,
+    law_output,
+    rolling_input,
+    sphere,
+    step_memory,
+    step_settings,
+    step_start,
+)
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
@@ -110,11 +120,26 @@ def contact_difference(q, before, context, tile):
     old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
     s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
     work_done = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
+    work_done += moment_work(q, context, tile)
     lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * work_done - O[q + law_output.STORED_TANGENTIAL * TILE]
     slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
     fraction = math.sqrt(max(before, 0.0) / I[q + law_input.OVERLAP * TILE])
     changed = GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
     return abs(lost - O[q + law_output.FRICTION_LOSS * TILE]) + changed
+
+
+@njit(**BARE)
+def moment_work(q, context, tile):
+    """Return twice the work [J] of the mean of the moments of contact q at both ends of the step."""
+    I, O, n_history, total = tile.inputs, tile.outputs, context.n_history, 0.0  # noqa: E741
+    if context.moment >= 0:
+        old, new = (law_input.HISTORY + context.moment) * TILE + q, (law_output.HISTORY + context.moment) * TILE + q
+        turn = (law_input.HISTORY + n_history + rolling_input.ROTATION_X) * TILE + q
+        total += (I[old] + O[new]) * I[turn] + (I[old + TILE] + O[new + TILE]) * I[turn + TILE]
+    if context.twist >= 0:
+        old, new = (law_input.HISTORY + context.twist) * TILE + q, (law_output.HISTORY + context.twist) * TILE + q
+        total += (I[old] + O[new]) * I[(law_input.HISTORY + n_history + rolling_input.TWIST) * TILE + q]
+    return total
 
 
 @njit(**BARE)

@@ -16,11 +16,11 @@ s = u + w x r - h z. To first order
                         dp = -(N dd + U/2 G.c)/2 G
     arm:                dr = w x a + dd n/2 - A dn
 
-and N, T_1, T_2, M_1, M_2 follow from the tangents of the laws. This is exact at the start of a step; left out is what grows with
-the rotation in the step, the change of a dashpot's normal velocity as the normal turns, and that of G
-(`surface_contact.GRADIENT`), smaller than W x f by the order of overlap over radius. On planes G = 0 and dn = 0; the
-turning of the frame about its normal is left out there, too: Newton's method takes as many iterations without, and a step costs 6
-to 15 % less.
+and N, T_1, T_2, M_1, M_2 and the moment M_0 about n follow from the tangents of the laws. This is exact at the start of a step;
+left out is what grows with the rotation in the step, the change of a dashpot's normal velocity as the normal turns, and that of G
+(`surface_contact.GRADIENT`), smaller than W x f by the order of overlap over radius. On planes G = 0 and dn = 0; the turning of
+the frame about its normal is left out there, too: Newton's method takes as many iterations without, and a step costs 6 to 15 %
+less.
 """
 
 from typing import NamedTuple
@@ -53,7 +53,7 @@ from thirdbody.kernels.implicit.residual import (
     vector_at,
 )
 from thirdbody.kernels.predicates import is_upper
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.signatures import LAW
 
 tangents_at = function_at(LAW)
@@ -90,6 +90,8 @@ class Contact(NamedTuple):
     rolling: bool
     """Whether it has a moment; its tangents: change of M_1, M_2 with rotations about the axes and with the overlap."""
     rolling_tangent: tuple[float, float, float, float, float, float]
+    twist_tangent: tuple[float, float]
+    """Change of the moment about the normal with the rotation about it, and with the overlap."""
     upper: bool
     """Whether it is a contact with the upper plate."""
 
@@ -221,7 +223,7 @@ def contact_at(q, b, dt, context, rough, space):
     k, tile, G = space.slots[q], space.tile, space.tile.geometry
     i, upper = context.own[k], is_upper(context.partner[k])
     before = space.before[k - context.edges[b]]
-    rolling, frame = context.rolling == MOMENTS, frame_of(q, G)
+    rolling, frame = has_moments(context), frame_of(q, G)
     fraction = closed_fraction(q, before, tile.inputs)
     displacement = (
         dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
@@ -231,11 +233,12 @@ def contact_at(q, b, dt, context, rough, space):
     return Contact(
         frame, (context.S[i, sphere.ARM], context.S[i, sphere.ARM + 1], context.S[i, sphere.ARM + 2]),
         contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
-        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0),
+        contact_moment(q, context, tile) if rolling else (0.0, 0.0, 0.0),
         tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
         gradient_at(k, context) if rough else (0.0, 0.0, 0.0), normal_gradient_at(k, context) if rough else NO_TANGENT,
         displacement,
-        tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, upper,
+        tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
+        twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), upper,
     )  # fmt: skip
 
 
@@ -262,6 +265,13 @@ def rolling_tangent_at(q, fraction, K):
     at = contact_tangent.ROLLING * TILE + q
     xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
     return fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
+
+
+@njit(**BARE)
+def twist_tangent_at(q, fraction, K):
+    """Return the tangents of the moment of contact q about its normal; `fraction`: as in `rolling_tangent_at`."""
+    at = contact_tangent.TWIST * TILE + q
+    return fraction * K[at], K[at + TILE]
 
 
 @njit(**BARE)
@@ -348,12 +358,13 @@ def frame_change(column, contact):
 
 @njit(**BARE)
 def add_moment(column, w, contact, curved, J):
-    """Add the change of the rolling moment with one coordinate to J; `w`: rotation of the frame."""
-    (_, e, g), c, d, (_, rotation_1, rotation_2) = contact.frame, column.coordinate, column.strain[0], column.spin
+    """Add the change of the moment with one coordinate to J; `w`: rotation of the frame."""
+    (n, e, g), c, d, (rotation, rotation_1, rotation_2) = contact.frame, column.coordinate, column.strain[0], column.spin
     xx, xy, yx, yy, xd, yd = contact.rolling_tangent
     m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
     m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
-    dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    m_0 = contact.twist_tangent[0] * rotation + contact.twist_tangent[1] * d
+    dm = m_1 * e[0] + m_2 * g[0] + m_0 * n[0], m_1 * e[1] + m_2 * g[1] + m_0 * n[1], m_1 * e[2] + m_2 * g[2] + m_0 * n[2]
     if curved:
         rotated = cross(w, contact.moment)
         dm = dm[0] + rotated[0], dm[1] + rotated[1], dm[2] + rotated[2]

@@ -36,7 +36,7 @@ from thirdbody.kernels.implicit.residual import (
     vector_at,
 )
 from thirdbody.kernels.periodic import image
-from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
+from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments
 
 
 @njit(**BARE)
@@ -113,8 +113,8 @@ def pair_wrench(q, k, context, tile):
     f = contact_force(q, tile)
     x, y, z = cross(contact_point(q, i, S, G), f)
     u, v, w = cross(f, partner_point(q, j, S, G))
-    if context.rolling == MOMENTS:
-        m_x, m_y, m_z = contact_moment(q, context.n_history, tile)
+    if has_moments(context):
+        m_x, m_y, m_z = contact_moment(q, context, tile)
         x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
     return f, (x, y, z), (u, v, w)
 

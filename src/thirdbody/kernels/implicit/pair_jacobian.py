@@ -34,10 +34,11 @@ from thirdbody.kernels.implicit.jacobian import (
     rolling_tangent_at,
     tangent_at,
     tangents_at,
+    twist_tangent_at,
 )
 from thirdbody.kernels.implicit.pair_contacts import arm_of, closed_part, ends_of, partner_point
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, frame_of, vector_at
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 
 Vector = tuple[float, float, float]
 
@@ -61,6 +62,7 @@ class PairContact(NamedTuple):
     tangent: tuple[float, float, float, float, float, float, float]
     rolling: bool
     rolling_tangent: tuple[float, float, float, float, float, float]
+    twist_tangent: tuple[float, float]
     rows: tuple[int, int]
     """First rows of both bodies in the system of equations."""
     scales: tuple[float, float]
@@ -72,7 +74,7 @@ def pair_contact(q, k, dt, context, island, tile):
     """Return contact q, candidate k, as a `PairContact`."""
     i, j, a, b = ends_of(k, context, island)
     S, G, fraction, frame = context.S, tile.geometry, closed_part(q, k, context, tile), frame_of(q, tile.geometry)
-    rolling, overlap = context.rolling == MOMENTS, tile.inputs[law_input.OVERLAP * TILE + q]
+    rolling, overlap = has_moments(context), tile.inputs[law_input.OVERLAP * TILE + q]
     displacement = (
         dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
         tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
@@ -84,9 +86,10 @@ def pair_contact(q, k, dt, context, island, tile):
     return PairContact(
         frame, contact_point(q, i, S, G), partner_point(q, j, S, G), G[q + geometry.ARM * TILE],
         G[q + geometry.PARTNER_ARM * TILE], 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - overlap), contact_force(q, tile),
-        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), displacement,
+        contact_moment(q, context, tile) if rolling else (0.0, 0.0, 0.0), displacement,
         tangent_at(q, context.initial_overlaps[k], tile), rolling,
-        rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, (FREEDOMS * a, FREEDOMS * b), scales,
+        rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
+        twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), (FREEDOMS * a, FREEDOMS * b), scales,
     )  # fmt: skip
 
 
@@ -127,7 +130,7 @@ def add_pair_column(side, c, centre, contact, half_width, J):
     torque = scaled_sum(1.0, cross(dr, f), 1.0, cross(contact.point, df), 0.0, f)
     back = scaled_sum(-1.0, cross(dr_b, f), -1.0, cross(contact.partner_point, df), 0.0, f)
     if contact.rolling:
-        dm = change_of_moment(d, sign * dot(w, e), sign * dot(w, g), turn, contact)
+        dm = change_of_moment(d, (sign * dot(w, n), sign * dot(w, e), sign * dot(w, g)), turn, contact)
         torque, back = scaled_sum(1.0, torque, 1.0, dm, 0.0, f), scaled_sum(1.0, back, -1.0, dm, 0.0, f)
     (a, b), (arm_a, arm_b), column = contact.rows, contact.scales, contact.rows[side] + c
     scale = contact.scales[side] if c > 2 else 1.0
@@ -139,12 +142,13 @@ def add_pair_column(side, c, centre, contact, half_width, J):
 
 
 @njit(**BARE)
-def change_of_moment(d, rotation_1, rotation_2, turn, contact):
+def change_of_moment(d, rotation, turn, contact):
     """Return the change of the moment on the owner with a change of the overlap, relative rotation and turn of the frame."""
-    (_, e, g), (xx, xy, yx, yy, xd, yd) = contact.frame, contact.rolling_tangent
+    (n, e, g), (xx, xy, yx, yy, xd, yd), (rotation_0, rotation_1, rotation_2) = contact.frame, contact.rolling_tangent, rotation
     m_1 = xx * rotation_1 + xy * rotation_2 + xd * d
     m_2 = yx * rotation_1 + yy * rotation_2 + yd * d
-    return scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment))
+    m_0 = contact.twist_tangent[0] * rotation_0 + contact.twist_tangent[1] * d
+    return scaled_sum(1.0, scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment)), m_0, n, 0.0, n)
 
 
 @njit(**BARE_CHUNK)

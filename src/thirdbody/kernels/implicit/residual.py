@@ -38,7 +38,7 @@ from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body
-from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
+from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
 from thirdbody.kernels.rotation import matrix, rotate
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.signatures import EFFECTS, LAW
@@ -182,6 +182,8 @@ def scale_slip(q, before, context, I):  # noqa: E741
             I[at + rolling_input.ROTATION_Y * TILE] *= fraction
             I[at + rolling_input.TRAVEL_X * TILE] *= fraction
             I[at + rolling_input.TRAVEL_Y * TILE] *= fraction
+        if has_twist(context):
+            I[at + rolling_input.TWIST * TILE] *= fraction
 
 
 @njit(**BARE)
@@ -218,12 +220,16 @@ def contact_point(q, i, S, G):
 
 
 @njit(**BARE)
-def contact_moment(q, n_history, tile):
-    """Return the rolling moment (3,) [N m] of contact q on the body."""
-    at = (law_output.HISTORY + n_history) * TILE + q
+def contact_moment(q, context, tile):
+    """Return the moment (3,) [N m] of contact q on the body, of rolling and of twisting."""
+    at = (law_output.HISTORY + context.n_history) * TILE + q
     m_1, m_2 = tile.outputs[at + rolling_output.MOMENT_X * TILE], tile.outputs[at + rolling_output.MOMENT_Y * TILE]
-    _, e, g = frame_of(q, tile.geometry)
-    return m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    n, e, g = frame_of(q, tile.geometry)
+    x, y, z = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    if has_twist(context):
+        twist = tile.outputs[at + rolling_output.TWIST_MOMENT * TILE]
+        x, y, z = x + twist * n[0], y + twist * n[1], z + twist * n[2]
+    return x, y, z
 
 
 @njit(**BARE)
@@ -249,8 +255,8 @@ def residual(context, active, m, y, motion, space):
         r[3] += r_y * f_z - r_z * f_y
         r[4] += r_z * f_x - r_x * f_z
         r[5] += r_x * f_y - r_y * f_x
-        if context.rolling == MOMENTS:
-            moment = contact_moment(q, context.n_history, tile)
+        if has_moments(context):
+            moment = contact_moment(q, context, tile)
             for d in range(3):
                 r[3 + d] += moment[d]
         if is_upper(context.partner[k]):

@@ -21,6 +21,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
     columns = {"law_input": law_input, "law_output": law_output, "rolling_input": rolling_input}
     columns |= {"rolling_output": rolling_output, "contact_tangent": contact_tangent}
     rotation = (rolling_input.ROTATION_X, rolling_input.ROTATION_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
+    twist = (rolling_input.TWIST, rolling_input.TWIST_RATE)
     text = _Text(chain, law_input.HISTORY + len(names), law_output.HISTORY + len(names))
     space = {name: getattr(text, name) for name in dir(text) if not name.startswith("_")}
     space |= columns | stages | {"tangents": tangents, "laws": chain, "TILE": TILE, "STILL": STILL, "at": _at}
@@ -29,6 +30,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
         "field": max(len(law.memory()) - len(law.history) for law in chain),
         "adhesion": [k for k, law in enumerate(chain) if law.stage == "adhesion"],
         "rotation": f"Turn({', '.join(map(text.behind, rotation))})",
+        "twist": f"Twist({', '.join(map(text.behind, twist))})", "STILL_TWIST": "Twist(0.0, 0.0)",
         "dashpots": len(fragments.viscous_names(chain)), "energy_is_added": fragments.energy_column(chain) == own,
         "rolls": any(law.rolls for law in chain), "reach": any(law.reach for law in chain),
         "pulls": chain[0].reach is not None,  # the normal force may be negative

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.codegen.dependencies import plain
-from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of
+from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of, tuples_for
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import BodyEffect, Labeller
 
@@ -40,7 +40,7 @@ def effects(B, E, first, last, time, dt, parameters):
                  B[i, {body.SPIN}], B[i, {body.SPIN + 1}], B[i, {body.SPIN + 2}], mean, time)
 """ + "\n".join(lines)
     title = " + ".join(effect.name for effect in effects)
-    text = HEAD.format(title=title, imports="\n".join(imports)) + loop + "\n"
+    text = HEAD.format(title=title, tuples=tuples_for(()), imports="\n".join(imports)) + loop + "\n"
     module, _ = load_module("effects", text, [effect.kernel for effect in effects])
     return module.effects
 

@@ -13,11 +13,17 @@ from numba import njit
 from thirdbody.jit.options import OPTIONS
 from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.kernels.signatures import EFFECTS, LAW
-from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
+from thirdbody.laws.kernel_data import {tuples}
 from thirdbody.laws.codegen.module_cache import as_kernel
 {imports}
 
 """
+
+
+def tuples_for(chain: Sequence[Law]) -> str:
+    """Names of the tuples that a module imports: `Twist` only where a law receives it."""
+    twist = "Twist, " if any(law.stage == "twisting" for law in chain) else ""
+    return f"Adhesion, Body, Contact, Load, Normal, Turn, {twist}Wrench"
 
 
 def field_names(parameters: Any) -> tuple[str, ...]:
@@ -49,7 +55,7 @@ def head_of(chain: Sequence[Law]) -> str:
             function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
             imports.append(f"tangent_{k} = as_kernel(tangent_{k})")
-    return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
+    return HEAD.format(title=" > ".join(law.name for law in chain), tuples=tuples_for(chain), imports="\n".join(imports))
 
 
 def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
@@ -62,11 +68,11 @@ def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
 
 
 def energy_column(chain: Sequence[Law]) -> int:
-    """Column of the energy stored by tangential and rolling springs in the history; -1: the chain has no such springs.
+    """Column of the energy stored by all springs but the normal one in the history; -1: the chain has no such springs.
 
     It is the law's own `energy` where one law has all the springs, else a column after the histories of all laws.
     """
-    springs = [k for k, law in enumerate(chain) if law.stage in ("tangential", "rolling")]
+    springs = [k for k, law in enumerate(chain) if law.stage in ("tangential", "rolling", "twisting")]
     if not springs:
         return -1
     law = chain[springs[0]]
@@ -78,11 +84,11 @@ def energy_column(chain: Sequence[Law]) -> int:
 def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
     """Names of the dashpot forces stored for their dissipation.
 
-    Normal and tangential force packed into one number (`kernels.packed_triple`), and their moment in another if there is a law of
-    the rolling stage.
+    Normal and tangential force packed into one number (`kernels.packed_triple`), and their moments in another if there is a law
+    of the rolling or of the twisting stage.
     """
     stages = {law.stage for law in chain}
-    if "rolling" in stages:
+    if stages & {"rolling", "twisting"}:
         return ("viscous.force", "viscous.moment")
     return ("viscous.force",) if stages & {"damping", "tangential_damping"} else ()
 

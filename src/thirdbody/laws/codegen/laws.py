@@ -10,11 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.fragments import energy_column, history_of, memory_names, viscous_names, width_of
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import STAGES, STIFF, Law
+
+SPRINGS = (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y")), ("twisting", ("moment",)))
+"""Stages with springs, and the names of the forces or moments that their laws remember."""
 
 
 @dataclass(frozen=True)
@@ -53,28 +56,28 @@ class Chain:
         return tuple(law.name for law in self.laws if law.reach)
 
     @property
-    def force_columns(self) -> tuple[int, int]:
-        """Columns of the tangential force and of the rolling moment in the history.
+    def force_columns(self) -> tuple[int, int, int]:
+        """Columns of the tangential force, of the rolling moment and of the moment about the normal in the history.
 
-        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y` (moment
-        `moment_x, moment_y`).
+        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y`
+        (rolling: `moment_x, moment_y`; twisting: `moment`).
         """
         stages = {law.stage: k for k, law in enumerate(self.laws)}
         columns = []
-        for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
+        for stage, names in SPRINGS:
             if stage not in stages:
                 columns.append(-1)
                 continue
             law = self.laws[stages[stage]]
-            result = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
+            result = [i for i in range(len(law.history)) if law.history[i : i + len(names)] == names]
             if not result:
-                return -1, -1
+                return -1, -1, -1
             columns.append(history_of(self.laws, stages[stage])[0] + result[0])
-        return columns[0], columns[1]
+        return columns[0], columns[1], columns[2]
 
     @property
     def stored(self) -> int:
-        """Column of the energy stored by tangential and rolling springs in the history; -1 if there is none."""
+        """Column of the energy stored by all springs but the normal one in the history; -1 if there is none."""
         return energy_column(self.laws)
 
     @property
@@ -93,11 +96,11 @@ class Chain:
     def rolling(self) -> int:
         """Relative rotation required by the laws.
 
-        `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area only, or 0.
+        `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area only, or 0; plus `TWIST`.
         """
-        if any(law.stage == "rolling" for law in self.laws):
-            return MOMENTS
-        return int(any(law.rolls for law in self.laws))
+        stages = {law.stage for law in self.laws}
+        turn = MOMENTS if "rolling" in stages else int(any(law.rolls for law in self.laws))
+        return turn + (TWIST if "twisting" in stages else 0)
 
 
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:

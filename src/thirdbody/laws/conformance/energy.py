@@ -27,7 +27,7 @@ from thirdbody.laws.conformance.paths import (
 )
 from thirdbody.laws.contract import Law
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Contact, Load, Normal, Turn
+from thirdbody.laws.kernel_data import Contact, Load, Normal, Turn, Twist
 
 Result = tuple[bool, str]
 
@@ -243,8 +243,14 @@ def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
     n, stiffness = _load(bench, sample, c)
     if bench.law.stage == "adhesion":
         return (c, n, p, *memory)
-    rotation = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),) if bench.rolling else ()
-    return (c, *rotation, Load(n.force, n.force, n.contact_radius, stiffness, n.squared_radius_rate), p, *memory)
+    return (c, *_rotation(bench, c), Load(n.force, n.force, n.contact_radius, stiffness, n.squared_radius_rate), p, *memory)
+
+
+def _rotation(bench: Bench, c: Contact) -> tuple[Any, ...]:
+    """Rotation that a law of moments receives for the slip of a contact."""
+    if bench.rolling:
+        return (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),)
+    return (Twist(c.slip_x / c.radius, c.v_x / c.radius),) if bench.twisting else ()
 
 
 def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
@@ -261,6 +267,8 @@ def _span(bench: Bench, sample: Sample) -> float:
 
 def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
     answer = _answer(bench, sample, c)
+    if bench.twisting:
+        return np.array([answer.moment, 0.0]) / c.radius
     if bench.rolling:
         return np.array([answer.x, answer.y]) / c.radius
     return np.array([answer.x, answer.y] if bench.sheared else [answer.force])
@@ -269,6 +277,8 @@ def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
 def _tangent(bench: Bench, sample: Sample) -> Any:
     assert bench.law.tangent is not None
     given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
+    if bench.twisting:
+        return [given[0] / radius**2, 0.0, 0.0, 0.0, given[1] / radius, 0.0]
     return [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]] if bench.rolling else given
 
 
@@ -278,7 +288,7 @@ def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
     here = _force(bench, sample, c)
     directions = [("overlap", 1e-6 * _span(bench, sample))]
     if bench.sheared:
-        critical = 0.0 if bench.rolling else _answer(bench, sample, c).critical
+        critical = 0.0 if bench.has_moment else _answer(bench, sample, c).critical
         step = 1e-6 * (critical or c.overlap)
         directions = [("slip_x", step), ("slip_y", step), *directions]
     central, apart = [], []

@@ -4,7 +4,8 @@ Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`
 materials, a radius and a set of options, from ordinary to extreme.
 
 A rolling law follows the same paths: its moment over R* is the tangential force, and the slip over R* is the rotation, so that
-work and power are the same and every test of a tangential law applies to a rolling law.
+work and power are the same and every test of a tangential law applies to a rolling law. A twisting law gets the first component
+of the slip alone.
 """
 
 import math
@@ -103,6 +104,17 @@ def settings_of(law: Law) -> list[Setting]:
     return [Setting(name + label, pair, options, radius) for label, options in option_sets(law) for name, pair, radius in PAIRS]
 
 
+ROLLED = (
+    (law_output.TANGENTIAL_X, rolling_output.MOMENT_X),
+    (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
+    (law_output.FRICTION_LIMIT, rolling_output.MOMENT_LIMIT),
+)
+"""What stands for force and limit of a rolling law, over R*."""
+
+TWISTED = ((law_output.TANGENTIAL_X, rolling_output.TWIST_MOMENT), (law_output.FRICTION_LIMIT, rolling_output.TWIST_LIMIT))
+"""The same of a twisting law; its second component is zero."""
+
+
 class Contacts(NamedTuple):
     """Input of a tile, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
 
@@ -128,7 +140,9 @@ class Bench:
             self.table[k, : len(numbers)] = numbers
         self.width = len(self.chain.history)
         self.rolling = law.stage == "rolling"
-        self.sheared = law.stage in ("tangential", "rolling")
+        self.twisting = law.stage == "twisting"
+        self.has_moment = self.rolling or self.twisting
+        self.sheared = law.stage == "tangential" or self.has_moment
 
     def parameters(self, setting: int) -> Any:
         """Return the law's parameters in a setting."""
@@ -169,6 +183,9 @@ class Bench:
         I[:, law_input.HISTORY : end] = history
         if self.rolling:
             I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
+        if self.twisting:
+            I[:, end + rolling_input.TWIST] = requested.slip[:, 0] / radius
+            I[:, end + rolling_input.TWIST_RATE] = requested.v[:, 0] / radius
         return I
 
     def call(self, requested: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
@@ -179,13 +196,9 @@ class Bench:
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
         for t in range(len(I)):
             (law or self.chain.law)(flat[t], out[t], TILE, table)
-        if self.rolling:
+        if self.has_moment:
             per_arm = 1.0 / self.radius(len(I))
-            for force, moment in (
-                (law_output.TANGENTIAL_X, rolling_output.MOMENT_X),
-                (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
-                (law_output.FRICTION_LIMIT, rolling_output.MOMENT_LIMIT),
-            ):
+            for force, moment in ROLLED if self.rolling else TWISTED:
                 O[:, force] = O[:, end + moment] * per_arm
         return O[:, : law_output.HISTORY], O[:, law_output.HISTORY : end]
 

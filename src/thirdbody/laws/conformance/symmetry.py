@@ -89,7 +89,8 @@ def swap(bench: Bench) -> Result:
     """Test the same contact seen from the other body: the normal reverses, and with it the second axis of the frame.
 
     Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With `rotation` this implies
-    that negating the slip negates the force. The order of two materials must not matter either.
+    that negating the slip negates the force. The order of two materials must not matter either. The rotation about the normal is
+    the same seen from either body; there the mirror image is tested, which negates rotation and moment.
     """
     one = np.ones((len(bench.settings), TILE))
     passed, detail = _transformed(bench, np.array([[-one, 0.0 * one], [0.0 * one, one]]), ROUND_OFF)
