@@ -27,6 +27,9 @@ EVERY = 1e-6
 
 EXPLICIT = "explicit, mindlin"
 
+SEED = 1
+"""Seed of the debris, as in the scene."""
+
 SPRINGS = 16
 """Springs of the level mdr."""
 
@@ -37,6 +40,7 @@ class Case:
     whole way and the way between two outputs, m.
 
     `fraction`: of the lower plate that a layer whose bodies meet covers, seen from above; None for bodies that do not meet.
+    `seed`: of the debris.
     """
 
     integrator: str
@@ -46,6 +50,7 @@ class Case:
     path: float = PATH
     every: float = EVERY
     fraction: float | None = None
+    seed: int = SEED
 
     @property
     def name(self) -> str:
@@ -58,6 +63,7 @@ def scene_of(case: Case) -> thirdbody.Scene:
     scene = thirdbody.Scene.load(SCENE)
     settings: dict[str, Any] = {
         "debris.0.count": case.bodies,
+        "debris.0.seed": case.seed,
         "domain.size": _size(scene, case.bodies),
         "contact.law": "three_spot",
         "contact.level": case.level,
@@ -73,7 +79,7 @@ def scene_of(case: Case) -> thirdbody.Scene:
         settings["solver.on_failure"] = "continue"
     if case.fraction is not None:
         settings["contact.debris_contact"] = "auto"
-        settings["domain.size"] = _size(scene, case.bodies, covered_fraction(case.bodies) / case.fraction)
+        settings["domain.size"] = _size(scene, case.bodies, covered_fraction(case.bodies, case.seed) / case.fraction)
     return scene.with_settings(settings)
 
 
@@ -84,9 +90,9 @@ def _size(scene: thirdbody.Scene, bodies: int, factor: float = 1.0) -> list[str]
 
 
 @functools.cache
-def covered_fraction(bodies: int) -> float:
+def covered_fraction(bodies: int, seed: int) -> float:
     """Fraction of the lower plate that the particles of the shipped scene cover, seen from above, as densely laid as there."""
-    state = prepare(scene_of(Case("explicit", "mindlin", 1.0, bodies))).state
+    state = prepare(scene_of(Case("explicit", "mindlin", 1.0, bodies, seed=seed))).state
     areas = (projected_area(state.S[state.body == number, :4]) for number in range(state.n_bodies))
     return float(sum(areas) / np.prod(state.world.size[:2]))
 

@@ -2,7 +2,7 @@
 
     python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
     python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
-    python tests/bench/slow_sliding.py --layers [--json FILE] [--picture FILE] [--bodies N] [--quick]
+    python tests/bench/slow_sliding.py --layers [--json FILE] [--picture FILE] [--bodies N] [--seeds N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
 and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
@@ -22,8 +22,9 @@ particle (wall time), where the time goes outside the stepping (making shapes, s
 bytes per particle. All particles are made one by one as any scene makes them; none is repeated.
 
 With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one thread. Told are the
-processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above.
---picture draws both against the area fraction.
+processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above:
+the median, smallest and largest of three layers of different particles, and the median of the ratios. --picture draws both
+against the area fraction.
 
 Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
 the wall time in which the one thread did run; far below 100 % means that others used the core.
@@ -33,6 +34,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import statistics
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,9 @@ LEVELS = ["mindlin", "mdr"]
 SIZES, SCALE_PATH, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
 FRACTIONS, LAYER_PATH, LAYER_EVERY = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], 2e-6, 0.5e-6
 QUICK_FRACTIONS = [0.05, 0.3]
+LAYER_UM = 1e-6 / PATH
+"""What was counted per PATH, per um."""
+
 QUICK_SIZES, QUICK_PATH = [100, 1_000], 1e-6
 
 Rows = list[dict[str, Any]]
@@ -81,12 +86,14 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--peer-fraction", type=float, default=FRACTION, help="time step in Rayleigh times (default %(default)s)")
     parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
     parser.add_argument("--layers", action="store_true", help="the third part: layers whose bodies meet, by area fraction")
+    parser.add_argument("--seeds", type=int, default=3, help="layers of each area fraction (default %(default)s)")
     parser.add_argument("--picture", metavar="FILE", help="draw the third part there")
     parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
     parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
     requested = parser.parse_args()
     if requested.quick:
         requested.bodies, requested.repeats, requested.patience = min(requested.bodies, 60), min(requested.repeats, 2), 0.5
+        requested.seeds = min(requested.seeds, 2)
     requested.sizes = requested.sizes or (QUICK_SIZES if requested.quick else SIZES)
     return requested
 
@@ -205,18 +212,27 @@ def print_memory(rows: Rows, console: Console) -> None:
 
 def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     """Layers whose bodies meet: an area fraction a line."""
+    for integrator in ("implicit", "explicit"):
+        warm_up(integrator, "mindlin")
     fractions = QUICK_FRACTIONS if requested.quick else FRACTIONS
-    path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (LAYER_PATH, LAYER_EVERY)
-    slowest, rows = SPEEDS[-1], []
-    for fraction in fractions:
-        cases = [Case(kind, "mindlin", slowest, requested.bodies, path, every, fraction) for kind in ("implicit", "explicit")]
-        implicit = time_implicit(cases[0], requested.repeats)
-        explicit = time_explicit(cases[1], requested.repeats, requested.patience)
-        rows.append({"fraction": fraction, "implicit": implicit, "explicit": explicit})
+    rows = [layers_of(fraction, requested) for fraction in fractions]
     print_layers(rows, requested, console)
     if requested.picture:
         draw_layers(rows, Path(requested.picture))
-    return {"way": path, "rows": rows}
+    return {"rows": rows}
+
+
+def layers_of(fraction: float, requested: argparse.Namespace) -> dict[str, Any]:
+    """Time both engines in layers of one area fraction with different debris."""
+    path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (LAYER_PATH, LAYER_EVERY)
+    row: dict[str, Any] = {"fraction": fraction, "implicit": [], "explicit": []}
+    for seed in range(1, requested.seeds + 1):
+        implicit, explicit = (
+            Case(kind, "mindlin", SPEEDS[-1], requested.bodies, path, every, fraction, seed) for kind in ("implicit", "explicit")
+        )
+        row["implicit"].append(time_implicit(implicit, requested.repeats))
+        row["explicit"].append(time_explicit(explicit, requested.repeats, requested.patience))
+    return row
 
 
 def draw_layers(rows: Rows, path: Path) -> None:
@@ -228,34 +244,50 @@ def draw_layers(rows: Rows, path: Path) -> None:
 
     figure, axes = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
     fractions = [row["fraction"] for row in rows]
-    costs = {name: [_seconds_per_um(row[name]) for row in rows] for name in ("explicit", "implicit")}
     for name, color, marker in (("explicit", "#0072B2", "s"), ("implicit", "#D55E00", "o")):
         words = ", extrapolated" if name == "explicit" else ""
-        axes.plot(fractions, costs[name], color=color, marker=marker, label=f"{name}{words}")
-    for x, low, high in zip(fractions, costs["implicit"], costs["explicit"], strict=True):
-        axes.annotate(f"{high / low:.0f} x", (x, (low * high) ** 0.5), ha="center", fontsize=8)
+        costs = [_layer_costs(row, name) for row in rows]
+        axes.plot(fractions, [statistics.median(cost) for cost in costs], color=color, marker=marker, label=f"{name}{words}")
+        axes.fill_between(fractions, [min(cost) for cost in costs], [max(cost) for cost in costs], color=color, alpha=0.2)
+    for row in rows:
+        low, high = (statistics.median(_layer_costs(row, name)) for name in ("implicit", "explicit"))
+        axes.annotate(f"{_ratio(row):.0f} x", (row["fraction"], (low * high) ** 0.5), ha="center", fontsize=8)
     axes.set(yscale="log", xlabel="area fraction of the layer", ylabel="processor seconds per particle and um",
              title="Slow sliding of a layer whose particles meet, 1 mm/s")  # fmt: skip
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False, loc="center right")
+    figure.legend(frameon=False, loc="outside lower center", ncols=2)
     figure.savefig(path, dpi=150)
 
 
-def _seconds_per_um(engine: dict[str, Any]) -> float:
-    """Return the processor seconds per particle and um."""
-    return float(engine["seconds_per_particle"]["median"]) * 1e-6 / PATH
+def _layer_costs(row: dict[str, Any], engine: str) -> list[float]:
+    """Return the processor seconds per particle and um for each seed."""
+    return [float(run["seconds_per_particle"]["median"]) * 1e-6 / PATH for run in row[engine]]
+
+
+def _ratio(row: dict[str, Any]) -> float:
+    """Return the median over the seeds of the explicit cost over the implicit one."""
+    pairs = zip(_layer_costs(row, "explicit"), _layer_costs(row, "implicit"), strict=True)
+    return statistics.median(explicit / implicit for explicit, implicit in pairs)
 
 
 def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
     """Seconds per particle of both engines, and their ratio."""
-    title = f"processor seconds per particle and um of sliding at {_speed(SPEEDS[-1])}, one thread; {requested.bodies} particles"
-    table = Table("area fraction", "implicit", "steps each", "unsolved", "explicit, extrapolated", "ratio", title=title)
+    title = (
+        f"processor seconds per particle and um of sliding at {_speed(SPEEDS[-1])}, one thread; {requested.bodies} particles, "
+        f"median (smallest to largest) of {requested.seeds} layers"
+    )
+    table = Table("area fraction", "implicit", "steps per um", "unsolved", "explicit, extrapolated", "ratio", title=title)
     for row in rows:
-        implicit, explicit = row["implicit"], row["explicit"]
-        seconds = [_seconds_per_um(engine) for engine in (implicit, explicit)]
-        table.add_row(f"{row['fraction']:g}", f"{seconds[0]:.3g}", f"{implicit['steps_per_particle']:.0f}",
-                      str(implicit["unsolved"]), f"{seconds[1]:.3g}", f"{seconds[1] / seconds[0]:.3g}")  # fmt: skip
+        cells = [_with_range(_layer_costs(row, engine)) for engine in ("implicit", "explicit")]
+        steps = _with_range([run["steps_per_particle"] * LAYER_UM for run in row["implicit"]])
+        unsolved = str(sum(run["unsolved"] for run in row["implicit"]))
+        table.add_row(f"{row['fraction']:g}", cells[0], steps, unsolved, cells[1], f"{_ratio(row):.3g}")
     console.print(table)
+
+
+def _with_range(values: list[float]) -> str:
+    """Return the median of values with the smallest and the largest one."""
+    return f"{statistics.median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
 
 
 if __name__ == "__main__":

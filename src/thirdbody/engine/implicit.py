@@ -33,6 +33,7 @@ from thirdbody.kernels.columns import (
     loaded_contact,
     patch,
     run_totals,
+    sphere_path,
     step_memory,
     step_settings,
     step_start,
@@ -125,6 +126,7 @@ class Implicit:
         # of bodies under a common plate (`implicit_common_plate`)
         self.starts, self.ends = np.zeros((0, step_start.WIDTH)), np.zeros((0, FREEDOMS))
         self.solutions, self.initial_overlaps = np.zeros((0, body_solution.WIDTH)), np.zeros(0)
+        self.paths = np.zeros((0, sphere_path.WIDTH))  # where bodies meet
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
         self.memory[:, step_memory.NEXT_DT] = FIRST * self.rayleigh
@@ -259,7 +261,7 @@ class Implicit:
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
-                accept_surfaces=self._surface_updates[1],
+                accept_surfaces=self._surface_updates[1], paths=self.paths,
             )
         )  # fmt: skip
 

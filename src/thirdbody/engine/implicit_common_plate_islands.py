@@ -55,3 +55,4 @@ class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
     def _put_back(self, bodies: np.ndarray) -> None:
         for name, table in self._tables().items():
             table[:] = self._saved[name]
+        self._begin_paths(np.ones(self.state.n_spheres, bool))

@@ -21,15 +21,12 @@ from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
-from thirdbody.kernels.columns import run_totals, sphere, step_memory, step_start
+from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_start
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
 
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
-
-ROUNDED = 1.001
-"""Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
 
 STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
 """Tables that a step changes: of a state, and of its candidates."""
@@ -49,7 +46,7 @@ class ImplicitIslands(Implicit):
 
     def __init__(self, state: State, *arguments: Any, **options: Any) -> None:
         super().__init__(state, *arguments, **options)
-        self.starts = np.zeros((state.n_bodies, step_start.WIDTH))
+        self.starts, self.paths = np.zeros((state.n_bodies, step_start.WIDTH)), np.zeros((state.n_spheres, sphere_path.WIDTH))
         self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
         self._pack_tables = Packer(TABLES)
         self.islands: Islands
@@ -143,12 +140,17 @@ class ImplicitIslands(Implicit):
         own, partner = search_pairs(state, MARGIN * self.stride)
         both = going[state.body[own]] & going[state.body[partner]]
         replace_pairs(state, own[both], partner[both])
-        state.S[:, sphere.PATH] = 0.0
         self._positions = state.S[:, :3].copy()
+        self._begin_paths(np.ones(state.n_spheres, bool))
         self._save()
         self._recent[:] = 0.0
         self._connect()
         self._recent[0], self._recent[2] = 1.0, float(self.islands.sizes.sum())
+
+    def _begin_paths(self, spheres: np.ndarray) -> None:
+        """Let the paths of these `spheres` (n,), a mask, begin where they were at the last search."""
+        here = self._positions[spheres]
+        self.paths[spheres] = np.column_stack((np.zeros(len(here)), here, here))
 
     def _connect(self) -> None:
         """Find the islands. Raises GuardStop where one of them is too large to pay."""
@@ -168,7 +170,7 @@ class ImplicitIslands(Implicit):
     def _missed(self) -> tuple[Numbers, Numbers]:
         """Return the pairs of spheres that may have touched since the last search without being candidates."""
         state, slots = self.state, self.state.slots
-        own, partner = may_have_touched(state, self._positions, ROUNDED * state.S[:, sphere.PATH])
+        own, partner = may_have_touched(state, self._positions, self.paths)
         pairs = slice(slots.n_plates, slots.count)
         known = np.isin(self._keys(own, partner), self._keys(slots.own[pairs], slots.partner[pairs]))
         going = self.memory[:, step_memory.CODE] == Stop.NONE
@@ -225,6 +227,7 @@ class ImplicitIslands(Implicit):
         rows["Q"] = rows["H"][: len(state.slots.Q)]
         for name, table in tables.items():
             table[rows[name]] = self._saved[name][rows[name]]
+        self._begin_paths(rows["S"])
 
 
 def _driver() -> Callable:

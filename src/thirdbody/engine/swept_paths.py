@@ -4,24 +4,28 @@ import numpy as np
 
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, Ints, Numbers, State
-from thirdbody.kernels.columns import domain, sphere
+from thirdbody.kernels.columns import domain, sphere, sphere_path
 from thirdbody.kernels.columns.sides import EVERYTHING
+from thirdbody.kernels.implicit.accept_step import ROUNDED
 
 OUTLIER = 4.0
 """Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly. Their pairs are
 found one by one: a grid for such distances would list all pairs of all bodies."""
 
 
-def may_have_touched(state: State, positions: Array, paths: Array) -> tuple[Numbers, Numbers]:
+def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numbers, Numbers]:
     """Return the pairs of spheres of different bodies that may have touched: owners and partners.
 
-    `positions`, `paths`: positions (n, 3) of all spheres at the last search, and upper bounds (n,) of the lengths of their paths
-    since then [m].
+    `positions`: (n, 3) of all spheres at the last search [m]; `swept` (n, sphere_path.WIDTH): their paths since then.
     """
+    paths = ROUNDED * swept[:, sphere_path.LENGTH]
     usual = min(float(paths.max()), OUTLIER * float(np.quantile(paths, 0.99)))
     own, partner = search_pairs(state, 2.0 * usual)
     if np.any(paths > usual):
         own, partner = _with_fast(state, paths, np.flatnonzero(paths > usual), own, partner)
+    # a body that chatters has a long path in a small box, one that slides a straight path in a large one
+    near = _gaps_of_boxes(state, swept, own, partner) <= 0.0
+    own, partner = own[near], partner[near]
     near = _smallest_gaps(state, positions, paths, own, partner) <= 0.0
     return own[near], partner[near]
 
@@ -50,14 +54,26 @@ def _nearest_images(state: State, between: Array) -> Array:
 
 
 def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, partner: Numbers) -> Array:
-    """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
+    """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations; -inf: they are too long."""
     S = state.S
     moved = S[:, :3] - positions
     strayed = 0.5 * np.sqrt(np.maximum(paths**2 - np.sum(moved**2, axis=1), 0.0))
     now = _nearest_images(state, S[own, :3] - S[partner, :3])
     # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
     touch = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
-    return _apart(now, moved[own], moved[partner]) - touch
+    gaps = _apart(now, moved[own], moved[partner]) - touch
+    # paths that are long enough to meet another image than the one that is nearest now
+    reach = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + paths[own] + paths[partner]
+    lengths = state.D[domain.LENGTH_X : domain.LENGTH_X + 2]
+    return np.where(reach < 0.5 * np.min(lengths, where=lengths > 0.0, initial=np.inf), gaps, -np.inf)
+
+
+def _gaps_of_boxes(state: State, swept: Array, own: Numbers, partner: Numbers) -> Array:
+    """Return lower bounds (n,) of the gaps [m] of pairs anywhere in the boxes around their paths."""
+    low, high, radius = swept[:, sphere_path.LOW3], swept[:, sphere_path.HIGH3], state.S[:, sphere.RADIUS]
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    between = np.abs(_nearest_images(state, middle[own] - middle[partner])) - half[own] - half[partner]
+    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - radius[own] - radius[partner]
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:

@@ -20,5 +20,4 @@ SIDE = table.scalar("side", "", "what the sphere can meet (`sides`)")
 END_SPIN, END_SPIN3 = table.vector("end_spin", 3, "rad/s", "angular velocity predicted for the end of the step")
 table.skip(1)
 ARM, ARM3 = table.vector("arm", 3, "m", "centre from the centre of mass of its body, world axes; only in a table of its own")
-PATH = table.scalar("path", "m", "implicit: length of the path of its centre since the last search; only in a table of its own")
-WIDTH = table.width
+WIDTH = table.skip(1)

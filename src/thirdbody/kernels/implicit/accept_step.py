@@ -16,6 +16,7 @@ from thirdbody.kernels.columns import (
     record,
     run_totals,
     sphere,
+    sphere_path,
     step_contacts,
     step_memory,
     step_settings,
@@ -35,6 +36,12 @@ from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rough_plates import update_by, update_surfaces
+
+ROUNDED = 1.001
+"""Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""
+
+STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
+"""Largest distance of a path from its chord, over the chord: that of a path of this length, an ellipse at most."""
 
 
 @njit(**BARE)
@@ -212,6 +219,19 @@ def update_ledger(context, active, motion, works, common, space):
 
 
 @njit(**BARE)
+def lengthen_path(s, dt, context):
+    """Add the step to the path of sphere s."""
+    S, row = context.S, context.paths[s]
+    u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]
+    chord = dt * math.sqrt(u_x * u_x + u_y * u_y + u_z * u_z)
+    row[sphere_path.LENGTH] += chord
+    for k in range(3):
+        now, moved, strayed = S[s, sphere.POSITION + k], dt * S[s, sphere.MID_VELOCITY + k], STRAYED * chord
+        row[sphere_path.LOW + k] = min(row[sphere_path.LOW + k], min(now, now - moved) - strayed)
+        row[sphere_path.HIGH + k] = max(row[sphere_path.HIGH + k], max(now, now - moved) + strayed)
+
+
+@njit(**BARE)
 def remember_step(context, active, y, dt):
     """Store the data of an accepted step that the next one needs."""
     b, Z, T, B, velocity = active.number, active.start, active.memory, context.B, context.P[active.patch, patch.VELOCITY]
@@ -223,10 +243,8 @@ def remember_step(context, active, y, dt):
         T[step_memory.LAST_DL + k] = momentum - Z[step_start.ANGULAR_MOMENTUM + k]
         T[step_memory.LAST_DW + k] = B[b, body.SPIN + k] - Z[step_start.SPIN + k]
     T[step_memory.LAST_DRISE], T[step_memory.LAST_DT] = velocity - Z[step_start.PATCH_VELOCITY], dt
-    S = context.S
-    for s in range(context.start[b], context.start[b + 1]):
-        u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]
-        S[s, sphere.PATH] += dt * math.sqrt(u_x * u_x + u_y * u_y + u_z * u_z)
+    for s in range(context.start[b], context.start[b + 1] if context.paths.shape[0] > 0 else 0):
+        lengthen_path(s, dt, context)
 
 
 @njit(**BARE)

@@ -47,6 +47,8 @@ KINDS: Kinds = {
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
     # of bodies under a common plate (`common_plate`), else empty
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE, "initial_overlaps": _ROW,
+    # of spheres since the last search for islands (`columns.sphere_path`), else empty
+    "paths": _TABLE,
     # largest number of candidates of a body; address of the laws' tangents
     "max_per_body": types.int64, "tangents": types.int64,
     # address of the function that takes the closest points of rough plates as those of an accepted step (`surface_steps`)
