@@ -46,11 +46,13 @@ EFFECTS = {
     "dmt_adhesion": {"work_of_adhesion": "50 mJ/m2"},
     "elastic_plastic": {},
     "pivoting": {},
+    "adhesion": {"work_of_adhesion": "50 mJ/m2"},
 }
 ADDED = {
     "rolling_resistance": {"moment", "rolling_utilisation"},
     "elastic_plastic": {"plastic_work", "energy_plastic"},
     "pivoting": {"twist_moment", "twist_utilisation"},
+    "adhesion": {"adhesion_work", "energy_adhesion"},
 }
 """Arrays that the effects of contacts add to the file: those that remember."""
 

@@ -58,7 +58,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     contact_effects, effects, values = _effects(scene, registry, faults)
     materials, pairs = _materials(scene)
     law_values = _law_options(scene, family, laws, faults)
-    replaced = {law.replaces for law in contact_effects}
+    replaced = {law.sized(values[law.name]).replaces for law in contact_effects if not faults}
     laws = tuple(law for law in laws if law.name not in replaced)
     chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
     off = tuple(law.name for law in laws if not law.wanted(pairs))
@@ -290,6 +290,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         stored=chain.stored,
         dashpots=chain.dashpots,
         plastic=chain.plastic,
+        loss=chain.loss,
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
         effects=compose_effects(effects),

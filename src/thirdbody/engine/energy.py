@@ -79,9 +79,9 @@ class Ledger:
             gained - spent,
         )
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
-        if state.physics.flows:
-            lines["plastic"] = float(state.E[:, body_extra.PLASTIC_WORK].sum())
-            lines["friction"] -= lines["plastic"]
+        if state.physics.loss:
+            lines[state.physics.loss] = float(state.E[:, body_extra.PLASTIC_WORK].sum())
+            lines["friction"] -= lines[state.physics.loss]
         if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]
         upper = state.world.upper

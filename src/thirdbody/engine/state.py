@@ -72,7 +72,7 @@ class Physics:
     """Compiled laws and effects with their parameters.
 
     `kinds[a, b]`: row of `pairs` for two materials, -1 if none. `rolling`: which relative rotations contacts need
-    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`, `plastic`: see `Chain`.
+    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`, `plastic`, `loss` ("": none): see `Chain`.
     """
 
     law: Callable
@@ -83,6 +83,7 @@ class Physics:
     stored: int
     dashpots: int
     plastic: int
+    loss: str
     pairs: Array
     kinds: Ints
     effects: Callable
@@ -100,11 +101,6 @@ class Physics:
     def stiffness_at(self) -> int:
         """Address of `stiffness` for `critical_time_step`; raises AttributeError if there is none."""
         return address(self.stiffness, LAW)
-
-    @property
-    def flows(self) -> bool:
-        """Whether the normal law dissipates, by plastic flow."""
-        return self.plastic >= 0
 
     @property
     def moments(self) -> bool:
@@ -323,7 +319,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
     B = table(n_bodies, body.WIDTH)
-    E = table(n_bodies, body_extra.WIDTH if physics.has_effects or physics.flows else body_extra.WIDTH_WITHOUT_EFFECTS)
+    E = table(n_bodies, body_extra.WIDTH if physics.has_effects or physics.loss else body_extra.WIDTH_WITHOUT_EFFECTS)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, body.POSITION3] = placed.positions

@@ -28,6 +28,9 @@ Bodies act on each other from first touch on (overlap > 0), unless a normal or a
 overlaps down to minus the reach, and returns no force and no energy from there outward; all other laws see an overlap of zero
 where it is negative. A time step must resolve the reach. The implicit integrator and `balance` refuse such laws.
 
+Friction feels the sum of the normal stages. A normal or adhesion law may add to it by `added_load(c, n, p)` [N], which must not
+depend on the overlap: adhesion presses the surfaces together.
+
 The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry contact; where a normal law with a reach attracts, it
 cannot add to the attraction), passes that sum to the tangential stage as the load available to friction, adds adhesion to the
 total force only, and scales the viscous tangential force to fit within the remaining friction limit; likewise the viscous parts
@@ -40,8 +43,8 @@ order in the step where friction jumps. A tangential, rolling or twisting law wh
 `stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and with opposite
 sign on j; `turn` is the rotation of i relative to j about the two tangential axes, `twist` that about the normal, so the work of
 the pair is moment times rotation. Only scenes with a twisting law compute the rotation about the normal. A normal law that
-dissipates names what its contact has dissipated since it closed `plastic_work` in its history: the engine then keeps that per
-body, and apart from friction in the ledger.
+dissipates names what its contact has dissipated since it closed `plastic_work` or `adhesion_work` in its history: the engine
+then keeps that per body, and apart from friction in the ledger.
 """
 
 from __future__ import annotations
@@ -137,7 +140,8 @@ class Law:
     history for instance, or None. `assumes` is the name of the normal law that the law is derived for; it is refused under
     another one. `replaces` is the name of the law of a level whose place an effect takes. `reach(pair, options, radius)` is
     the distance [m] before touch where a normal or adhesion law begins to act between bodies of at most this effective radius
-    [m]; it must not fall with the radius.
+    [m]; it must not fall with the radius. `added_load(c, n, p)` is the load [N] that friction feels beyond the sum of the
+    normal stages.
     """
 
     name: str
@@ -156,6 +160,7 @@ class Law:
     assumes: str = ""
     replaces: str = ""
     reach: Callable[[Pair, Options, float], float] | None = None
+    added_load: Callable | None = None
 
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""

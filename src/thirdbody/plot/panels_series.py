@@ -39,6 +39,7 @@ LEDGER = (
     _Line(("friction",), "lost in friction", LINES["vermilion"], "-"),
     _Line(("direct_friction",), "lost in friction of the plates on each other", LINES["vermilion"], "--"),
     _Line(("plastic",), "lost in plastic flow", LINES["vermilion"], "-."),
+    _Line(("adhesion",), "lost in adhesion", LINES["vermilion"], "-."),
     _Line(("damping",), "lost in impacts and dashpots", LINES["orange"], "--"),
     _Line(("elastic_normal", "elastic_tangential", "foundation", "direct_elastic"), "elastic, stored", LINES["blue"], "-"),
     _Line(("kinetic",), "kinetic, stored", LINES["sky"], "--"),

@@ -126,9 +126,9 @@ class FrameMaker:
             "peak_pressure": self._largest(contacts, contacts["peak_pressure"]),
             "contacts": self._count(contacts),
         }
-        if s.physics.flows:
-            arrays["plastic_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
-            arrays["friction_work"] -= arrays["plastic_work"]
+        if s.physics.loss:
+            lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
+            arrays["friction_work"] -= lost
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]

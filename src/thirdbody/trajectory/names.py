@@ -77,6 +77,7 @@ SERIES = {
     ),
     "energy_damping": Name("J", "Dissipated by dashpots since the start."),
     "energy_friction": Name("J", "Dissipated by slip since the start."),
+    "energy_adhesion": Name("J", "Lost as necks form and break since the start; with `effects.adhesion` and necks only."),
     "energy_plastic": Name("J", "Dissipated by plastic flow of contacts since the start; with `effects.elastic_plastic` only."),
     "energy_plate_work": Name("J", "Work of the plates since the start."),
     "energy_body_effects": Name("J", "Work of body effects since the start; with such effects only."),
@@ -117,6 +118,7 @@ CLUMPS = {
     "force": Name("N", "Total force, (B, 3)."),
     "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
     "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
+    "adhesion_work": Name("J", "Lost as necks of its contacts form and break since the start; with such a law only."),
     "plastic_work": Name(
         "J", "Dissipated by plastic flow of its contacts since the start, as `friction_work`; with such a law only."
     ),

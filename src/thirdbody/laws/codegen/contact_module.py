@@ -29,6 +29,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
         "head": fragments.head_of(chain), "width": fragments.width_of(chain), "history": len(names), "own": own,
         "field": max(len(law.memory()) - len(law.history) for law in chain),
         "adhesion": [k for k, law in enumerate(chain) if law.stage == "adhesion"],
+        "adders": [k for k, law in enumerate(chain) if law.added_load],
         "rotation": f"Turn({', '.join(map(text.behind, rotation))})",
         "twist": f"Twist({', '.join(map(text.behind, twist))})", "STILL_TWIST": "Twist(0.0, 0.0)",
         "dashpots": len(fragments.viscous_names(chain)), "energy_is_added": fragments.energy_column(chain) == own,

@@ -51,10 +51,11 @@ def head_of(chain: Sequence[Law]) -> str:
     imports: list[str] = []
     for k, law in enumerate(chain):
         imports += imports_of(k, law.kernel, law.parameters)
-        if law.tangent is not None:
-            function = plain(law.tangent)
-            imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
-            imports.append(f"tangent_{k} = as_kernel(tangent_{k})")
+        for name, more in (("tangent", law.tangent), ("added", law.added_load)):
+            if more is not None:
+                function = plain(more)
+                imports.append(f"from {function.__module__} import {function.__name__} as {name}_{k}")
+                imports.append(f"{name}_{k} = as_kernel({name}_{k})")
     return HEAD.format(title=" > ".join(law.name for law in chain), tuples=tuples_for(chain), imports="\n".join(imports))
 
 

@@ -19,6 +19,9 @@ from thirdbody.laws.contract import STAGES, STIFF, Law
 SPRINGS = (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y")), ("twisting", ("moment",)))
 """Stages with springs, and the names of the forces or moments that their laws remember."""
 
+LOSSES = {"plastic_work": "plastic", "adhesion_work": "adhesion"}
+"""What a normal law that dissipates names this energy in its history, and its line of the ledger."""
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -90,7 +93,12 @@ class Chain:
     def plastic(self) -> int:
         """Column of the history with the energy that the normal law has dissipated since the contact closed; -1: it does not."""
         history = self.laws[0].history
-        return history_of(self.laws, 0)[0] + history.index("plastic_work") if "plastic_work" in history else -1
+        return next((history_of(self.laws, 0)[0] + history.index(name) for name in LOSSES if name in history), -1)
+
+    @property
+    def loss(self) -> str:
+        """Name of that energy in the ledger."""
+        return LOSSES[self.laws[0].history[self.plastic - history_of(self.laws, 0)[0]]] if self.plastic >= 0 else ""
 
     @property
     def rolling(self) -> int:
@@ -131,4 +139,5 @@ def compose(laws: Iterable[Law]) -> Chain:
 
 def _functions(chain: Sequence[Law]) -> list[Callable]:
     """Return all functions on which a module generated from these laws depends."""
-    return [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent]
+    others = [more for law in chain for more in (law.tangent, law.added_load) if more]
+    return [law.kernel for law in chain] + others

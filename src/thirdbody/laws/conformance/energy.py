@@ -116,8 +116,9 @@ def ledger(bench: Bench) -> Result:
 
 
 def touching(bench: Bench, path: Path) -> Path:
-    """Return the same paths with open corners moved to where the law begins to act, so that no step is partly outside."""
-    return path._replace(overlap=np.maximum(path.overlap, bench.outermost(len(path.overlap[0]))))
+    """Return the same paths from where the law begins to act, and with open corners moved there: no step is partly outside."""
+    outermost = bench.outermost(len(path.overlap[0]))
+    return path._replace(overlap=np.maximum(path.overlap, outermost), start=outermost)
 
 
 def _lasting(coarse: Array, fine: Array) -> Array:

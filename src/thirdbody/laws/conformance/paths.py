@@ -213,7 +213,7 @@ class Bench:
         names["broadcast_parameters"] = plain(names["broadcast_parameters"])
         names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
         for k, one in enumerate(self.chain.laws):
-            names[f"kernel_{k}"] = plain(one.kernel)
+            names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load)
         on_lists = types.FunctionType(text.__code__, names)
 
         def law(flat: Array, out: Array, n: int, table: Array) -> None:
@@ -235,14 +235,19 @@ def plain(function: Callable) -> Any:
 
 
 class Path(NamedTuple):
-    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m]."""
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m].
+
+    `start`: overlap (T, 1) at the start; None: zero.
+    """
 
     overlap: Array
     slip: Array
+    start: Array | None = None
 
     def steps(self, m: int) -> Iterator[Contacts]:
         """Yield the contacts after each of m equal steps per segment."""
         old, at_slip = np.zeros_like(self.overlap[0]), np.zeros_like(self.slip[0])
+        old = old if self.start is None else old + self.start
         for new, to_slip in zip(self.overlap, self.slip, strict=True):
             v, v_n = (to_slip - at_slip) / SPAN, (old - new) / SPAN
             for i in range(1, m + 1):

@@ -1,0 +1,137 @@
+"""Adhesion: the curve, the energies and the loads of JKR and DMT against forms of their own, kernel by kernel, without a run."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from thirdbody.laws.conformance.paths import plain
+from thirdbody.laws.contract import Material, Pair
+from thirdbody.laws.kernel_data import Contact, Normal
+from thirdbody.laws.registry import discover
+
+ADHESION = discover().effects["adhesion"]
+STEEL = Material("steel", 210e9 / 2.6, 0.3, 7850.0)
+PAIR = Pair(STEEL, STEEL, 0.3, 0.6)
+E_STAR = 210e9 / (2.0 * (1.0 - 0.3**2))
+RADIUS, WORK = 1e-6, 0.05
+PULL_OFF = 1.5 * math.pi * WORK * RADIUS
+
+
+def law(model="jkr", **options):
+    values = {option.name: option.default for option in ADHESION.options} | {"work_of_adhesion": WORK, "model": model} | options
+    chosen = ADHESION.sized(values)
+    return chosen, chosen.mix(PAIR, values), values
+
+
+def contact(overlap, radius=RADIUS):
+    return Contact(overlap, radius, 1e-14, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def at(overlap, joined=1.0, radius=RADIUS, **choice):
+    """Result of the law and its history at an overlap."""
+    chosen, p, _ = law(**choice)
+    return plain(chosen.kernel)(contact(overlap, radius), p, (joined, 0.0))
+
+
+def force(a):
+    """Johnson, Kendall and Roberts 1971, by the contact radius."""
+    return 4.0 * E_STAR * a**3 / (3.0 * RADIUS) - math.sqrt(8.0 * math.pi * WORK * E_STAR * a**3)
+
+
+def overlap(a):
+    return a * a / RADIUS - math.sqrt(2.0 * math.pi * WORK * a / E_STAR)
+
+
+A_TOUCH = (2.0 * math.pi * WORK * RADIUS**2 / E_STAR) ** (1.0 / 3.0)
+A_BREAKS = A_TOUCH / 4.0 ** (2.0 / 3.0)
+LOST = -quad(lambda a: force(a) * (2.0 * a / RADIUS - 0.5 * math.sqrt(2.0 * math.pi * WORK / (E_STAR * a))), A_BREAKS, A_TOUCH)[0]
+"""Energy of the loop between the way in, without force to touch, and the way out along the neck [J]."""
+
+
+def test_the_numbers_of_a_steel_ball():
+    """Six digits: those that are given."""
+    chosen, _, values = law()
+    assert PULL_OFF == pytest.approx(2.35619e-7, rel=2e-6)
+    a = (4.5 * math.pi * WORK * RADIUS**2 / E_STAR) ** (1.0 / 3.0)  # without load: sqrt(8 pi w E* a^3) = (4/3) E* a^3/R
+    assert a == pytest.approx(1.82976e-8, rel=3e-6)
+    assert overlap(a) == pytest.approx(1.11601e-10, rel=3e-6)
+    answer, _ = at(overlap(a))
+    assert answer.contact_radius == pytest.approx(a, rel=1e-12)
+    assert abs(answer.force) < 1e-11 * PULL_OFF  # round-off of the overlap, times the stiffness
+    assert -chosen.reach(PAIR, values, RADIUS) == pytest.approx(-9.21247e-11, rel=3e-6)
+
+
+@pytest.mark.parametrize("ratio", [1.00001, 1.01, 1.3, 3.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0), 4.0, 10.0, 300.0])
+def test_the_curve(ratio):
+    """From the contact radius to the overlap and back. Near the fold an error of 1e-16 of the overlap is one of its root in a."""
+    a = ratio * A_BREAKS
+    answer, memory = at(overlap(a))
+    noise = 1e-15 / (ratio - 1.0)
+    assert memory == (1.0, 0.0)
+    assert answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
+    assert answer.force == pytest.approx(force(a), rel=1e-12 + 10.0 * noise, abs=1e-14 * PULL_OFF)
+
+
+def test_the_least_force_is_the_pull_off():
+    overlaps = np.linspace(-0.99, 0.0, 20001) * 9.2e-11
+    assert min(at(d)[0].force for d in overlaps) == pytest.approx(-PULL_OFF, rel=1e-7)  # parabola: half the square of the step
+
+
+def test_a_neck_forms_at_touch_and_breaks_apart():
+    breaks = overlap(A_BREAKS)
+    for d, before, after in ((-1e-15, 0.0, 0.0), (1e-15, 0.0, 1.0), (0.999 * breaks, 1.0, 1.0), (1.001 * breaks, 1.0, 0.0)):
+        answer, memory = at(d, before)
+        assert memory[0] == after and (memory[1] > 0.0) == (after > before)
+        assert (answer.force != 0.0) == (answer.contact_radius > 0.0) == (after == 1.0)
+    assert at(1e-15, 0.0)[0].force == pytest.approx(-8.0 / 9.0 * PULL_OFF, rel=1e-4)  # 1e-15 of 1e-10
+    assert at((1.0 - 1e-12) * breaks)[0].force == pytest.approx(-5.0 / 9.0 * PULL_OFF, rel=1e-5)  # root of 1e-12
+
+
+def test_the_energy_of_pressing_and_pulling():
+    """The neck gives back what it took, less the loop; the stored energy is the integral of the force, zero where it breaks."""
+    answer, _ = at(1e-12, 0.0)
+    assert answer.dissipated == pytest.approx(LOST, rel=1e-8)  # that of the quadrature
+    assert at(1e-12, 1.0)[0].dissipated == 0.0
+    deep = 40.0 * A_BREAKS
+    work = quad(lambda a: force(a) * (2.0 * a / RADIUS - 0.5 * math.sqrt(2.0 * math.pi * WORK / (E_STAR * a))), A_BREAKS, deep)[0]
+    assert at(overlap(deep))[0].stored == pytest.approx(work, rel=1e-9)
+    assert abs(at((1.0 - 1e-14) * overlap(A_BREAKS))[0].stored) < 1e-6 * LOST
+
+
+def test_without_adhesion_it_is_hertz():
+    d = 1e-9
+    answer, _ = at(d, work_of_adhesion=0.0)
+    assert answer.force == pytest.approx(4.0 / 3.0 * E_STAR * math.sqrt(RADIUS) * d**1.5, rel=1e-8)  # least work of adhesion
+    assert answer.contact_radius == pytest.approx(math.sqrt(RADIUS * d), rel=1e-8)
+
+
+def test_dmt_is_hertz_less_a_constant():
+    chosen, p, _ = law("dmt")
+    hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
+    answer = plain(chosen.kernel)(contact(1e-10), hertz, p)
+    assert answer.force == pytest.approx(-2.0 * math.pi * WORK * RADIUS, rel=1e-15)
+    assert plain(chosen.kernel)(contact(0.0), hertz, p).force == 0.0
+
+
+def test_tabor_number_chooses():
+    """R = mu^3 E*^2 z_0^3/w^2 at mu = 0.1: 43 nm."""
+    divide = 1e-3 * E_STAR**2 * 2e-10**3 / WORK**2
+    assert 42e-9 < divide < 43e-9
+    for radius, factor in ((0.99 * divide, 2.0), (1.01 * divide, 8.0 / 9.0 * 1.5)):
+        pull = -at(1e-18, 0.0, radius, model="auto")[0].force
+        assert pull == pytest.approx(factor * math.pi * WORK * radius, rel=1e-4)  # 1e-18 over the neck, 1e-11
+
+
+@pytest.mark.parametrize(("model", "factor"), [("jkr", 3.0), ("dmt", 0.0)])
+def test_the_load_of_friction(model, factor):
+    """JKR: 2 x 3/2 pi w R beyond the force; DMT: Hertz's force, which the stages before give. External: the force alone."""
+    chosen, p, _ = law(model)
+    loaded = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
+    assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(factor * math.pi * WORK * RADIUS)
+    chosen, p, _ = law(model, friction_load="external")
+    left = -2.0 * math.pi * WORK * RADIUS if model == "dmt" else 0.0
+    assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(left)
+    apart = Normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert plain(chosen.added_load)(contact(0.0), apart, p) == 0.0
