@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from thirdbody.assembly.direct_contact import persson_parameters
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.laws.elasticity import e_star
 from thirdbody.scene import model
 from thirdbody.scene.tables import DirectContact
@@ -98,6 +98,25 @@ def test_debris_carries_less_of_a_larger_load(make, integrator):
     assert fractions[0] > fractions[1] > fractions[2]
 
 
+@integrators
+def test_a_plate_on_springs_comes_down_onto_its_asperities_beside_the_debris(make, integrator):
+    """Common plate of a foundation: 2 R - z = N/k + 2 d(N) for each ball, and direct contact at the gap z carries the rest."""
+    stiffness, load = 400.0, 2e4 * AREA
+    simulation = plates_in_contact(make, integrator, 2e4, support="foundation", stiffness=stiffness)
+    lines, residual = advance(simulation, 1e-7)
+    modulus = e_star(*simulation.choice.materials)
+    pressed = lambda n: n / stiffness + 2.0 * (n / (4.0 / 3.0 * modulus * math.sqrt(RADIUS))) ** (2.0 / 3.0)  # noqa: E731
+    one = brentq(lambda n: COUNT * n + direct(simulation, 2.0 * RADIUS - pressed(n)) - load, 0.0, load, xtol=1e-20, rtol=1e-14)
+    P, A = simulation.state.P, simulation.state.A
+    assert float(P[-1, patch.HEIGHT]) == pytest.approx(2.0 * RADIUS - pressed(one), abs=1e-3 * LENGTH)
+    # within the settling time dashpots bring the plate to rest but for a thousandth of u0, which changes its force by as much
+    assert A[run_totals.UPPER_FORCE + 2] == pytest.approx(COUNT * one, rel=2e-3)
+    assert 0.1 < COUNT * one / load < 0.9
+    assert A[run_totals.DIRECT_FORCE] == pytest.approx(-MU * A[run_totals.DIRECT_FORCE + 2], rel=1e-12)
+    assert lines["direct_friction"] == pytest.approx(MU * (load - COUNT * one) * 1e-7, rel=2e-3)
+    assert residual < 1e-3
+
+
 def test_a_plate_that_bounces_on_its_asperities_keeps_its_energy(make):
     """Without a dashpot the plate falls onto the exponential force and comes back; the bound of the time step covers it."""
     simulation = plates_in_contact(make, "explicit", 2e4, radius=1e-7, damping=0.0, loading={"load": 1e5 * AREA})
@@ -146,7 +165,10 @@ def test_absent_contact_leaves_no_line(make):
         ({"contact": {"beta": 0.4, "friction": 0.1}}, "needs u0 too"),
         ({"contact": {"friction": 0.1}}, "both plates are flat"),
         ({"contact": {"beta": 0.4, "u0": "1 um", "friction": 0.1}, "gap": "20 um"}, "a plate at a gap has none"),
-        ({"contact": {"beta": 0.4, "u0": "1 um", "friction": 0.1}, "support": "load_per_particle"}, "one rigid plate"),
+        (
+            {"contact": {"beta": 0.4, "u0": "1 um", "friction": 0.1}, "support": "load_per_particle"},
+            "shares the load of one plate",
+        ),
         ({"contact": {"beta": 0.4, "u0": "1 um"}}, "required key is missing"),
     ],
 )

@@ -1,7 +1,7 @@
 """Upper plate of a scene: patches, foundation, schedule, settling time, expected overlaps."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,13 +75,13 @@ def upper_plate(
     top, radius = _tops(placed, surfaces.get("upper"))
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
     tops = TopSpheres(top, radius, choice.physics.kinds[placed.materials, material], masses)
+    direct = direct_contact(scene, choice, surfaces)
     if plate.support == "foundation":
-        return _on_foundation(scene, choice, placed, tops, material, warnings)
+        return _on_foundation(scene, choice, placed, tops, material, warnings, direct)
     if plate.gap is not None:
         return _at_gap(scene, tops, material, plate.gap, warnings)
     if plate.support == "load_per_particle":
         return _each_loaded(scene, choice, placed, tops, material, warnings)
-    direct = direct_contact(scene, choice, surfaces)
     return _rigid(scene, choice, placed, tops, material, warnings, direct)
 
 
@@ -177,19 +177,21 @@ def _common_level(choice: CompiledPhysics, tops: TopSpheres, load: float, direct
 
 
 def _on_foundation(
-    scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]
-) -> Upper:
+    scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str],
+    direct: DirectContact | None,
+) -> Upper:  # fmt: skip
     """Return a plate of one patch per body, with springs to a common plate under a load or at a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
     n, stiffness, preload = len(tops.top), plate.stiffness, plate.preload or 0.0
     load = first_load(scene)
     highest = float(tops.top.max())
-    height = plate.gap if plate.gap is not None else highest
+    height = plate.gap if plate.gap is not None else highest if direct is None else max(highest, direct.gap(load))
     # a patch without a body hangs preload/stiffness below the plate
     springs = lambda z: np.maximum(stiffness * (tops.top - z) + preload, 0.0)  # noqa: E731
-    level = height if plate.gap is not None else _level(springs, tops, load + n * preload)
+    level = height if plate.gap is not None else _spring_level(springs, tops, load + n * preload, direct)
     carried = springs(level)
+    warnings += narrow_gap_warning(direct, level) if direct else []
     loaded = int(np.count_nonzero(carried))
     largest = np.array([int(np.argmax(carried))])
     mass = np.full(n, plate.mass or tops.mass.mean())
@@ -201,7 +203,8 @@ def _on_foundation(
         on = np.flatnonzero(carried)
         warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), tops.radius[on], tops.kind[on]))
     total = float(mass.sum())
-    common = Foundation(stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None)
+    whole = n * stiffness + (load / direct.length if direct else 0.0)
+    common = Foundation(stiffness, height, total, 2.0 * math.sqrt(whole * total), load, free=plate.gap is None)
     touches = loaded > 0 and carried[largest[0]] > 0.0
     if not touches and isinstance(scene.solver.settle, str):
         settle = 0.0  # a plate that has not come down yet presses on no body
@@ -211,10 +214,19 @@ def _on_foundation(
         settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
     heights = np.maximum(height, tops.top) + CLEARANCE * tops.radius
     built = UpperPlate(
-        material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
-    )
+        material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common,
+        direct,
+    )  # fmt: skip
     max_overlap = float(overlap[0] / tops.radius[largest[0]])
     return Upper(built, settle, max_overlap, loaded, max_overlap)
+
+
+def _spring_level(springs: Callable[[float], np.ndarray], tops: TopSpheres, load: float, direct: DirectContact | None) -> float:
+    """Return the height [m] of a common plate on springs above bodies that did not move, and on direct contact."""
+    if direct is None:
+        return _level(springs, tops, load)
+    alone = direct.gap(load)  # no body reaches the plate
+    return alone if alone >= float(tops.top.max()) else _level(lambda z: np.append(springs(z), direct.force(z)), tops, load)
 
 
 def _largest(scene: Scene) -> float:

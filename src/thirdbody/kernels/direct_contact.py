@@ -14,7 +14,7 @@ from thirdbody.kernels.columns import patch, run_totals
 
 @njit(**BARE)
 def direct_force(P, p):
-    """Return the upward force of direct contact on patch p [N]; 0 where there is none."""
+    """Return the upward force of direct contact on patch p, or on the common plate [N]; 0 where there is none."""
     if P[p, patch.DIRECT_PREFACTOR] == 0.0:
         return 0.0
     return P[p, patch.DIRECT_PREFACTOR] * math.exp(-P[p, patch.HEIGHT] / P[p, patch.DIRECT_LENGTH])

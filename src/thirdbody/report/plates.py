@@ -40,9 +40,10 @@ def _direct_report(built: Simulation, upper: UpperPlate) -> dict[str, Any] | Non
     if upper.direct is None:
         return None
     direct, area = upper.direct, built.scene.domain.size[0] * built.scene.domain.size[1]
+    load = float(upper.load.max()) if upper.foundation is None else upper.foundation.load
     return {
         "pressure_at_zero_gap": direct.prefactor / area, "u0": direct.length, "friction": direct.friction,
-        "gap_without_debris": direct.gap(float(upper.load.max())),
+        "gap_without_debris": direct.gap(load),
     }  # fmt: skip
 
 

@@ -173,7 +173,8 @@ class UpperPlate(Part):
 class DirectContact(Part):
     """Direct contact of the plates: pressure beta E* exp(-u/u0) at a mean gap u, on the area of the domain, and its friction.
 
-    E* is that of the materials of the two plates.
+    E* is that of the materials of the two plates. On a foundation u is the gap of the common plate: where bodies push its patches
+    up, the plate gives way, and touches elsewhere.
     """
 
     beta: PositiveNumber | None = None
@@ -208,8 +209,8 @@ class Plates(Part):
             return faults
         if upper is None:
             return [*faults, (("contact",), "needs both plates: add [plates.lower] and [plates.upper]")]
-        if entry(upper, "support") not in (None, "rigid"):
-            faults.append((("contact",), "shares the load of one rigid plate: plates.upper.support = 'rigid'"))
+        if entry(upper, "support") == "load_per_particle":
+            faults.append((("contact",), "shares the load of one plate: plates.upper.support = 'rigid' or 'foundation'"))
         if entry(upper, "gap") is not None:
             faults.append((("contact",), "shares a load, and a plate at a gap has none: give plates.upper.load or pressure"))
         return faults

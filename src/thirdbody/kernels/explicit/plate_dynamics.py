@@ -58,8 +58,9 @@ def press_patches(P, E, patch_of, push):
     if plate == 0:
         P[0, patch.FORCE] = push + direct_force(P, np.int64(0))
         return
-    for p in range(P.shape[0]):
+    for p in range(plate):
         P[p, patch.FORCE] = 0.0
+    P[plate, patch.FORCE] = direct_force(P, plate)
     for b in range(E.shape[0]):
         P[patch_of[b], patch.FORCE] -= E[b, body_extra.UPPER_PUSH]
     for p in range(plate):

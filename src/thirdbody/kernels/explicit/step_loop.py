@@ -74,8 +74,9 @@ def update_ledger(context, step):
         else:  # a plate of prescribed height, or none
             powers = -patch_forces(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
         book_step(ledgers[g], g, g + 1, powers, context, step)
-    if P.shape[0] == 1 and P[0, patch.DIRECT_PREFACTOR] != 0.0:
-        book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, np.int64(0), step, 0.5)
+    plate = P.shape[0] - 1
+    if plate >= 0 and P[plate, patch.DIRECT_PREFACTOR] != 0.0:
+        book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
 
 
