@@ -19,6 +19,7 @@ from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import State, refresh_spheres
 from thirdbody.kernels.columns import run_totals, surface_contact
+from thirdbody.kernels.height_field import RAMP
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rough_plates import RoughPlates
 from thirdbody.kernels.surface_minima import update
@@ -135,24 +136,27 @@ def test_a_field_of_zeros_is_a_flat_plate_bit_for_bit(make):
 
 @pytest.mark.parametrize(("x", "sign"), [(0.0, 1.0), (0.5 * SIZE / WAVES, -1.0)], ids=["crest", "valley"])
 def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
-    """(1/R_eff)^2 = (1/R + k)/R with the curvature k of the spline at a node, in closed form."""
+    """(1/R_eff)^2 = (1/R + k)/R with the curvature k of the spline at a node, in closed form.
+
+    The second derivative changes by angle^2/2 of itself to the next node; its kink here is rounded off by RAMP/2 of that.
+    """
     angle = 2.0 * math.pi * WAVES / CELLS
     scale = 6.0 * AMPLITUDE / (4.0 + 2.0 * math.cos(angle))
-    bend = sign * scale * 2.0 * (1.0 - math.cos(angle)) * (CELLS / SIZE) ** 2
+    bend = sign * scale * 2.0 * (1.0 - math.cos(angle)) * (CELLS / SIZE) ** 2 * (1.0 - 0.5 * RAMP * (1.0 - math.cos(angle)))
     force, gradient, _ = force_at(wavy, (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
     flat = lifted_ball(crests, RADIUS, curved=False)
     plain, none, _ = force_at(flat, (x, 5.0, sign * AMPLITUDE + RADIUS - DEPTH))
     # N goes as the root of the effective radius; rounding of coordinates of 10 m against an overlap of 2 mm: 1e-12
     assert force[2] / plain[2] == pytest.approx((1.0 + RADIUS * bend) ** -0.25, rel=1e-9)
-    # the third derivative of a spline jumps at a node, from one sign to the other where the surface is symmetric
-    assert np.abs(gradient[:2]).max() < 1e-3 * force[2] and not none.any()
+    # where the surface is symmetric; rounding as above, with the root of the overlap
+    assert np.abs(gradient[:2]).max() < 1e-9 * force[2] and not none.any()
     assert wavy.state.slots.records.effective_radius[:BASINS].max() == pytest.approx(RADIUS / math.sqrt(1.0 + RADIUS * bend))
 
 
 def loop_work(simulation: Simulation, profile: Profile) -> tuple[float, float, float, float]:
     """Press at a crest, move along to the valley, release there: work done with and without the gradient force, energies there.
 
-    Gauss' rule in each cell, where the surface is smooth, and along the indentation with depth ~ t^2.
+    Gauss' rule in each cell and on the ramps at its borders, where all is smooth, and along the indentation with depth ~ t^2.
     """
     points, weights = np.polynomial.legendre.leggauss(5)
     points, weights = 0.5 * (points + 1.0), 0.5 * weights
@@ -165,10 +169,11 @@ def loop_work(simulation: Simulation, profile: Profile) -> tuple[float, float, f
         energies.append(force_at(simulation, profile.centre(x, RADIUS - DEPTH)[0])[2])
     cell = SIZE / CELLS
     for k in range(round(valley / cell)):
-        for t, w in zip(points, weights, strict=True):
-            centre, along = profile.centre(cell * (k + t), RADIUS - DEPTH)
-            force, gradient, _ = force_at(simulation, centre)
-            whole, plain = whole - w * cell * force @ along, plain - w * cell * (force - gradient) @ along
+        for first, last in ((0.0, RAMP), (RAMP, 1.0 - RAMP), (1.0 - RAMP, 1.0)):
+            for t, w in zip(first + (last - first) * points, (last - first) * weights, strict=True):
+                centre, along = profile.centre(cell * (k + t), RADIUS - DEPTH)
+                force, gradient, _ = force_at(simulation, centre)
+                whole, plain = whole - w * cell * force @ along, plain - w * cell * (force - gradient) @ along
     return whole, plain, *energies
 
 
@@ -278,7 +283,7 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
         numbers.append(len(searched))
         wrong += len(followed) != len(searched) or not np.allclose(followed, searched, rtol=1e-12)
     # where two minima part while both touch, the second one is found after a displacement of `surface_minima.MOVED` radii at most
-    assert wrong <= 2
+    assert wrong <= 5
     assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 50
 
 

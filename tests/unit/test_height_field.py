@@ -22,8 +22,9 @@ def jet_at(field, x, y):
 @njit
 def foot_of(field, centre, x, y):
     foot = closest_point.closest(field, centre, x, y)
-    ratio, r_eff = closest_point.ratio_derivatives(foot.jet, RADIUS)[0], closest_point.effective_radius(foot.jet, RADIUS)
-    gradient = closest_point.log_radius_gradient(foot, RADIUS)
+    bent = closest_point.bent_jet(field, centre, foot)
+    ratio, r_eff = closest_point.ratio_derivatives(bent, RADIUS)[0], closest_point.effective_radius(bent, RADIUS)
+    gradient = closest_point.log_radius_gradient(foot, bent, RADIUS)
     return foot, r_eff, RADIUS / math.sqrt(ratio), gradient, closest_point.normal_derivative(foot)
 
 
@@ -106,6 +107,28 @@ def test_geometry_moves_with_the_centre_as_its_derivatives_predict(field):
     assert found == pytest.approx(gradient, abs=1e-6 * np.abs(gradient).max())
     assert abs(np.dot(gradient, at.normal)) < 1e-12 * np.linalg.norm(gradient)
     assert r_eff == moved(np.zeros(3))[2]
+
+
+def test_radius_and_gradient_go_smoothly_across_a_border_between_cells(field):
+    """The integral of the gradient over both ramps is the change of the radius, to the part along y that is left out."""
+    cell, start = PERIOD[0] / CELLS[0], foot_of(field, CENTRE, 0.0, 0.0)[0]
+    border = math.floor((CENTRE[0] + start.x) / cell) * cell
+
+    def at(u):  # with the closest point u cells beyond a border
+        x = CENTRE[0]
+        for _ in range(20):
+            foot, r_eff, _, gradient, _ = foot_of(field, (x, *CENTRE[1:]), start.x, start.y)
+            x += border + u * cell - (x + foot.x)
+        return x, math.log(r_eff), gradient[0]
+
+    ramp = height_field.RAMP
+    x, log_radius, gradient = np.array([at(v) for v in 1.1 * ramp * np.linspace(-1.0, 1.0, 200)]).T
+    jump, largest = abs(gradient[-1] - gradient[0]), np.abs(gradient).max()
+    assert jump > 1e-3 * largest
+    # a step is a hundredth of the ramp
+    assert np.abs(np.diff(gradient)).max() < 0.02 * jump
+    # the rule of trapezoids: kinks of the ramps within a hundredth
+    assert np.trapezoid(gradient, x) == pytest.approx(log_radius[-1] - log_radius[0], abs=1e-4 * ramp * cell * largest)
 
 
 def test_curvature_of_a_crest_and_of_a_valley():

@@ -16,7 +16,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.columns import height_field as head
-from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, within_period
+from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, rounded_jet, within_period
 
 CLOSE = 1e-6
 """In units of a cell: a correction of Newton's method that is completed by Taylor's series, to rounding, without another one."""
@@ -31,7 +31,8 @@ CURVED = 0.1
 """Smallest curvature of f/2 along any direction that a correction assumes where f is not convex; it is 1 on a plane."""
 
 FLATTEST = 0.01
-"""Smallest (R/R_eff)^2: in a hollow nearly as narrow as itself a sphere has at most ten times its own radius."""
+"""Smallest (R/R_eff)^2: in a hollow nearly as narrow as itself a sphere has at most ten times its own radius. It is approached
+from twice that on, so that its derivatives do not jump."""
 
 
 class Foot(NamedTuple):
@@ -171,10 +172,19 @@ def curvatures(jet):
 
 
 @njit(**BARE)
+def limited_ratio(ratio):
+    """Return (R/R_eff)^2, at least FLATTEST, and its derivative with (1 + R k_1)(1 + R k_2)."""
+    if ratio >= 2.0 * FLATTEST:
+        return ratio, 1.0
+    part = max(ratio, 0.0) / (2.0 * FLATTEST)
+    return FLATTEST * (1.0 + part * part), part
+
+
+@njit(**BARE)
 def radius_ratio(jet, radius):
     """Return (R/R_eff)^2 = (1 + R k_1)(1 + R k_2) of a sphere of radius R [m] on the surface, at least FLATTEST."""
     total, product = curvatures(jet)
-    return max(1.0 + radius * (total + radius * product), FLATTEST)
+    return limited_ratio(1.0 + radius * (total + radius * product))[0]
 
 
 @njit(**BARE)
@@ -190,9 +200,9 @@ def ratio_derivatives(jet, radius):
     square = 1.0 / (1.0 + h_x * h_x + h_y * h_y)
     cube, fourth = square * math.sqrt(square), square * square
     trace, determinant = (1.0 + h_y * h_y) * xx - 2.0 * h_x * h_y * xy + (1.0 + h_x * h_x) * yy, xx * yy - xy * xy
-    ratio = 1.0 + radius * (radius * determinant * fourth - trace * cube)
-    if ratio <= FLATTEST:
-        return FLATTEST, 0.0, 0.0
+    ratio, change = limited_ratio(1.0 + radius * (radius * determinant * fourth - trace * cube))
+    if change == 0.0:
+        return ratio, 0.0, 0.0
     # of the trace by first and by third derivatives, of the determinant, and of 1 + h_x^2 + h_y^2 along x, then along y
     t_x = 2.0 * (h_y * xy * xx - (xx * h_y + h_x * xy) * xy + h_x * xx * yy)
     t_x += (1.0 + h_y * h_y) * jet.xxx - 2.0 * h_x * h_y * jet.xxy + (1.0 + h_x * h_x) * jet.xyy
@@ -202,15 +212,22 @@ def ratio_derivatives(jet, radius):
     q_x, q_y = 2.0 * square * (h_x * xx + h_y * xy), 2.0 * square * (h_x * xy + h_y * yy)
     return (
         ratio,
-        radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x)),
-        radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y)),
+        change * radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x)),
+        change * radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y)),
     )
 
 
 @njit(**BARE)
-def log_radius_gradient(foot, radius):
-    """Return the gradient (3,) [1/m] of ln R_eff with the centre of the sphere; it lies along the surface."""
-    ratio, r_x, r_y = ratio_derivatives(foot.jet, radius)
+def bent_jet(field, centre, foot):
+    """Return the jet at the closest point of a centre (3,) [m] with second derivatives that are smooth (`rounded_jet`)."""
+    x, y = within_period(centre[0], field[head.LENGTH_X]) + foot.x, within_period(centre[1], field[head.LENGTH_Y]) + foot.y
+    return rounded_jet(field, foot.jet, x, y)
+
+
+@njit(**BARE)
+def log_radius_gradient(foot, bent, radius):
+    """Return the gradient (3,) [1/m] of ln R_eff with the centre of the sphere, along the surface; `bent`: see `bent_jet`."""
+    ratio, r_x, r_y = ratio_derivatives(bent, radius)
     xx, xy, yy = foot.inverse
     factor = -0.5 / ratio
     g_x, g_y = factor * (xx * r_x + xy * r_y), factor * (xy * r_x + yy * r_y)

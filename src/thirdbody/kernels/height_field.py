@@ -17,12 +17,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.columns import height_field as head
 
 Array = np.ndarray
 
 SIXTH = 1.0 / 6.0
+
+RAMP = 0.05
+"""In units of a cell: within this distance of its border the third derivatives go over into those of the next cell
+(`rounded_jet`)."""
 
 
 class Jet(NamedTuple):
@@ -128,6 +132,45 @@ def jet_beside(jet, d_x, d_y):
         x + second_x + 0.5 * third_x, y + second_y + 0.5 * third_y,
         xx + m_xx, xy + m_xy, yy + m_yy, xxx, xxy, xyy, yyy,
     )  # fmt: skip
+
+
+@njit(**BARE)
+def border_of(u):
+    """Return the border of cells nearest to a coordinate u [cells], and how far beyond it u is."""
+    whole = math.floor(u + 0.5)
+    return whole, u - whole
+
+
+@njit(**BARE)
+def rounded(left, right, beyond, spacing):
+    """Return the third derivative near a border, and what its ramp adds to the second one.
+
+    `left`, `right`: third derivatives on both sides; `beyond`: distance from the border, at most RAMP [cells].
+    """
+    rest = RAMP - abs(beyond)
+    third = 0.5 * (left + right + (right - left) * beyond / RAMP)
+    return third, 0.25 * (right - left) * spacing * rest * rest / RAMP
+
+
+@njit(**BARE_CHUNK)
+def rounded_jet(field, jet, x, y):
+    """Return the jet at a point (x, y) [m] with second derivatives whose kinks between cells are rounded off.
+
+    The third derivatives of a bicubic spline jump there, and with them the force that follows from the change of the effective
+    radius: a sphere that it traps on a border is in balance on neither side, and no implicit step could end there.
+    """
+    h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
+    rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
+    (i, d_x), (j, d_y) = border_of(x * rate_x), border_of(y * rate_y)
+    if abs(d_x) < RAMP:
+        left, right = jet_at(field, (i - 0.5) / rate_x, y).xxx, jet_at(field, (i + 0.5) / rate_x, y).xxx
+        xxx, more = rounded(left, right, d_x, 1.0 / rate_x)
+        xx += more
+    if abs(d_y) < RAMP:
+        left, right = jet_at(field, x, (j - 0.5) / rate_y).yyy, jet_at(field, x, (j + 0.5) / rate_y).yyy
+        yyy, more = rounded(left, right, d_y, 1.0 / rate_y)
+        yy += more
+    return Jet(h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy)
 
 
 def pack_field(coefficients: Array, length_x: float, length_y: float) -> Array:

@@ -13,7 +13,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
-from thirdbody.kernels.closest_point import closest, effective_radius, log_radius_gradient, normal_derivative
+from thirdbody.kernels.closest_point import bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
 from thirdbody.kernels.nearby_minima import MERGE, find_minima
 from thirdbody.kernels.predicates import BASINS, is_upper
@@ -84,15 +84,17 @@ def write_normal(k, normal, upper, Q):
 
 
 @njit(**BARE)
-def write_derivatives(k, foot, radius, curved, upper, Q):
-    """Write the derivatives of normal and effective radius at a minimum into row k, in world axes."""
+def write_derivatives(k, foot, gradient, upper, Q):
+    """Write the derivatives of normal and effective radius at a minimum into row k, in world axes.
+
+    `gradient`: of the logarithm of the effective radius (3,) [1/m].
+    """
     up = -1.0 if upper else 1.0
     xx, xy, xz, yy, yz, zz = normal_derivative(foot)
     t = surface_contact.NORMAL_GRADIENT
     Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5] = xx, yy, zz, xy, up * xz, up * yz
-    g_x, g_y, g_z = log_radius_gradient(foot, radius) if curved else (0.0, 0.0, 0.0)
-    Q[k, surface_contact.GRADIENT], Q[k, surface_contact.GRADIENT + 1] = g_x, g_y
-    Q[k, surface_contact.GRADIENT + 2] = up * g_z
+    Q[k, surface_contact.GRADIENT], Q[k, surface_contact.GRADIENT + 1] = gradient[0], gradient[1]
+    Q[k, surface_contact.GRADIENT + 2] = up * gradient[2]
 
 
 @njit(**BARE_CHUNK)
@@ -106,10 +108,11 @@ def follow(k, field, x, start, tables):
     foot = closest(field, x, start[0], start[1])
     Q[k, surface_contact.OFFSET], Q[k, surface_contact.OFFSET + 1] = foot.x, foot.y
     Q[k, surface_contact.DISTANCE] = foot.distance
-    Q[k, surface_contact.RADIUS] = effective_radius(foot.jet, radius) if curved else radius
+    bent = bent_jet(field, x, foot) if curved and foot.distance < radius + D[domain.REACH] else foot.jet
+    Q[k, surface_contact.RADIUS] = effective_radius(bent, radius) if curved else radius
     write_normal(k, foot.normal, upper, Q)
     if foot.distance < radius + D[domain.REACH]:
-        write_derivatives(k, foot, radius, curved, upper, Q)
+        write_derivatives(k, foot, log_radius_gradient(foot, bent, radius) if curved else (0.0, 0.0, 0.0), upper, Q)
 
 
 @njit(**BARE_CHUNK)

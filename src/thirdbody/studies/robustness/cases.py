@@ -57,7 +57,7 @@ CASES = (
     Case("coincident_centres", "one centre: no normal", meeting.coincident_centres, BOTH, ("coulomb",), False),
     Case("one_plate_for_all", "bodies that meet share the load of one plate", meeting.under_one_plate, BOTH, swept=False),
     Case("light_on_heavy", "mass ratio 1e6 between plates", meeting.light_against_heavy, BOTH, swept=False),
-    Case("wavy_plate", "rolls from crest to valley: energy of the curvature", rough.wavy_plate, EXPLICIT, swept=False),
+    Case("wavy_plate", "rolls from crest to valley: energy of the curvature", rough.wavy_plate, BOTH, swept=False),
     Case("narrow_groove", "a groove narrower than a sphere: two contacts", rough.narrow_groove, BOTH, swept=False),
     Case("step_of_a_file", "a step in a measured surface: no normal", rough.step_of_a_file, BOTH, LEVELS[:2], False),
     Case("sharp_valleys", "valleys sharper than a sphere: contacts come and go", rough.sharp_valleys, BOTH, swept=False),

@@ -44,7 +44,7 @@ Profile = Callable[[np.ndarray], np.ndarray]
 def wavy_plate(trial: Trial) -> None:
     """A ball rolls from a crest into a valley: it keeps to the surface, and its forces go along the chord of its contacts.
 
-    Known failure: the implicit integrator holds the same, but takes a minute and more for it, against a second explicitly.
+    The crest is a border between cells of the spline, which traps a sphere where the gradient force jumps.
     """
     wave = Sine(amplitude=0.15 * MICRON, wavelength=8.0 * MICRON, phase=math.pi)  # a valley at the origin, a crest in the middle
     run = trial.start(_dragged(trial, Waves(wave=(wave,)), 0.3, 0.2))
