@@ -50,7 +50,7 @@ def laws() -> str:
     every = sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name))
     lines = ["| law | stage | options | integrators | source |", "|---|---|---|---|---|"]
     for law in every:
-        integrators = "explicit" if law.reach or (law.tangent is None and law.stage in STIFF) else "both"
+        integrators = "explicit" if law.tangent is None and (law.stage in STIFF or law.reach) else "both"
         lines.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
     return "\n".join(lines)
 

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from thirdbody.assembly import upper_plate
+from thirdbody.assembly.simulation import build
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.upper_plate import Schedule, Segment
+from thirdbody.kernels.columns import record
+from thirdbody.kernels.schedule import TRIANGLE
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.kernel_data import Contact, Normal
 from thirdbody.laws.registry import discover
+from thirdbody.scene.model import Contact as ContactTable
+from thirdbody.scene.model import Effects, Solver
 
 ADHESION = discover().effects["adhesion"]
 STEEL = Material("steel", 210e9 / 2.6, 0.3, 7850.0)
@@ -135,3 +143,27 @@ def test_the_load_of_friction(model, factor):
     assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(left)
     apart = Normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert plain(chosen.added_load)(contact(0.0), apart, p) == 0.0
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator):
+    """From a gap to 0.5 nm deep in both plates and back, at 0.9 mm/s: both necks form and break."""
+    gap, depth, period = 2.0004e-6, 1.4e-9, 3.2e-6
+    path = Segment(0.0, TRIANGLE, gap, -depth, 1.0 / period)
+    monkeypatch.setattr(upper_plate, "schedule", lambda scene, start: Schedule(gap=(path,)))
+    scene = make.scene(
+        [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL}, lower="ball", restitution=0.5,
+        upper=make.UpperPlate(material="ball", gap=gap, closing=1e-3),
+        contact=ContactTable(law="hertz_mindlin", level="frictionless"),
+        effects=Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
+        solver=Solver(duration=period, integrator=integrator),
+    )  # fmt: skip
+    simulation = build(scene)
+    ledger, pulls = Ledger(simulation.state), []
+    for k in range(1, 161):
+        simulation.integrator.advance_to(time=k / 160 * period)
+        ledger.watch(simulation.state)
+        pulls.append(float(simulation.state.slots.R[:, record.NORMAL_FORCE].min(initial=0.0)))
+    assert min(pulls) == pytest.approx(-PULL_OFF, rel=4e-3)  # where it is flat: one output of 20 ns, 9 pm, from the largest
+    lines = ledger.lines(simulation.state)
+    assert lines["adhesion"] == pytest.approx(2.0 * LOST, rel=1e-8)

@@ -202,8 +202,8 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
     upper = state.world.upper
     if upper is None:
         return "no upper plate holds the bodies"
-    if choice.chain.reaching:
-        return f"{', '.join(choice.chain.reaching)} acts before bodies touch, which an implicit step does not have"
+    if choice.chain.reaching and (state.lower_surface.size or state.upper_surface.size):
+        return f"{', '.join(choice.chain.reaching)} acts beyond touch, which an implicit step on rough plates does not have"
     if bare:
         return f"{', '.join(bare)} has no tangent"
     if late:

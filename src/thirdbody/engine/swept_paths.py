@@ -20,13 +20,13 @@ def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numb
     """
     paths = ROUNDED * swept[:, sphere_path.LENGTH]
     usual = min(float(paths.max()), OUTLIER * float(np.quantile(paths, 0.99)))
-    own, partner = search_pairs(state, 2.0 * usual)
+    own, partner = search_pairs(state, 2.0 * usual + float(state.D[domain.REACH]))
     if np.any(paths > usual):
         own, partner = _with_fast(state, paths, np.flatnonzero(paths > usual), own, partner)
     # a body that chatters has a long path in a small box, one that slides a straight path in a large one
-    near = _gaps_of_boxes(state, swept, own, partner) <= 0.0
+    near = _gaps_of_boxes(state, swept, own, partner) <= state.D[domain.REACH]
     own, partner = own[near], partner[near]
-    near = _smallest_gaps(state, positions, paths, own, partner) <= 0.0
+    near = _smallest_gaps(state, positions, paths, own, partner) <= state.D[domain.REACH]
     return own[near], partner[near]
 
 

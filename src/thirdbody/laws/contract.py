@@ -26,7 +26,8 @@ The arrays are private to the law and valid during the call only.
 
 Bodies act on each other from first touch on (overlap > 0), unless a normal or adhesion law has a `reach`: its kernel then sees
 overlaps down to minus the reach, and returns no force and no energy from there outward; all other laws see an overlap of zero
-where it is negative. A time step must resolve the reach. The implicit integrator and `balance` refuse such laws.
+where it is negative. A time step must resolve the reach. `balance` refuses such laws, and the implicit integrator
+on rough plates.
 
 Friction feels the sum of the normal stages. A normal or adhesion law may add to it by `added_load(c, n, p)` [N], which must not
 depend on the overlap: adhesion presses the surfaces together.

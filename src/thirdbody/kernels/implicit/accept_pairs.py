@@ -53,7 +53,7 @@ def pair_opening_work(k, context, motion, box):
     f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
     f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
     before = context.initial_overlaps[k]
-    fraction = before / max(before - overlap, 1e-300)
+    fraction = before / max(before - overlap - box.reach, 1e-300)
     return -0.5 * fraction * motion.dt * (f_x * (v[0] - u[0]) + f_y * (v[1] - u[1]) + f_z * (v[2] - u[2]))
 
 

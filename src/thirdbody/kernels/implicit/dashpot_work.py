@@ -11,40 +11,39 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels.columns import contact_state, law_input, law_output, record, rolling_input, rolling_output, step_settings
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.contact_dissipation import has_dashpot_moments
+from thirdbody.kernels.implicit.residual import depth_at
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_twist
 
 
 @njit(**BARE)
-def mean_velocity_factor(q, dt, before, I):  # noqa: E741
+def mean_velocity_factor(q, dt, before, context, I):  # noqa: E741
     """Return the mean velocity of contact q in the step over that at its end, in [0, 2]."""
     n = I[law_input.NORMAL_VELOCITY * TILE + q]
     x = I[law_input.VELOCITY_X * TILE + q]
     y = I[law_input.VELOCITY_Y * TILE + q]
     square = n * n + x * x + y * y
-    along = (
-        -n * (I[law_input.OVERLAP * TILE + q] - before) + x * I[law_input.SLIP_X * TILE + q] + y * I[law_input.SLIP_Y * TILE + q]
-    )
+    along = -n * (depth_at(q, context, I) - before) + x * I[law_input.SLIP_X * TILE + q] + y * I[law_input.SLIP_Y * TILE + q]
     return min(max(along / (dt * square), 0.0), 2.0) if square > 0.0 else 1.0
 
 
 @njit(**BARE)
-def loss_of_end(q, before, dt, tile):
+def loss_of_end(q, before, dt, context, tile):
     """Return the energy [J] that the dashpots of contact q dissipate by their forces at the end of the step."""
-    return tile.outputs[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before, tile.inputs) * dt
+    return tile.outputs[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before, context, tile.inputs) * dt
 
 
 @njit(**BARE)
 def loss_of_mean(q, before, context, tile):
     """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; at least 0.
 
-    `before`: overlap at the start of the step [m]; a contact that closes moves with its dashpots by its overlap.
+    `before`: overlap plus reach at the start of the step [m]; a contact that closes moves with its dashpots by its overlap.
     """
     I, O = tile.inputs, tile.outputs  # noqa: E741
     n, x, y = unpack_triple(I[(law_input.HISTORY + context.dashpots) * TILE + q])
     new, displaced = (law_output.HISTORY + context.n_history) * TILE + q, (law_input.HISTORY + context.n_history) * TILE + q
-    work = (n + O[new + rolling_output.VISCOUS_NORMAL * TILE]) * (max(before, 0.0) - I[law_input.OVERLAP * TILE + q])
+    work = (n + O[new + rolling_output.VISCOUS_NORMAL * TILE]) * (max(before, 0.0) - depth_at(q, context, I))
     work += (x + O[new + rolling_output.VISCOUS_X * TILE]) * I[law_input.SLIP_X * TILE + q]
     work += (y + O[new + rolling_output.VISCOUS_Y * TILE]) * I[law_input.SLIP_Y * TILE + q]
     if has_dashpot_moments(context):
@@ -80,9 +79,9 @@ def has_forces(context):
 def dashpot_loss(q, k, before, of_mean, dt, context, tile):
     """Return the energy [J] that the dashpots of contact q, candidate k, dissipate in the step; keep their forces.
 
-    `before`: overlap at the start of the step [m]; `of_mean`: whether forces are continuous in the step. A contact without
-    normal force is about to open: its dashpot cancels the elastic force and dissipates what that releases. To be called before
-    the history and the record of the contact are overwritten.
+    `before`: overlap plus reach at the start of the step [m]; `of_mean`: whether forces are continuous in the step. A contact
+    without normal force is about to open: its dashpot cancels the elastic force and dissipates what that releases. To be called
+    before the history and the record of the contact are overwritten.
     """
     R, O = context.R, tile.outputs  # noqa: E741
     if context.dashpots >= 0:
@@ -91,7 +90,7 @@ def dashpot_loss(q, k, before, of_mean, dt, context, tile):
         return R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q]
     if of_mean and has_forces(context):
         return loss_of_mean(q, before, context, tile)
-    return loss_of_end(q, before, dt, tile)
+    return loss_of_end(q, before, dt, context, tile)
 
 
 @njit(**BARE)

@@ -14,6 +14,7 @@ from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     contact_state,
+    domain,
     law_input,
     law_output,
     rolling_input,
@@ -25,6 +26,7 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
+from thirdbody.kernels.implicit.residual import depth_at
 from thirdbody.kernels.plastic_work import friction_work_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
@@ -56,7 +58,7 @@ def weight_of_old(context, m, dt, active, space):
         return 0.5
     I, O, work_done, damped = space.tile.inputs, space.tile.outputs, 0.0, 0.0  # noqa: E741
     for q in range(m):
-        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[active.number]], dt, space.tile)
+        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[active.number]], dt, context, space.tile)
         work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
@@ -67,7 +69,7 @@ def weight_of_old(context, m, dt, active, space):
 def opening_work(k, before, context, motion):
     """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
-    Its force falls to zero. `before`: overlap [m] at the start of the step.
+    Its force falls to zero. `before`: overlap plus reach [m] at the start of the step.
     """
     S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
     r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(k, context)
@@ -79,7 +81,7 @@ def opening_work(k, before, context, motion):
     f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
     f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
     f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
-    fraction = before / max(before - first_body.overlap(k, context), 1e-300)
+    fraction = before / max(before - first_body.overlap(k, context) - context.D[domain.REACH], 1e-300)
     return -0.5 * fraction * motion.dt * (f_x * x + f_y * y + f_z * z)
 
 
@@ -96,7 +98,7 @@ def energy_of_contacts(m, tile):
 def contact_energy(q, tile):
     """Return friction limit times critical slip of contact q [J], at most N times overlap."""
     O = tile.outputs  # noqa: E741
-    pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * tile.inputs[q + law_input.OVERLAP * TILE]
+    pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * abs(tile.inputs[q + law_input.OVERLAP * TILE])
     return min(O[q + law_output.FRICTION_LIMIT * TILE] * O[q + law_output.CRITICAL_SLIP * TILE], pressed)
 
 
@@ -111,7 +113,7 @@ def work_difference(m, context, first, space):
 
 @njit(**BARE)
 def contact_difference(q, before, context, tile):
-    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap at the start of the step [m].
+    """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m].
 
     It is the difference between the work of the mean force and of the force at the end of the step, plus the effect of a
     changing contact radius (`GROWN`).
@@ -123,7 +125,7 @@ def contact_difference(q, before, context, tile):
     work_done += moment_work(q, context, tile)
     lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * work_done - O[q + law_output.STORED_TANGENTIAL * TILE]
     slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
-    fraction = math.sqrt(max(before, 0.0) / I[q + law_input.OVERLAP * TILE])
+    fraction = math.sqrt(max(before, 0.0) / depth_at(q, context, I))
     changed = GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
     return abs(lost - O[q + law_output.FRICTION_LOSS * TILE]) + changed
 

@@ -48,6 +48,7 @@ from thirdbody.kernels.implicit.residual import (
     contact_force,
     contact_moment,
     contact_point,
+    depth_at,
     frame_of,
     inertia_of,
     vector_at,
@@ -224,7 +225,7 @@ def contact_at(q, b, dt, context, rough, space):
     i, upper = context.own[k], is_upper(context.partner[k])
     before = space.before[k - context.edges[b]]
     rolling, frame = has_moments(context), frame_of(q, G)
-    fraction = closed_fraction(q, before, tile.inputs)
+    fraction = closed_fraction(q, before, context, tile.inputs)
     displacement = (
         dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
         tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
@@ -237,13 +238,13 @@ def contact_at(q, b, dt, context, rough, space):
         tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
         gradient_at(k, context) if rough else (0.0, 0.0, 0.0), normal_gradient_at(k, context) if rough else NO_TANGENT,
         displacement,
-        tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
+        tangent_at(q, before, context, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
         twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), upper,
     )  # fmt: skip
 
 
 @njit(**BARE)
-def tangent_at(q, before, tile):
+def tangent_at(q, before, context, tile):
     """Return the tangents of contact q; `before`: overlap at the start of the step [m], negative: a gap."""
     K, I = tile.tangents, tile.inputs  # noqa: E741
     xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
@@ -251,8 +252,8 @@ def tangent_at(q, before, tile):
     xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
     if before < 0.0:
         # the contact closes within the step: the fraction of the slip that counts grows with its overlap
-        overlap, fraction = I[law_input.OVERLAP * TILE + q], closed_fraction(q, before, I)
-        growth = -before / ((overlap - before) * (overlap - before)) / fraction
+        depth, fraction = depth_at(q, context, I), closed_fraction(q, before, context, I)
+        growth = -before / ((depth - before) * (depth - before)) / fraction
         xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
         yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy

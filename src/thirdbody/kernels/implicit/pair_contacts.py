@@ -63,7 +63,7 @@ def save_pair_overlaps(context, island):
     """Save the overlaps of all candidates of the island at the start of a step (`initial_overlaps`)."""
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
-        context.initial_overlaps[k] = pair_overlap(k, context, island.box)[0]
+        context.initial_overlaps[k] = pair_overlap(k, context, island.box)[0] + island.box.reach
 
 
 @njit(**BARE_CHUNK)
@@ -72,7 +72,7 @@ def gather_pairs(context, island, motion, pool):
     m = np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
-        if pair_overlap(k, context, island.box)[0] > 0.0:
+        if pair_overlap(k, context, island.box)[0] + island.box.reach > 0.0:
             pool.pair_slots[m // TILE, m % TILE] = k
             m += 1
     for t in range((m + TILE - 1) // TILE):
@@ -240,4 +240,4 @@ def turn_of_normals(m, pool):
 @njit(**BARE)
 def closed_part(q, k, context, tile):
     """Return the fraction of the step in which contact q, candidate k, was closed."""
-    return closed_fraction(q, context.initial_overlaps[k], tile.inputs)
+    return closed_fraction(q, context.initial_overlaps[k], context, tile.inputs)

@@ -87,7 +87,7 @@ def pair_contact(q, k, dt, context, island, tile):
         frame, contact_point(q, i, S, G), partner_point(q, j, S, G), G[q + geometry.ARM * TILE],
         G[q + geometry.PARTNER_ARM * TILE], 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - overlap), contact_force(q, tile),
         contact_moment(q, context, tile) if rolling else (0.0, 0.0, 0.0), displacement,
-        tangent_at(q, context.initial_overlaps[k], tile), rolling,
+        tangent_at(q, context.initial_overlaps[k], context, tile), rolling,
         rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
         twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), (FREEDOMS * a, FREEDOMS * b), scales,
     )  # fmt: skip

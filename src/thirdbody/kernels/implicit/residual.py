@@ -18,6 +18,7 @@ from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
+    domain,
     geometry,
     law_input,
     law_output,
@@ -143,7 +144,7 @@ def active_contacts(context, active, y, motion, space):
         update_surfaces(context.edges[b], context.edges[b + 1], context)
     for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
-        if first_body.overlap(k, context) <= 0.0:
+        if first_body.overlap(k, context) + context.D[domain.REACH] <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)
@@ -164,17 +165,23 @@ def active_contacts(context, active, y, motion, space):
 
 
 @njit(**BARE)
-def closed_fraction(q, before, I):  # noqa: E741
-    """Return the fraction of the step in which contact q was closed; `before`: overlap at its start [m], negative: a gap."""
-    overlap = I[law_input.OVERLAP * TILE + q]
-    return overlap / (overlap - before) if before < 0.0 else 1.0
+def depth_at(q, context, I):  # noqa: E741
+    """Return overlap plus reach of contact q [m]: laws act where it is positive."""
+    return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
+
+
+@njit(**BARE)
+def closed_fraction(q, before, context, I):  # noqa: E741
+    """Return the fraction of the step in which contact q was within reach; `before`: `depth_at` its start [m], < 0: not yet."""
+    depth = depth_at(q, context, I)
+    return depth / (depth - before) if before < 0.0 else 1.0
 
 
 @njit(**BARE)
 def scale_slip(q, before, context, I):  # noqa: E741
     """Scale slip, rotation and travel of contact q where it closes within the step."""
     if before < 0.0:
-        fraction, at = closed_fraction(q, before, I), (law_input.HISTORY + context.n_history) * TILE + q
+        fraction, at = closed_fraction(q, before, context, I), (law_input.HISTORY + context.n_history) * TILE + q
         I[law_input.SLIP_X * TILE + q] *= fraction
         I[law_input.SLIP_Y * TILE + q] *= fraction
         if context.rolling > 0:

@@ -211,10 +211,10 @@ def rotation_of(y, Z):
 
 @njit(**BARE)
 def initial_overlaps(b, context, before):
-    """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
+    """Write overlap plus reach [m] of body b's candidates at the start of the step; negative: out of reach."""
     for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
-        before[k - context.edges[b]] = first_body.overlap(k, context)
+        before[k - context.edges[b]] = first_body.overlap(k, context) + context.D[domain.REACH]
 
 
 @njit(**BARE)

@@ -40,22 +40,22 @@ class Chain:
 
     @cached_property
     def tangents(self) -> Callable | None:
-        """Tangents with history, dashpots included (`tangents`); None if a law has no tangent, or acts before the bodies touch.
+        """Tangents with history, dashpots included (`tangents`); None if a law has no tangent.
 
         Compiled on first use: the explicit integrator never needs them.
         """
-        if self.stiffness is None or self.reaching:
+        if self.stiffness is None or self.without_tangent:
             return None
         return load_module("tangents", module_text(self.laws, tangents=True), _functions(self.laws))[0].tangents
 
     @property
     def without_tangent(self) -> tuple[str, ...]:
-        """Names of the laws without the tangent that their stage requires: they run in the explicit integrator only."""
-        return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
+        """Names of the laws without the tangent that they require: they run in the explicit integrator only."""
+        return tuple(law.name for law in self.laws if law.tangent is None and (law.stage in STIFF or law.reach))
 
     @property
     def reaching(self) -> tuple[str, ...]:
-        """Names of the laws that act before the bodies touch: they run in the explicit integrator only."""
+        """Names of the laws that act before the bodies touch, or on after it."""
         return tuple(law.name for law in self.laws if law.reach)
 
     @property
