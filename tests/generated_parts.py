@@ -72,6 +72,18 @@ def effects() -> str:
     return "\n".join(lines)
 
 
+def measures() -> str:
+    """Return the table of all measures with their options, what they give bodies and maps, and their sources."""
+    from thirdbody.laws.measures import layout_of
+
+    lines = ["| measure | options | arrays of bodies | maps | source |", "|---|---|---|---|---|"]
+    for measure in _registry().measures.values():
+        layout = layout_of([measure])
+        names, maps = (", ".join(f"`{entry.name}`" for entry in entries) for entries in (layout.bodies, layout.maps))
+        lines.append(f"| `{measure.name}` | {_options(measure)} | {names} | {maps or '-'} | {measure.source} |")
+    return "\n".join(lines)
+
+
 def kinds() -> str:
     """Return the table of the installed kinds of debris with the first sentence of their docstring."""
     from thirdbody.scene.debris.registry import DebrisKinds
@@ -86,7 +98,9 @@ def law_data() -> str:
     from thirdbody import plugin
 
     lines = ["| tuple | field | meaning |", "|---|---|---|"]
-    for name in ("Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench"):
+    for name in (
+        "Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench", "ContactStep",
+    ):  # fmt: skip
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
         fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
         for k, (names, meaning) in enumerate(fields):
@@ -146,7 +160,7 @@ def sweep_results() -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "kinds": kinds,
+    "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures, "kinds": kinds,
     "sweep_keys": sweep_keys, "sweep_results": sweep_results,
     "law-data": law_data,
 }  # fmt: skip

@@ -4,6 +4,8 @@ A plug-in for laws and effects is a module with `PLUGIN = Plugin(...)`: installe
 or a file given to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs the conformance suite
 on it.
 
+A measure (`Measure`) reads what contacts do and changes nothing: `plugins/effects/wear.py` is one.
+
 A kind of debris is a class derived from `PlacedDebris`: `DEBRIS_KINDS = (Dumbbell,)` in a file given to `--plugin`, or an entry
 point of the group `thirdbody.debris_kinds`, whose name is that of the kind. `thirdbody shapes --list` shows it.
 
@@ -25,6 +27,7 @@ from thirdbody.kernels.columns import loaded_contact, observed_body
 from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FORECAST
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.columns.table import Table
+from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Options, Pair, Plugin, helper, kernel
 from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
@@ -32,6 +35,7 @@ from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Twist, Twisting, Wrench
+from thirdbody.laws.measures import Amount, Measure
 from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.patch_renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
@@ -55,12 +59,14 @@ __all__ = [
     "TANGENTIAL_DAMPING",
     "UPPER",
     "Adhesion",
+    "Amount",
     "Balance",
     "Body",
     "BodyEffect",
     "Choice",
     "Clump",
     "Contact",
+    "ContactStep",
     "Contacts",
     "DebrisKind",
     "Fault",
@@ -71,6 +77,7 @@ __all__ = [
     "LawFamily",
     "Load",
     "Material",
+    "Measure",
     "NO_FORECAST",
     "NoStaticState",
     "Normal",

@@ -24,25 +24,26 @@ _PREFIXES = {
 }  # fmt: skip
 
 _PREFIXED: dict[str, Unit] = {
-    "m": (Fraction(1), (1, 0, 0, 0, 0)),
-    "g": (Fraction(1, 1000), (0, 1, 0, 0, 0)),
-    "s": (Fraction(1), (0, 0, 1, 0, 0)),
-    "N": (Fraction(1), (1, 1, -2, 0, 0)),
-    "Pa": (Fraction(1), (-1, 1, -2, 0, 0)),
-    "bar": (Fraction(100_000), (-1, 1, -2, 0, 0)),
-    "J": (Fraction(1), (2, 1, -2, 0, 0)),
-    "W": (Fraction(1), (2, 1, -3, 0, 0)),
-    "Hz": (Fraction(1), (0, 0, -1, 0, 1)),
-    "rad": (Fraction(1), (0, 0, 0, 1, 0)),
+    "m": (Fraction(1), (1, 0, 0, 0, 0, 0)),
+    "g": (Fraction(1, 1000), (0, 1, 0, 0, 0, 0)),
+    "s": (Fraction(1), (0, 0, 1, 0, 0, 0)),
+    "N": (Fraction(1), (1, 1, -2, 0, 0, 0)),
+    "Pa": (Fraction(1), (-1, 1, -2, 0, 0, 0)),
+    "bar": (Fraction(100_000), (-1, 1, -2, 0, 0, 0)),
+    "J": (Fraction(1), (2, 1, -2, 0, 0, 0)),
+    "W": (Fraction(1), (2, 1, -3, 0, 0, 0)),
+    "Hz": (Fraction(1), (0, 0, -1, 0, 1, 0)),
+    "rad": (Fraction(1), (0, 0, 0, 1, 0, 0)),
+    "K": (Fraction(1), (0, 0, 0, 0, 0, 1)),
 }
 
 _PLAIN: dict[str, Unit] = {
-    "min": (Fraction(60), (0, 0, 1, 0, 0)),
-    "h": (Fraction(3600), (0, 0, 1, 0, 0)),
-    "deg": (_PI / 180, (0, 0, 0, 1, 0)),
-    "\N{DEGREE SIGN}": (_PI / 180, (0, 0, 0, 1, 0)),
-    "rpm": (_PI / 30, (0, 0, -1, 1, 0)),
-    "angstrom": (Fraction(1, 10**10), (1, 0, 0, 0, 0)),
+    "min": (Fraction(60), (0, 0, 1, 0, 0, 0)),
+    "h": (Fraction(3600), (0, 0, 1, 0, 0, 0)),
+    "deg": (_PI / 180, (0, 0, 0, 1, 0, 0)),
+    "\N{DEGREE SIGN}": (_PI / 180, (0, 0, 0, 1, 0, 0)),
+    "rpm": (_PI / 30, (0, 0, -1, 1, 0, 0)),
+    "angstrom": (Fraction(1, 10**10), (1, 0, 0, 0, 0, 0)),
     "%": (Fraction(1, 100), PURE),
 }
 
@@ -189,8 +190,8 @@ def _product(text: str, wanted: Dimension) -> Unit:
             raise ValueError(f"the unit '{text}' can be read in two ways: write / before each unit to divide by")
         unit, own = _symbol(match[2], wanted)
         power = int(match[3] or 1) * (-1 if match[1] == "/" else 1)
-        a, b, c, d, e = (x + power * y for x, y in zip(powers, own, strict=True))
-        factor, powers, divided, at = factor * unit**power, (a, b, c, d, e), divided or match[1] == "/", match.end()
+        a, b, c, d, e, f = (x + power * y for x, y in zip(powers, own, strict=True))
+        factor, powers, divided, at = factor * unit**power, (a, b, c, d, e, f), divided or match[1] == "/", match.end()
     return factor, powers
 
 

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from thirdbody import units
+from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest
 from thirdbody.laws.codegen.compile_errors import compile_error, foreign
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
 from thirdbody.laws.codegen.laws import Chain, compose
+from thirdbody.laws.codegen.measures import compose_measures
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
+from thirdbody.laws.measures import Measure, layout_of
 from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.field_types import as_float, show
@@ -35,6 +38,7 @@ class CompiledPhysics:
     rows: tuple[tuple[Any, ...], ...]
     off: tuple[str, ...]
     options: dict[str, dict[str, Any]]
+    measures: tuple[Measure, ...] = ()
 
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
@@ -56,6 +60,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     faults: list[Fault] = []
     family, level, laws = _family(scene, registry, faults)
     contact_effects, effects, values = _effects(scene, registry, faults)
+    measures, measure_values = _measures(scene, registry, faults)
     materials, pairs = _materials(scene)
     law_values = _law_options(scene, family, laws, faults)
     replaced = {law.sized(values[law.name]).replaces for law in contact_effects if not faults}
@@ -80,7 +85,9 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
-    return CompiledPhysics(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
+    if measures:
+        physics = replace(physics, measures=_compiled_measures(scene, measures, measure_values, pairs))
+    return CompiledPhysics(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options, measures)
 
 
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
@@ -92,6 +99,7 @@ def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
     except InputError as error:
         faults += error.faults
     _effects(scene, registry, faults)
+    _measures(scene, registry, faults)
     return faults
 
 
@@ -102,10 +110,13 @@ def states_of(scene: Scene, registry: Registry) -> tuple[str, ...]:
     return tuple(labeller.states) if labeller else ()
 
 
+MAX_CELLS = 4_000_000
+"""Largest number of cells of a map: it is written with every frame, 8 bytes each."""
+
 PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 
-def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
+def _mixed(law: Law | BodyEffect | Measure, *arguments: Any) -> Any:
     """Return the mixed parameters of a law. Raises UsageError for any exception of its mixing rule."""
     try:
         row = law.mix(*arguments)
@@ -117,7 +128,7 @@ def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
     return row
 
 
-def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller], problem: Exception) -> Exception:
+def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller | Measure], problem: Exception) -> Exception:
     """Return a UsageError for laws of which one is no valid kernel; return other problems unchanged."""
     reason, names = compile_error(problem), foreign(parts)
     return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
@@ -146,7 +157,8 @@ def _any_labeller(registry: Registry) -> Labeller | None:
 
 def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
     materials = tuple(
-        Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength) for name, m in scene.materials.items()
+        Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength, m.thermal_conductivity, m.heat_capacity)
+        for name, m in scene.materials.items()
     )
     by_name = {material.name: material for material in materials}
     pairs = tuple(
@@ -196,8 +208,55 @@ def _effects(
     return contact_effects, tuple(body_effects), values
 
 
+def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:
+    """Return the measures that the scene names, by name, and the option values of each."""
+    known, chosen = registry.measures, []
+    values: dict[str, dict[str, Any]] = {}
+    for name, given in sorted(scene.measures.named.items()):
+        location = ("measures", name)
+        if name not in known:
+            faults.append(scene.fault(location, f"no measure '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
+            continue
+        chosen.append(known[name])
+        values[name] = _effect_values(scene, known[name], given, location, faults)
+        for key in known[name].materials:
+            for material, properties in scene.materials.items():
+                if getattr(properties, key) is None:
+                    faults.append(
+                        scene.fault(("materials", material), f"required key '{key}' is missing: measures.{name} needs it")
+                    )
+    drawn = any(amount.map for measure in chosen for amount in measure.amounts)
+    if scene.measures.cell is not None and not drawn:
+        faults.append(scene.fault(("measures", "cell"), "no measure of this scene has a map"))
+    elif scene.measures.cell is not None and math.prod(cells_of(scene)) > MAX_CELLS:
+        faults.append(scene.fault(("measures", "cell"), f"makes {math.prod(cells_of(scene)):.3g} cells, at most {MAX_CELLS:.3g}"))
+    return tuple(chosen), values
+
+
+def cells_of(scene: Scene) -> tuple[int, int]:
+    """Return the number of cells of the maps along x and y; 0 without maps."""
+    cell, (l_x, l_y) = scene.measures.cell, scene.domain.size
+    return (0, 0) if cell is None else (max(1, round(l_x / cell)), max(1, round(l_y / cell)))
+
+
+def _compiled_measures(
+    scene: Scene, measures: Sequence[Measure], values: Mapping[str, Mapping[str, Any]], pairs: Sequence[Pair]
+) -> Measures:
+    """Compile measures. Raises InputError where two of them have an amount of one name, UsageError for kernels with faults."""
+    try:
+        layout = layout_of(measures)
+    except ValueError as problem:
+        raise InputError(scene.fault(("measures",), str(problem))) from None
+    try:
+        function = compose_measures(measures)
+    except Exception as problem:
+        raise _not_compiled(measures, problem) from problem
+    rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
+    return Measures(function, np.array(rows, float).ravel(), layout, cells_of(scene))
+
+
 def _effect_values(
-    scene: Scene, effect: Law | BodyEffect, given: Any, location: tuple[str, ...], faults: list[Fault]
+    scene: Scene, effect: Law | BodyEffect | Measure, given: Any, location: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
     """Return the option values of an effect, given as a table, its only value, or `true`."""
     names = [option.name for option in effect.options]

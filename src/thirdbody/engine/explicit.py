@@ -10,6 +10,7 @@ import numpy as np
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
+from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
 from thirdbody.engine.state import Array, Candidates, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
@@ -72,7 +73,7 @@ class Explicit:
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
-        self.packer = Packer(KINDS)
+        self.packer, self.measures = Packer(KINDS), arguments_of(state)
         self.agree: Callable[[Bound], Bound] = lambda bound: bound  # of the parts of a run on their bound of the time step
         self.independent = not coupling(state, True)
         if self.independent and state.world.rough:
@@ -109,6 +110,8 @@ class Explicit:
             if code == step_loop.Stop.RECORD:  # no step was done
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
                 continue
+            if code != step_loop.Stop.BUDGET or int(state.A[run_totals.STEPS]) % BUDGET == 0:
+                update_measures(state)  # at instants that do not depend on the wall time
             if code in (step_loop.Stop.SEARCH, step_loop.Stop.DONE) and number == 1:
                 search(state, code == step_loop.Stop.DONE)
                 self._tables()
@@ -192,7 +195,7 @@ class Explicit:
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots, physics.plastic,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
-            self.law, self.effects, self.observe, s.update_surfaces, self.work,
+            self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,
         )  # fmt: skip
         return self.packer(given)
 

@@ -10,6 +10,7 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.implicit_surfaces import find_minima, surface_updates
 from thirdbody.engine.labels import labels
+from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
+from thirdbody.engine.plate_copies import own_patches
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
@@ -121,7 +124,7 @@ class Implicit:
         self.drag = np.array(self.schedule.direction())
         times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
         self.rayleigh = float(times.min())
-        _own_patches(state)
+        own_patches(state)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
         # of bodies under a common plate (`implicit_common_plate`)
         self.starts, self.ends = np.zeros((0, step_start.WIDTH)), np.zeros((0, FREEDOMS))
@@ -141,6 +144,7 @@ class Implicit:
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
         self._tangent, self._pack, self._surface_updates = address(tangents, LAW), Packer(KINDS), surface_updates(state)
+        self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = self.memory.copy(), ""  # counters and text of the last `describe_limit`
 
@@ -199,11 +203,21 @@ class Implicit:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
-                begun, before = clock.perf_counter(), self.memory[first:last, step_memory.TRIES].sum()
-                self.advance_bodies(first, last, until, max(FEW, CALL * self.pace / waiting))
-                done = self.memory[first:last, step_memory.TRIES].sum() - before
-                self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
+                self._call(waiting, partial(self.advance_bodies, first, last, until))
                 watch()
+        self._collect()
+
+    def _call(self, bodies: int, advance: Callable[[float], None]) -> None:
+        """Advance so many bodies by one compiled call; of one trial step, if measures map where they are then."""
+        begun, before = clock.perf_counter(), self.memory[:, step_memory.TRIES].sum()
+        advance(1.0 if self._mapped else max(FEW, CALL * self.pace / bodies))
+        self.pace = float(self.memory[:, step_memory.TRIES].sum() - before) / max(clock.perf_counter() - begun, 1e-9)
+        if self._mapped:
+            self._collect()
+
+    def _collect(self) -> None:
+        """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
+        update_measures(self.state)
 
     def _until(self, until: float) -> float:
         """Return the time [s], at most `until`, to which all bodies are advanced next."""
@@ -261,7 +275,7 @@ class Implicit:
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
-                accept_surfaces=self._surface_updates[1], paths=self.paths,
+                accept_surfaces=self._surface_updates[1], paths=self.paths, **self._measures,
             )
         )  # fmt: skip
 
@@ -282,17 +296,12 @@ class Implicit:
         A = self.state.A
         summed = self._summed()
         for column in (
-            run_totals.FRICTION_WORK,
-            run_totals.DAMPING_WORK,
-            run_totals.PLATE_WORK,
-            run_totals.PLATE_WORK_SIZE,
-            run_totals.EFFECT_WORK,
-            run_totals.NUMERICAL_LOSS,
-            run_totals.STEPS,
+            run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.PLATE_WORK_SIZE,
+            run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS, run_totals.STEPS,
             *range(run_totals.UPPER_IMPULSE, run_totals.UPPER_IMPULSE + 6),
             *range(run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 6),
             *range(run_totals.DIRECT_WORK, run_totals.DIRECT_FORCE + 3),
-        ):
+        ):  # fmt: skip
             A[column] = summed[column]
         A[run_totals.TIME], A[run_totals.DISTANCE] = time, distance
         ahead = self.totals[int(np.argmax(self.totals[:, run_totals.TIME]))]
@@ -390,10 +399,3 @@ class Implicit:
         """Return text that names a body by its number in the scene and its position."""
         where = ", ".join(f"{x:.4g}" for x in self.state.bodies.position[number])
         return f"body {self.state.order[number]} at ({where}) m"
-
-
-def _own_patches(state: State) -> None:
-    """Give each body a copy of a plate of prescribed height, since bodies are at different times."""
-    if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
-        state.P = np.repeat(state.P, state.n_bodies, axis=0)
-        state.patch = np.arange(state.n_bodies)

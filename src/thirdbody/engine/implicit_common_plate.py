@@ -14,6 +14,7 @@ import numpy as np
 
 from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit import BATCH, Implicit
+from thirdbody.engine.plate_copies import one_plate
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
@@ -55,7 +56,7 @@ class ImplicitCommonPlate(Implicit):
     """`Implicit` for a state whose last patch is a free plate carried by all bodies."""
 
     def __init__(self, state: State, *arguments, **options) -> None:
-        _one_plate(state)
+        one_plate(state)
         super().__init__(state, *arguments, **options)
         n = state.n_bodies
         self.starts, self.ends = np.zeros((n, step_start.WIDTH)), np.zeros((n, FREEDOMS))
@@ -90,6 +91,7 @@ class ImplicitCommonPlate(Implicit):
     def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         while self.totals[0, run_totals.TIME] < until:
             self._step(until)
+            self._collect()
             self._refuse_stopped()
             # counted from the start of the run, so that a resumed run calls `watch` at the same instants
             noted = int(self.totals[0, run_totals.STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
@@ -240,14 +242,3 @@ class ImplicitCommonPlate(Implicit):
 
     def _summed(self) -> Array:
         return super()._summed() + self.plate
-
-
-def _one_plate(state: State) -> None:
-    """Move a rigid plate to the last row of the patches and give every body a copy that follows it."""
-    if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
-        return
-    copies = np.repeat(state.P, state.n_bodies, axis=0)
-    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
-        copies[:, column] = 0.0
-    state.P = np.concatenate([copies, state.P])
-    state.patch = np.arange(state.n_bodies)

@@ -56,3 +56,4 @@ class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
         for name, table in self._tables().items():
             table[:] = self._saved[name]
         self._begin_paths(np.ones(self.state.n_spheres, bool))
+        self._deposits = []

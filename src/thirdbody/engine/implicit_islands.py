@@ -6,7 +6,6 @@ paths of all spheres are checked. Where two spheres that were no candidates may 
 of the stride and are advanced again as one. So the result does not depend on how far bodies were expected to move.
 """
 
-import time as clock
 from collections.abc import Callable
 from typing import Any
 
@@ -14,8 +13,9 @@ import numba
 import numpy as np
 
 from thirdbody.engine.expected_islands import LARGEST, MARGIN, island_stride
-from thirdbody.engine.implicit import CALL, FEW, Implicit
+from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.islands import Islands, islands_of
+from thirdbody.engine.measures import collect_measures, deposit_on_maps
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.swept_paths import may_have_touched
@@ -51,6 +51,7 @@ class ImplicitIslands(Implicit):
         self._pack_tables = Packer(TABLES)
         self.islands: Islands
         self._saved: dict[str, Array] = {}
+        self._deposits: list[Array] = []  # of this stride, on maps of measures
 
     def start(self) -> None:
         """As `Implicit.start`."""
@@ -99,6 +100,9 @@ class ImplicitIslands(Implicit):
             if not len(own):
                 break
             self._repeat(own, partner)
+        for deposits in self._deposits:
+            deposit_on_maps(self.state, deposits)
+        self._deposits = []
         largest = max(self.counts[1], self._recent[1])
         self.counts += self._recent
         self.counts[1] = largest
@@ -116,11 +120,14 @@ class ImplicitIslands(Implicit):
             codes[waiting] = Stop.NONE
         parts, tables, context = self.islands.parts, self._pack_tables(self.islands.tables), self._context()
         while going := self._going(until):
-            begun, before = clock.perf_counter(), self.memory[:, step_memory.TRIES].sum()
-            _driver()(parts, until, max(FEW, CALL * self.pace / going), context, tables)
-            done = self.memory[:, step_memory.TRIES].sum() - before
-            self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
+            self._call(going, lambda tries: _driver()(parts, until, tries, context, tables))
             watch()
+        self._collect()
+
+    def _collect(self) -> None:
+        """As in `Implicit`, but deposits wait until the stride is accepted: bodies may yet go back to its start."""
+        deposits = collect_measures(self.state)
+        self._deposits += [deposits] if len(deposits) else []
 
     def _going(self, until: float) -> int:
         """Return the number of bodies in islands that have not reached a time [s] and have not stopped."""
@@ -205,6 +212,7 @@ class ImplicitIslands(Implicit):
         """Return all tables that steps change, by name."""
         tables = {name: getattr(self.state, name) for name in STATE}
         tables |= {name: getattr(self.state.slots, name) for name in SLOTS}
+        tables |= {"W": self.state.W} if self.state.physics.measures else {}
         return tables | {"totals": self.totals, "memory": self.memory}
 
     def _save(self) -> None:
@@ -214,7 +222,7 @@ class ImplicitIslands(Implicit):
 
     def _name_saved(self) -> None:
         """Name the copies as `engine.snapshot` does."""
-        prefix = dict.fromkeys(STATE, "") | dict.fromkeys(SLOTS, "slots_")
+        prefix = dict.fromkeys((*STATE, "W"), "") | dict.fromkeys(SLOTS, "slots_")
         self.earlier = {prefix.get(name, "integrator_") + name: table for name, table in self._saved.items()}
 
     def _put_back(self, bodies: np.ndarray) -> None:
@@ -228,6 +236,7 @@ class ImplicitIslands(Implicit):
         for name, table in tables.items():
             table[rows[name]] = self._saved[name][rows[name]]
         self._begin_paths(rows["S"])
+        self._deposits = [rows[~bodies[rows[:, 0].astype(int)]] for rows in self._deposits]
 
 
 def _driver() -> Callable:

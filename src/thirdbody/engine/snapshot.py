@@ -76,7 +76,8 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
 
 def _fixed(state: State) -> dict[str, Array]:
     """Return the tables `FIXED` by name."""
-    return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B}
+    measured = {"W": state.W, "maps": state.maps} if state.physics.measures else {}
+    return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B} | measured
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:

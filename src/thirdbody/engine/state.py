@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
@@ -38,9 +39,8 @@ Ints = NDArray[np.int64]
 Numbers = NDArray[np.int32]
 """Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
 
-
 FLAT = np.zeros(0)
-"""Heights of a flat plate: none."""
+"""Heights of a flat plate."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,7 @@ class Physics:
     stride: int
     labels: bool
     outputs: int
+    measures: Measures | None = None
 
     @cached_property
     def stiffness_at(self) -> int:
@@ -180,7 +181,7 @@ class State:
 
     S may be the same array as B (`unite`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
     the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and patches have inertia,
-    thus kinetic energy.
+    thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
     """
 
     world: World
@@ -205,6 +206,8 @@ class State:
     slots: Candidates
     skin: float
     order: Ints
+    W: Array = field(default_factory=nothing_measured)
+    maps: Array = field(default_factory=no_maps)
     dt: float = 0.0
     searches: int = 0
     summed: bool = False
@@ -301,8 +304,9 @@ def empty_slots(memory: int, record: int) -> Candidates:
 
 
 def memory_columns(physics: Physics) -> int:
-    """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies."""
-    return max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH) + 2 * physics.contact_memory
+    """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies, columns of the measures."""
+    laws = max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH)
+    return laws + 2 * physics.contact_memory + (physics.measures.layout.width if physics.measures else 0)
 
 
 def table(rows: int, columns: int) -> Array:
@@ -350,6 +354,8 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         slots=empty_slots(memory_columns(physics), record_width(physics.rolling)), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )  # fmt: skip
+    if physics.measures:
+        state.W, state.maps = physics.measures.tables(n_bodies)
     refresh_spheres(state)
     return state
 

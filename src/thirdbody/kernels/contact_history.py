@@ -23,9 +23,12 @@ def spring_energy(k, context):
 
 @njit(**BARE)
 def reset_history(k, context):
-    """Clear the history of a contact that opened. Returns the energy of its springs (`spring_energy`), which is dissipated."""
+    """Clear the history of a contact that opened. Returns the energy of its springs (`spring_energy`), which is dissipated.
+
+    What measures have summed stays until it is collected (`engine.measures`).
+    """
     lost, H = spring_energy(k, context), context.H
-    for h in range(H.shape[1]):
+    for h in range(H.shape[1] - context.measured):
         H[k, h] = 0.0
     return lost
 

@@ -6,6 +6,7 @@ from numba import types
 
 from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels.bundles import Step
+from thirdbody.kernels.contact_step import ContactStep
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")
@@ -22,6 +23,9 @@ OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
 
 LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
 """label(contacts of the body, their number, body, memory, out)"""
+
+MEASURE = types.void(types.NamedUniTuple(types.float64, len(ContactStep._fields), ContactStep), _I, _TABLE, _I, _I, _ROW)
+"""measure(what the contact did, row of the pair, histories, candidate, first column of the measures, parameters)"""
 
 _S2 = types.Array(types.int32, 2, "C")
 KINDS: Kinds = {
@@ -41,6 +45,8 @@ KINDS: Kinds = {
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "rolling", "force", "moment", "twist", "stored", "dashpots", "plastic", "width"), _I),
     **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
+    # measures: columns of a contact (0: none), address, parameters
+    "measured": _I, "measure": _I, "measure_parameters": _ROW,
 }  # fmt: skip
 """Types of all arguments of a step, by name."""
 

@@ -52,13 +52,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
 from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
 from thirdbody.kernels.columns.table import Column
+
+if TYPE_CHECKING:
+    from thirdbody.laws.measures import Measure
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling", "twisting")
 STIFF = ("normal", "tangential", "rolling", "twisting")
@@ -82,6 +85,8 @@ class Material:
     poisson_ratio: float
     density: float
     yield_strength: float | None = None
+    thermal_conductivity: float | None = None
+    heat_capacity: float | None = None
 
 
 @dataclass(frozen=True)
@@ -242,4 +247,5 @@ class Plugin:
     name: str
     families: tuple[LawFamily, ...] = ()
     effects: tuple[Law | BodyEffect, ...] = ()
+    measures: tuple[Measure, ...] = ()
     source: str = ""

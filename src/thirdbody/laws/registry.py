@@ -14,6 +14,7 @@ from types import MappingProxyType, ModuleType
 
 from thirdbody.errors import OutputError, UsageError
 from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin
+from thirdbody.laws.measures import Measure
 from thirdbody.system.module_import import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
@@ -38,6 +39,11 @@ class Registry:
     def effects(self) -> dict[str, Law | BodyEffect]:
         """Effects by name."""
         return {effect.name: effect for plugin in self.plugins for effect in plugin.effects}
+
+    @property
+    def measures(self) -> dict[str, Measure]:
+        """Measures by name."""
+        return {measure.name: measure for plugin in self.plugins for measure in plugin.measures}
 
     @property
     def laws(self) -> dict[str, Law]:
@@ -101,7 +107,7 @@ def load_file(path: Path) -> Plugin:
 def _refuse_doubles(plugins: Iterable[Plugin]) -> None:
     owners: dict[str, str] = {}
     for plugin in plugins:
-        names = [family.name for family in plugin.families] + [effect.name for effect in plugin.effects]
+        names = [family.name for family in plugin.families] + [thing.name for thing in (*plugin.effects, *plugin.measures)]
         for name in names:
             if name in owners:
                 raise UsageError(f"plug-ins '{owners[name]}' and '{plugin.name}' both bring '{name}'")

@@ -95,7 +95,8 @@ def compute_coloring(
     if tubes is not None:
         known = np.concatenate([known, tubes[np.isfinite(tubes)]]) if name in bodies else known
     limits = scale.limits or ((float(known.min()), float(known.max())) if len(known) else (0.0, 0.0))
-    return Coloring(values, Legend(_in_words(color), limits=limits, unit=ARRAY_UNITS.get(color, "")), tubes=tubes)
+    unit = ARRAY_UNITS.get(color) or run.header["units"].get(color, "")
+    return Coloring(values, Legend(_in_words(color), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
 
 
 def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: frozenset[int]) -> Coloring:

@@ -87,7 +87,7 @@ def neighbours(built: Simulation) -> tuple[float, float]:
 
 def _laws(built: Simulation) -> list[dict[str, Any]]:
     """Return the contact laws: those in use, and those that no pair uses."""
-    contacts = max(1, 2 * built.state.n_bodies)
+    contacts = contacts_of(built)
     rows = []
     for law in built.choice.chain.laws:
         rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * law_cost(law)))
@@ -108,7 +108,16 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
             weight = _weight_over_load(built)
             reason = f"weight/load = {weight:.1g}; effects.gravity switches it on" if math.isfinite(weight) else reason
         rows.append(_row(f"effect: {name}", name in on, reason, NS["body"] * built.state.n_bodies))
+    for name in discover().measures:
+        named = name in {measure.name for measure in built.choice.measures}
+        reason = "the scene names it" if named else "the scene does not name it"
+        rows.append(_row(f"measure: {name}", named, reason, NS["law"] * contacts_of(built)))
     return rows
+
+
+def contacts_of(built: Simulation) -> int:
+    """Return the expected number of contacts."""
+    return max(1, 2 * built.state.n_bodies)
 
 
 def _machinery(built: Simulation) -> list[dict[str, Any]]:

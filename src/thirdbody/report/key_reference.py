@@ -11,6 +11,7 @@ from pathlib import Path
 from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import EXIT_CODES, UsageError, nearest
 from thirdbody.laws.contract import Labeller, Option
+from thirdbody.laws.measures import layout_of
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.keys import Key, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
@@ -23,7 +24,7 @@ NAME_HEADINGS = ("name", "unit", "meaning")
 def all_keys(registry: Registry) -> list[Key]:
     """Return every key of a scene file, those of the installed laws and effects after the others of their table."""
     keys = scene_keys(Scene.model_json_schema())
-    options = merged(_law_options(registry)) + merged(_effect_options(registry))
+    options = merged(_law_options(registry)) + merged(_effect_options(registry)) + merged(_measure_options(registry))
     last = {key.path.split(".")[0]: position for position, key in enumerate(keys)}
     return sorted([*keys, *options], key=lambda key: last[key.path.split(".")[0]])
 
@@ -40,6 +41,12 @@ def _effect_options(registry: Registry) -> Iterator[Key]:
         if name not in Scene.model_fields["effects"].annotation.model_fields:  # type: ignore[union-attr]
             for option in effect.options:
                 yield _option_key(f"effects.{name}.{option.name}", option, ())
+
+
+def _measure_options(registry: Registry) -> Iterator[Key]:
+    for name, measure in registry.measures.items():
+        for option in measure.options:
+            yield _option_key(f"measures.{name}.{option.name}", option, ())
 
 
 def _option_key(path: str, option: Option, tables: tuple[str, ...]) -> Key:
@@ -63,6 +70,12 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
     for labeller in {id(one): one for family in registry.families.values() if (one := family.labeller)}.values():
         tables["series"] |= {f"fraction_{state}": FRACTION for state in labeller.states}
         tables["bodies"] |= _labels(labeller)
+    tables["maps"] = {}
+    for measure in registry.measures.values():
+        layout = layout_of([measure])
+        tables["bodies"] |= {column.name: Name(column.unit, _sentence(column.doc)) for column in layout.bodies}
+        tables["contacts"] |= {name: Name(unit, "The same of the contact, since it closed.") for name, unit, _ in layout.maxima}
+        tables["maps"] |= {entry.name: Name(entry.unit, f"{_sentence(entry.doc)} Per area of a cell.") for entry in layout.maps}
     return tables
 
 

@@ -309,10 +309,16 @@ def laws_report(registry: Registry, json: bool) -> None:
         {"effect": name, "options": ", ".join(f"{o.name} ({o.dimension})" for o in effect.options), "source": effect.source}
         for name, effect in registry.effects.items()
     ]
+    measures = [
+        {"measure": name, "options": ", ".join(f"{o.name} ({o.dimension})" for o in measure.options), "source": measure.source}
+        for name, measure in registry.measures.items()
+    ]
     if json:
-        print_json({"families": families, "laws": laws, "effects": effects, "failures": dict(registry.failures)})
+        all_failures = dict(registry.failures)
+        print_json({"families": families, "laws": laws, "effects": effects, "measures": measures, "failures": all_failures})
         return
-    for title, rows in (("law families", families), ("laws", laws), ("effects (named in [effects], else absent)", effects)):
+    named = (("effects (named in [effects], else absent)", effects), ("measures (named in [measures], else absent)", measures))
+    for title, rows in (("law families", families), ("laws", laws), *named):
         if rows:
             table(title, tuple(rows[0]), [[str(value) for value in row.values()] for row in rows])
             print()

@@ -98,6 +98,7 @@ def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
+    yield from report.get("measure_warnings") or ()
     damped, energy = report.get("damping_share"), report.get("energy") or {}
     friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
     if damped is not None and damped > DAMPED and friction > RUBBED:

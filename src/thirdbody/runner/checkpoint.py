@@ -85,6 +85,11 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     kernels = [f for law in chain.laws for f in (law.kernel, law.tangent) if f is not None]
     prints["the contact laws"] = f"{_named(chain.laws)}, sources {sources(kernels)}"
     prints["the effects"] = f"{_named(effects)}, sources {sources([effect.kernel for effect in effects])}"
+    if measures := physics.measures:
+        kernels = [measure.kernel for measure in simulation.choice.measures]
+        cells = f"{measures.cells[0]} x {measures.cells[1]} cells"
+        of = f"{_named(simulation.choice.measures)}, {_digest([measures.parameters])}, {cells}"
+        prints["the measures"] = f"{of}, sources {sources(kernels)}"
     if labeller is not None:
         prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
     return prints | {THE_INTEGRATOR: simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}

@@ -19,6 +19,7 @@ from thirdbody.errors import GuardStop, Interrupted, OutputError
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
+from thirdbody.runner.measured import measured_summary
 from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.parts.joined import cut, parts_at_work
 from thirdbody.runner.parts.workers import workers_of
@@ -210,6 +211,8 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         units |= {name: entry.unit for name, entry in PROFILES.items()}
     if labeller is not None:
         units |= {f"fraction_{name}": "1" for name in labeller.states}
+    measures = simulation.state.physics.measures
+    units |= measures.layout.units() if measures else {}
     test = {}
     if isinstance(simulation, SlowedSimulation):
         title = f"{scene.title or 'run'}, rate test at 1/{simulation.factor:g} of the speed"
@@ -226,6 +229,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
         "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
         "effects": [effect.name for effect in simulation.choice.effects],
+        **({"measures": [measure.name for measure in simulation.choice.measures]} if measures else {}),
         "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
         "debris_contact": debris_contact(simulation),
         **({"speed_scale": simulation.speed_scale.report()} if simulation.speed_scale else {}),
@@ -264,6 +268,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         **loop.pressure.summary(),
         "energy": lines,
         **endings(simulation, loop, lines),
+        **measured_summary(simulation),
         # a guard trips in a step that was not recorded: the energy stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }

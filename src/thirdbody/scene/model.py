@@ -26,6 +26,7 @@ from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
 from thirdbody.scene.debris.kinds.spots import Spot, Spots
 from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.scene.field_types import MAX_SPHERES, Text, Whole, listing, plain
+from thirdbody.scene.measures import Measures
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.overrides import apply_settings
@@ -38,15 +39,15 @@ from thirdbody.scene.toml_writer import save_text, toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
-    "Spheres", "Spot", "Spots", "Stroke", "Table", "Uniform", "UpperPlate",
+    "LowerPlate", "Material", "Measures", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene",
+    "Solver", "Spheres", "Spot", "Spots", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
 VERSION = 1
 
 _TABLES: dict[str, type[Part]] = {
-    "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "domain": Domain, "pairs.0": Pair,
-    "plates.upper": UpperPlate,
+    "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "measures": Measures, "domain": Domain,
+    "pairs.0": Pair, "plates.upper": UpperPlate,
 }  # fmt: skip
 """Tables whose keys are suggested with their full path when given without it."""
 
@@ -79,6 +80,7 @@ class Scene(Part):
     plates: Plates = Plates()
     contact: Contact = Contact()
     effects: Effects = Effects()
+    measures: Measures = Measures()
     solver: Solver
     output: Output
 

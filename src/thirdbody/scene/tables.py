@@ -10,10 +10,12 @@ from thirdbody import units
 from thirdbody.scene.field_types import (
     AccelerationVector,
     Choice,
+    Conductivity,
     Damping,
     Flag,
     Force,
     Fraction,
+    HeatCapacity,
     PositiveDensity,
     PositiveForce,
     PositiveLength,
@@ -53,6 +55,10 @@ class Material(Part):
 
     Example: "250 MPa".
     """
+    thermal_conductivity: Conductivity | None = None
+    """Thermal conductivity, for measures of heat. Example: "50 W/m/K"."""
+    heat_capacity: HeatCapacity | None = None
+    """Specific heat capacity, for measures of heat. Example: "460 J/kg/K"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

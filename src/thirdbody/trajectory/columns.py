@@ -97,13 +97,13 @@ def _bodies(run: Run, number: int) -> list[Column]:
             first[name] = arrays.pop(name)
     names = {"state": run.state_names, "state_reason": run.reason_names}
     names |= {"population": run.population_names, "material": run.material_names}
-    return _stamped(run, number, _columns(first | arrays, names))
+    return _stamped(run, number, _columns(first | arrays, names, run.header["units"]))
 
 
 def _contacts(run: Run, number: int) -> list[Column]:
     arrays = run.contacts(number)
     first = {name: arrays.pop(name) for name in ("body", "side", "partner", POSITION) if name in arrays}
-    return _stamped(run, number, _columns(first | arrays, {"side": _SIDES}))
+    return _stamped(run, number, _columns(first | arrays, {"side": _SIDES}, run.header["units"]))
 
 
 def _stamped(run: Run, number: int, columns: list[Column]) -> list[Column]:
@@ -111,10 +111,13 @@ def _stamped(run: Run, number: int, columns: list[Column]) -> list[Column]:
     return [Column("frame", "", np.full(rows, number)), Column("time", "s", np.full(rows, run.times[number])), *columns]
 
 
-def _columns(arrays: Mapping[str, np.ndarray], names: Mapping[str, Mapping[int, str] | list[str]]) -> list[Column]:
+def _columns(
+    arrays: Mapping[str, np.ndarray], names: Mapping[str, Mapping[int, str] | list[str]], units: Mapping[str, str]
+) -> list[Column]:
+    """Return arrays of bodies or contacts as columns; `units`: of a run, with those of its measures."""
     columns = []
     for name, values in arrays.items():
-        columns += _as_columns(name, values)
+        columns += _as_columns(name, values, _UNITS.get(name) or units.get(name, ""))
         if name in names:
             columns += _named(name, values, names[name])
     return columns

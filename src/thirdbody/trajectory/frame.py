@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.measures import body_amounts, contact_maxima, map_densities
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
@@ -67,7 +68,7 @@ class FrameMaker:
             spheres["state"] = clumps["state"][clump]
             spheres["state_reason"] = clumps["state_reason"][clump]
         series = self._series(clumps.get("state"), contacts)
-        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles())
+        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
 
     def _profiles(self) -> dict[str, np.ndarray]:
         """Return the profiles over the interval that ends now, of this instant where nothing is sampled between the frames."""
@@ -109,7 +110,7 @@ class FrameMaker:
             arrays["twist_moment"] = R[:, record.TWIST_MOMENT]
             size, limit = np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT]
             arrays["twist_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
-        return arrays
+        return arrays | contact_maxima(s, on)
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         s, B = self.state, self.state.B[self.given]
@@ -129,6 +130,7 @@ class FrameMaker:
         if s.physics.loss:
             lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
             arrays["friction_work"] -= lost
+        arrays |= {name: values[self.given] for name, values in body_amounts(s).items()}
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.trajectory.names import ARRAY_UNITS
+from thirdbody.trajectory.plate_maps import PLATES as PLATE_NAMES
 from thirdbody.trajectory.schema import BLOCKS, POSITION
 
 if TYPE_CHECKING:
@@ -26,9 +27,11 @@ def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
         raise ImportError("to_pyvista() needs pyvista: pip install pyvista") from error
 
     number = run.frame_number(frame)
-    blocks = pyvista.MultiBlock({name: _block(name, run.block(name, number)) for name in BLOCKS})
+    blocks = pyvista.MultiBlock({name: _block(name, run.block(name, number), run.header["units"]) for name in BLOCKS})
     for side in run.surfaces:
         blocks[f"{side}_surface"] = _surface(run, side, number)
+    for side in PLATE_NAMES if run.map_units else ():
+        blocks[f"{side}_maps"] = _maps(run, side, number)
     blocks.field_data["time"] = np.array([run.times[number]])
     blocks.field_data["time_units"] = ["s"]
     blocks.field_data["frame"] = np.array([number])
@@ -52,8 +55,21 @@ def _surface(run: Run, side: str, frame: int) -> pyvista.StructuredGrid:
     return grid
 
 
-def _block(name: str, arrays: dict[str, np.ndarray]) -> pyvista.PolyData:
-    """Return the points of one block with their arrays and units; the plates are two rectangles."""
+def _maps(run: Run, side: str, frame: int) -> pyvista.ImageData:
+    """Return the maps of a plate at its place in a frame, as data of its cells (`Run.maps`)."""
+    import pyvista
+
+    maps, position, size = run.maps(side, frame), run.surface_position(side, frame), run.header["domain"]["size"]
+    n_y, n_x = next(iter(maps.values())).shape
+    grid = pyvista.ImageData(dimensions=(n_x + 1, n_y + 1, 1), spacing=(size[0] / n_x, size[1] / n_y, 1.0), origin=position)
+    for name, values in maps.items():
+        grid.cell_data[name] = values.ravel()
+        grid.field_data[f"{name}_units"] = [run.map_units[name]]
+    return grid
+
+
+def _block(name: str, arrays: dict[str, np.ndarray], units: dict[str, str]) -> pyvista.PolyData:
+    """Return the points of one block with their arrays and units; the plates are two rectangles. `units`: those of the run."""
     import pyvista
 
     points = arrays.pop(POSITION)
@@ -64,5 +80,6 @@ def _block(name: str, arrays: dict[str, np.ndarray]) -> pyvista.PolyData:
     for key, values in arrays.items():
         # not by `block[key] = values`, which refuses arrays of no rows
         block.point_data.VTKObject.AddArray(pyvista.convert_array(np.ascontiguousarray(values), name=key))
-        block.field_data[f"{key}_units"] = [ARRAY_UNITS.get(key, "1").replace("·", " ")]  # VTK accepts ASCII only
+        unit = ARRAY_UNITS.get(key) or units.get(key, "1")
+        block.field_data[f"{key}_units"] = [unit.replace("·", " ")]  # VTK accepts ASCII only
     return block

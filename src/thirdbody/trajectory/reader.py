@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.plate_maps import PLATES, map_units, read_maps
 from thirdbody.trajectory.run_arrays import RunArrays
 from thirdbody.trajectory.schema import SUMMARY_TEXT
 from thirdbody.trajectory.validate import damage_as_fault
@@ -93,6 +94,38 @@ class Run(RunArrays):
 
         with damage_as_fault(self.path, "the series of friction"):
             return friction_cycles(self)
+
+    @cached_property
+    def map_units(self) -> dict[str, str]:
+        """Unit of each map of the plates, by name; none without `measures.cell`."""
+        return self._steady("the maps", lambda: map_units(self.file))
+
+    def maps(self, plate: str, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return what measures have left on a plate since the start of the run.
+
+        Parameters
+        ----------
+        plate : str
+            `lower` or `upper`.
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Maps by name, each (n_y, n_x): the cell [j, i] begins at i L_x/n_x, j L_y/n_y of the plate's own coordinates, in which
+            the plate was at the start. Units are in `map_units`; empty without `measures.cell`.
+
+        Raises
+        ------
+        ValueError, IndexError
+            There is no such plate, or no such frame.
+        """
+        if plate not in PLATES:
+            raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")
+        number = self.frame_number(frame)
+        both = self._steady("the maps", lambda: read_maps(self.file, number))
+        return {name: values[PLATES.index(plate)] for name, values in both.items()}
 
     def transitions(self) -> dict[str, np.ndarray]:
         """Return the changes of state between frames.

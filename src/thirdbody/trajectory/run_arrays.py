@@ -19,6 +19,7 @@ from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import OpenFile
+from thirdbody.trajectory.plate_maps import read_maps
 from thirdbody.trajectory.plate_surfaces import read_surfaces
 from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.trajectory.texts import read_text, refuse_large_texts
@@ -378,7 +379,8 @@ class RunArrays:
         series = {name: values[number] for name, values in self.series.items()}
         profiles = {name: values[number] for name, values in self.profiles.items()}
         profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
-        return Frame(time=float(self.times[number]), series=series, profiles=profiles, **blocks)
+        maps = self._steady("the maps", lambda: read_maps(self.file, number))
+        return Frame(time=float(self.times[number]), series=series, profiles=profiles, maps=maps, **blocks)
 
     def close(self) -> None:
         """Close the file; may be called twice."""

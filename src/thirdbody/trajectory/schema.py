@@ -24,7 +24,8 @@ class Frame:
 
     `points` of spheres (S, 3) and clumps (B, 3) are centres, of contacts (C, 3) the contact points, of plates (8, 3) the corners
     of the lower plate, then of the upper one; other arrays have one row per point. C may change and be 0. The names of the arrays
-    are those of the first frame. `series` holds numbers or small vectors, `profiles` arrays with one row per slab.
+    are those of the first frame. `series` holds numbers or small vectors, `profiles` arrays with one row per slab, `maps` arrays
+    (2, n_y, n_x) of what lies on the cells of the lower and of the upper plate.
     """
 
     time: float
@@ -34,6 +35,7 @@ class Frame:
     plates: Arrays | None = None
     series: Mapping[str, Any] = field(default_factory=dict)
     profiles: Arrays = field(default_factory=dict)
+    maps: Arrays = field(default_factory=dict)
 
     def block(self, name: str) -> Arrays:
         """Return the arrays of one block; without plates the block has no points."""

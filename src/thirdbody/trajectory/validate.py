@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
+from thirdbody.trajectory.plate_maps import refuse_unsound_maps
 from thirdbody.trajectory.plate_surfaces import refuse_unsound_surfaces
 from thirdbody.trajectory.schema import BLOCKS, PROFILES, STATIC_TEXT
 
@@ -28,9 +29,9 @@ _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
     "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
-    STATIC_TEXT: dict, PROFILES: dict,
+    STATIC_TEXT: dict, PROFILES: dict, "measures": list,
 }  # fmt: skip
-_WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "warnings")
+_WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "measures", "warnings")
 
 DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError)
 """Errors that h5py, json and numpy raise for a damaged file."""
@@ -61,6 +62,7 @@ def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> N
     for name in BLOCKS:
         _refuse_block(file.filename, file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
     refuse_unsound_surfaces(file)
+    refuse_unsound_maps(file, frames)
     rows = frames * header.get(PROFILES, {"bins": 0})["bins"]
     for group, count in (("series", frames), (PROFILES, rows)):
         for name in file.get(group, ()):

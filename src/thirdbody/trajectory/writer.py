@@ -4,6 +4,7 @@
     /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
     /series   one dataset per series, first axis the frame, with an attribute `units`
     /profiles one dataset per profile, the slabs of every frame after those of the last one, likewise; only if there are profiles
+    /maps     one dataset per map of the plates, likewise (`plate_maps`); only if measures map
     /surfaces heights of the plates that are rough, once (`plate_surfaces`)
 
 Requirements of VTK's reader, each established from a file that it read as empty: `Type` is fixed-length ASCII; the assembly holds
@@ -37,6 +38,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.crash_safe_file import PAGE, Sink
+from thirdbody.trajectory.plate_maps import MapsWriter
 from thirdbody.trajectory.plate_surfaces import write_surfaces
 from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
 from thirdbody.trajectory.schema import BLOCKS, PROFILES, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
@@ -156,6 +158,7 @@ class TrajectoryWriter:
         self.frames = int(self._series_group.attrs.get("NSteps", 0))
         self._series = {name: Column(self._series_group[name]) for name in self._series_group}
         self._profiles = {name: Column(values) for name, values in self._file.get(PROFILES, {}).items()}
+        self._maps = MapsWriter(self._file)
 
     def append(self, frame: Frame) -> None:
         """Write and commit one frame.
@@ -167,7 +170,9 @@ class TrajectoryWriter:
             raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
         if self.frames and set(frame.profiles) != set(self._profiles):
             raise ValueError(f"profiles {sorted(frame.profiles)} differ from those of the first frame")
-        nbytes = sum(array.nbytes for block in arrays.values() for array in block.values())
+        if self.frames and set(frame.maps) != self._maps.names:
+            raise ValueError(f"maps {sorted(frame.maps)} differ from those of the first frame")
+        nbytes = sum(array.nbytes for block in (*arrays.values(), frame.maps) for array in block.values())
         self._require_space(nbytes)
         with self._write_errors():
             # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
@@ -177,6 +182,7 @@ class TrajectoryWriter:
                 block.append(arrays[name])
             self._append_series(frame.series)
             self._append_profiles(frame.profiles)
+            self._maps.append(frame.maps, self._units)
             self._flush()
             self._commit(frame.time)
 

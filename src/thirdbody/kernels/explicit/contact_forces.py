@@ -44,6 +44,7 @@ from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
+from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.plastic_work import add_plastic_work
@@ -342,6 +343,8 @@ def apply_tile(n, c, slots, flat, context, step, tile):
     if context.plastic >= 0:
         add_plastic_work(n, slots, context, tile)
     store_history(n, slots, context, tile)
+    if context.measured > 0:
+        measure_tile(n, slots, step.dt, context, tile)
     if step.record:
         add_elastic_energy(n, c, tile.outputs, context.sums)
         for q in range(n if context.R.shape[0] > 0 else 0):

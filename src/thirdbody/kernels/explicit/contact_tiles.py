@@ -15,6 +15,7 @@ from thirdbody.kernels.contact_geometry import (
     transport_frames,
 )
 from thirdbody.kernels.contact_history import reset_history
+from thirdbody.kernels.measures import measure_opened
 from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.rolling_kinematics import gather_rolling
 
@@ -65,6 +66,8 @@ def end_contacts(n, opened, context, tile):
         saved = reset_history(k, context)
         lost = tile.outputs[e + law_output.DISSIPATED * TILE] if context.force >= 0 else saved
         total += lost
+        if context.measured > 0:
+            measure_opened(k, lost, context)
         fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
         B[body_of[context.own[k]], body.FRICTION_WORK] += fraction
         if outer[k] >= 0:

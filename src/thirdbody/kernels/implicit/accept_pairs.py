@@ -33,6 +33,7 @@ from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, 
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
 from thirdbody.kernels.implicit.jacobian import cross
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
+from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
@@ -181,6 +182,8 @@ def accept_closed(p, k, context, island, motion, pool, smooth):
     context.B[b_i, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
     context.B[b_j, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
     write_record(q, k, context, motion, tile)
+    if context.measured > 0:
+        measure_contact(q, k, motion.dt, context, tile)
 
 
 @njit(**BARE)
@@ -192,6 +195,8 @@ def accept_opened(k, smooth, context, island, motion, pool):
     gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
     dragged = pair_opening_work(k, context, motion, island.box) if smooth and context.force >= 0 else 0.0
     friction = max(reset_history(k, context) + dragged, 0.0)
+    if context.measured > 0:
+        measure_opened(k, friction, context)
     lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
     add_losses(island.bodies[a], friction, damped, lost + mean_a, context)
     add_losses(island.bodies[b], friction, damped, lost + mean_b, context)

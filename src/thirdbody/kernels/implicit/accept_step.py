@@ -33,6 +33,7 @@ from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
+from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rough_plates import update_by, update_surfaces
@@ -96,6 +97,8 @@ def commit(context, active, m, motion, space):
             lost = max(reset_history(k, context) + dragged, 0.0)
             sums[0, contact_sums.FRICTION_WORK] += lost
             context.B[b, body.FRICTION_WORK] += lost
+            if context.measured > 0:
+                measure_opened(k, lost, context)
     return damped
 
 
@@ -104,6 +107,8 @@ def store_contact(q, k, context, active, motion, space):
     """Store the record of contact q, candidate k; add its work and slip to the body, its force to the sums."""
     b, tile, sums, B = active.number, space.tile, space.sums, context.B
     write_record(q, k, context, motion, tile)
+    if context.measured > 0:
+        measure_contact(q, k, motion.dt, context, tile)
     sums[0, contact_sums.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]
     B[b, body.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
     if context.plastic >= 0:

@@ -37,6 +37,7 @@ SHARED = (
     "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "P", "Q", "H", "R", "M",
     "pairs", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag", "n_history", "rolling", "force", "moment",
     "twist", "stored", "dashpots", "plastic", "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces",
+    "measured", "measure", "measure_parameters",
 )  # fmt: skip
 """Fields that the explicit integrator has, too. `own`, `partner`: here all pairs of a sphere and a plate."""
 

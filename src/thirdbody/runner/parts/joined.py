@@ -177,7 +177,8 @@ def cut(simulation: Simulation, number: int, workers: Workers, plugins: Iterable
         raise UsageError(f"parts = {number}: must be at least 1")
     if number == 1:
         return
-    if why := coupling(simulation.state, simulation.integrator.divisible):
+    measured = "its measures sum over all bodies" if simulation.choice.measures else ""
+    if why := measured or coupling(simulation.state, simulation.integrator.divisible):
         raise UsageError(f"parts = {number}: this scene cannot be cut into parts: {why}")
     simulation.integrator = Joined(simulation, Partition(number, workers, tuple(plugins)))  # type: ignore[assignment]
 

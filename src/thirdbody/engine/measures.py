@@ -1,0 +1,135 @@
+"""Measures of a run: what contacts did, collected per body and over the surfaces of the plates.
+
+Contacts sum what they do in columns behind their history, each by itself, so that threads share nothing. `collect` then adds the
+sums to the bodies and deposits them on the plates, in the order of the candidates: the same bits for any number of threads. A
+deposit lies where the contact is at that time. Explicit runs collect every `BUDGET` steps, at searches and at outputs; implicit
+ones, whose steps are long, after each step if there are maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.jit.function_pointers import address
+from thirdbody.kernels.signatures import MEASURE
+from thirdbody.laws.measures import MEAN, Layout
+
+if TYPE_CHECKING:
+    from thirdbody.engine.state import State
+
+Array = np.ndarray
+
+NONE: dict[str, Any] = {"measured": 0, "measure": 0, "measure_parameters": np.zeros(1)}
+"""Arguments of a step without measures."""
+
+
+def nothing_measured() -> Array:
+    """Return the table W (bodies, `Layout.bodies`) of what bodies have, in a run without measures."""
+    return np.zeros((0, 0))
+
+
+def no_maps() -> Array:
+    """Return the maps (maps, 2 plates, n_y, n_x), amounts on the cells of the lower and the upper plate, in a run without."""
+    return np.zeros((0, 2, 1, 1))
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of a scene: the compiled function, its parameters (one row per pair), and where numbers are kept.
+
+    `cells`: number of cells of the maps along x and y; 0: no maps.
+    """
+
+    function: Callable
+    parameters: Array
+    layout: Layout
+    cells: tuple[int, int]
+
+    @property
+    def mapped(self) -> bool:
+        """Whether there are maps."""
+        return bool(self.layout.maps) and self.cells[0] > 0
+
+    def tables(self, bodies: int) -> tuple[Array, Array]:
+        """Return the tables W and `maps` at the start."""
+        n_x, n_y = self.cells if self.mapped else (1, 1)
+        return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of a step by name (`kernels.signatures`)."""
+        return {"measured": self.layout.width, "measure": address(self.function, MEASURE), "measure_parameters": self.parameters}
+
+
+def arguments_of(state: State) -> dict[str, Any]:
+    """Return the arguments of a step for the measures of a state, if any."""
+    measures = state.physics.measures
+    return NONE if measures is None else measures.arguments()
+
+
+def collect_measures(state: State) -> Array:
+    """Add what contacts have measured since the last call to the bodies; return the deposits on the plates, one per row."""
+    from thirdbody.kernels.measures import AMOUNTS, Collection, collect
+
+    measures, slots = state.physics.measures, state.slots
+    if measures is None:
+        return np.zeros((0, 0))
+    layout = measures.layout
+    deposits = np.zeros((slots.n_plates if measures.mapped else 0, AMOUNTS + len(layout.maps)))
+    n = collect(Collection(
+        slots.own, slots.partner, state.body, state.S, state.P, slots.Q, slots.H, state.W, layout.targets, layout.sums, deposits
+    ))  # fmt: skip
+    return deposits[:n].copy()
+
+
+def deposit_on_maps(state: State, deposits: Array) -> None:
+    """Add deposits to the maps, in their order."""
+    if len(deposits):
+        from thirdbody.kernels.measures import deposit
+
+        deposit(np.ascontiguousarray(deposits), state.maps, np.array(state.world.size, float))
+
+
+def update_measures(state: State) -> None:
+    """Collect what contacts have measured, and deposit it."""
+    if state.physics.measures is not None:
+        deposit_on_maps(state, collect_measures(state))
+
+
+def body_amounts(state: State) -> dict[str, Array]:
+    """Return what each body has of the measures, by name (n_bodies,): means are divided by the time of contact, 0 without any."""
+    measures = state.physics.measures
+    if measures is None:
+        return {}
+    layout, W = measures.layout, state.W
+    result = {}
+    for k, column in enumerate(layout.bodies):
+        values = W[:, k].copy()
+        if column.kind == MEAN:
+            time = W[:, layout.time]
+            values = np.divide(values, time, out=np.zeros_like(values), where=time > 0.0)
+        result[column.name] = values
+    return result
+
+
+def contact_maxima(state: State, contacts: Array) -> dict[str, Array]:
+    """Return the maxima of some contacts (indices of candidates) since they closed, by name."""
+    measures = state.physics.measures
+    if measures is None:
+        return {}
+    layout, H = measures.layout, state.slots.H
+    first = H.shape[1] - len(layout.maxima)
+    return {name: H[contacts, first + k] for k, (name, _, _) in enumerate(layout.maxima)}
+
+
+def map_densities(state: State) -> dict[str, Array]:
+    """Return the maps by name (2, n_y, n_x): lower and upper plate, amounts per area of a cell."""
+    measures = state.physics.measures
+    if measures is None or not measures.mapped:
+        return {}
+    (l_x, l_y), (n_x, n_y) = state.world.size, measures.cells
+    area = l_x / n_x * l_y / n_y
+    return {entry.name: state.maps[k] / area for k, entry in enumerate(measures.layout.maps)}

@@ -1,0 +1,200 @@
+"""Measures in a step: what a contact did, added to the columns of the measures behind its history.
+
+They are called through a pointer, so the engine is compiled once for all measures. Also here: collecting what contacts have
+summed, per body and over the surfaces of the plates (`engine.measures`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
+from thirdbody.kernels.columns import law_input, law_output, patch, sphere, surface_contact
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_step import ContactStep
+from thirdbody.kernels.plastic_work import plastic_work_of
+from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, patch_of_partner
+from thirdbody.kernels.signatures import MEASURE
+
+measure_at = function_at(MEASURE)
+
+RADIUS = 0
+"""Column of a contact, counted from the first one of the measures: its radius; then come sums, then maxima."""
+
+ADD = 0
+"""Code of a sum in the table of targets; all else is a maximum (`laws.measures.Layout`)."""
+
+BODY, PLATE, POINT, DEPOSIT_RADIUS, AMOUNTS = 0, 1, 2, 4, 5
+"""Columns of a deposit: body, plate (0 lower, 1 upper), point of the plate (x, y) [m], contact radius [m], one amount per map."""
+
+
+@njit(**BARE)
+def measure_contact(q, k, dt, context, tile):
+    """Add what contact q of a tile, candidate k, did in a step of length dt [s]."""
+    I, O, H = tile.inputs, tile.outputs, context.H  # noqa: E741
+    x, y, slip = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE], O[q + law_output.SLIP * TILE]
+    lost = O[q + law_output.DISSIPATED * TILE]
+    if context.plastic >= 0:
+        lost -= plastic_work_of(q, context.plastic, tile)
+    done = ContactStep(
+        O[q + law_output.LOAD * TILE], math.sqrt(x * x + y * y), O[q + law_output.FRICTION_LIMIT * TILE], slip,
+        slip / dt if dt > 0.0 else 0.0, lost, O[q + law_output.CONTACT_RADIUS * TILE],
+        O[q + law_output.PEAK_PRESSURE * TILE], I[q + law_input.OVERLAP * TILE], dt, 1.0 if is_plate(context.partner[k]) else 0.0,
+    )  # fmt: skip
+    row, at = np.int64(context.kind[k]), np.int64(H.shape[1] - context.measured)
+    measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
+
+
+@njit(**BARE)
+def measure_opened(k, lost, context):
+    """Add what candidate k dissipated in the step in which it opened: `lost` [J]."""
+    H = context.H
+    plate = 1.0 if is_plate(context.partner[k]) else 0.0
+    done = ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate)
+    row, at = np.int64(context.kind[k]), np.int64(H.shape[1] - context.measured)
+    measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
+
+
+@njit(**BARE_CHUNK)
+def measure_tile(n, slots, dt, context, tile):
+    """Add what the contacts slots[:n] of a tile did."""
+    for q in range(n):
+        measure_contact(q, slots[q], dt, context, tile)
+
+
+class Collection(NamedTuple):
+    """Tables from which and to which `collect` works: names as in `signatures.Context`."""
+
+    own: np.ndarray
+    partner: np.ndarray
+    body: np.ndarray
+    S: np.ndarray
+    P: np.ndarray
+    Q: np.ndarray
+    H: np.ndarray
+    W: np.ndarray
+    """What bodies have of the measures."""
+    targets: np.ndarray
+    """`laws.measures.Layout.targets`"""
+    sums: int
+    """How many of them are sums."""
+    deposits: np.ndarray
+    """Deposits on the plates: room for one per candidate, or no rows."""
+
+
+_TABLE, _S1, _I1 = types.Array(types.float64, 2, "C"), types.Array(types.int32, 1, "C"), types.Array(types.int64, 1, "C")
+_TARGETS, _MAPS = types.Array(types.int64, 2, "C"), types.Array(types.float64, 4, "C")
+COLLECTION = types.NamedTuple((_S1, _S1, _I1, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TARGETS, types.int64, _TABLE), Collection)
+
+
+@njit(**BARE)
+def has_news(k, at, width, H):
+    """Return whether the measures of candidate k hold anything."""
+    for h in range(at + 1, at + width):
+        if H[k, h] != 0.0:
+            return True
+    return False
+
+
+@njit(**BARE)
+def add_to_body(b, k, side, at, tables):
+    """Add what candidate k has measured to body b; `side`: 1 lower plate, 2 upper plate, 3 debris."""
+    H, W, targets = tables.H, tables.W, tables.targets
+    for c in range(targets.shape[0]):
+        column, value = targets[c, side], H[k, at + 1 + c]
+        if column >= 0:
+            W[b, column] = W[b, column] + value if targets[c, 0] == ADD else max(W[b, column], value)
+
+
+@njit(**BARE)
+def write_deposit(n, k, at, tables):
+    """Write the amounts of candidate k for the maps into row n of the deposits; return the number of rows then."""
+    H, S, P, Q, targets, row = tables.H, tables.S, tables.P, tables.Q, tables.targets, tables.deposits[n]
+    i, j = tables.own[k], tables.partner[k]
+    any_amount = False
+    for c in range(targets.shape[0]):
+        if targets[c, 4] >= 0:
+            row[AMOUNTS + targets[c, 4]] = H[k, at + 1 + c]
+            any_amount = any_amount or H[k, at + 1 + c] != 0.0
+    if not any_amount:
+        return n
+    x, y = S[i, sphere.POSITION], S[i, sphere.POSITION + 1]
+    if Q.shape[0] > 0:
+        x, y = x + Q[k, surface_contact.OFFSET], y + Q[k, surface_contact.OFFSET + 1]
+    low = is_lower(j)
+    if not low:
+        p = patch_of_partner(j)
+        x, y = x - P[p, patch.DISPLACEMENT], y - P[p, patch.DISPLACEMENT + 1]
+    row[BODY], row[PLATE], row[POINT], row[POINT + 1] = tables.body[i], 0.0 if low else 1.0, x, y
+    row[DEPOSIT_RADIUS] = H[k, at + RADIUS]
+    return n + 1
+
+
+@njit(types.int64(COLLECTION), **DIRECT)
+def collect(tables):
+    """Add what contacts have measured to their bodies, in the order of candidates, and clear it; return the number of deposits.
+
+    Maxima of contacts that are closed stay.
+    """
+    H, targets, n = tables.H, tables.targets, np.int64(0)
+    width = targets.shape[0] + 1
+    at = H.shape[1] - width
+    for k in range(tables.own.shape[0]):
+        if not has_news(k, at, width, H):
+            continue
+        j = tables.partner[k]
+        side = 3 if is_sphere(j) else 1 if is_lower(j) else 2
+        add_to_body(tables.body[tables.own[k]], k, side, at, tables)
+        if is_sphere(j):
+            add_to_body(tables.body[j], k, side, at, tables)
+        elif tables.deposits.shape[0] > 0:
+            n = write_deposit(n, k, at, tables)
+        last = at + 1 + tables.sums if is_closed(k, H) else at + width
+        for h in range(at + 1, last):
+            H[k, h] = 0.0
+    return n
+
+
+@njit(**BARE)
+def weight(i, j, x, y, a, h_x, h_y):
+    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle.
+
+    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area.
+    """
+    d_x, d_y = (i + 0.5) * h_x - x, (j + 0.5) * h_y - y
+    inside = 1.0 - (d_x * d_x + d_y * d_y) / (a * a)
+    return math.sqrt(inside) if inside > 0.0 else 0.0
+
+
+@njit(**BARE)
+def deposit_one(row, maps, size):
+    """Add one deposit to the maps: in the cell of its centre, or spread over the cells whose middles lie in the contact area."""
+    n_y, n_x = maps.shape[2], maps.shape[3]
+    h_x, h_y = size[0] / n_x, size[1] / n_y
+    x, y, a, plate = row[POINT], row[POINT + 1], row[DEPOSIT_RADIUS], np.int64(row[PLATE])
+    low_i, high_i = np.int64(math.floor((x - a) / h_x)), np.int64(math.floor((x + a) / h_x))
+    low_j, high_j = np.int64(math.floor((y - a) / h_y)), np.int64(math.floor((y + a) / h_y))
+    total = 0.0
+    for j in range(low_j, high_j + 1 if a > 0.0 else low_j):
+        for i in range(low_i, high_i + 1):
+            total += weight(i, j, x, y, a, h_x, h_y)
+    if total == 0.0:
+        i, j = np.int64(math.floor(x / h_x)) % n_x, np.int64(math.floor(y / h_y)) % n_y
+        for m in range(maps.shape[0]):
+            maps[m, plate, j, i] += row[AMOUNTS + m]
+        return
+    for j in range(low_j, high_j + 1):
+        for i in range(low_i, high_i + 1):
+            part = weight(i, j, x, y, a, h_x, h_y) / total
+            for m in range(maps.shape[0]):
+                maps[m, plate, j % n_y, i % n_x] += part * row[AMOUNTS + m]
+
+
+@njit(types.void(_TABLE, _MAPS, types.Array(types.float64, 1, "C")), **DIRECT)
+def deposit(rows, maps, size):
+    """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a domain of `size` (x, y) [m], periodic."""
+    for n in range(rows.shape[0]):
+        deposit_one(rows[n], maps, size)

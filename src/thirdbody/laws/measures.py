@@ -1,0 +1,159 @@
+"""Measures: plug-ins that read what contacts do in each step, and change nothing.
+
+A measure has a kernel `kernel(s, p)` of a `ContactStep` and its parameters, which returns one float per `Amount`. The engine
+collects them per contact, per body and, where an amount names a map, over the surfaces of both plates. No law, no body and no
+step length depends on them: a run with measures has the bits of one without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.laws.contract import Option, Options, Pair
+
+SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
+"""How an amount is collected: summed over the steps; its mean over the time in which its contacts are closed; its maximum."""
+
+ADD, MAX = 0, 1
+"""Codes of the two operations in `Layout.targets`."""
+
+
+@dataclass(frozen=True)
+class Amount:
+    """One number that a measure returns for each contact and step, with its unit and meaning.
+
+    `kind`: "sum", "mean" or "maximum". `of_plate`: a sum that belongs to the plate at the contact, not to the body: bodies then
+    have it as `NAME_lower` and `NAME_upper`, and contacts between bodies do not count. `map`: name and unit of its density over
+    the surface of a plate; for sums of a plate only. A maximum is also written per contact, since the contact closed.
+    """
+
+    name: str
+    unit: str
+    doc: str
+    kind: str = SUM
+    of_plate: bool = False
+    map: tuple[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"amount '{self.name}': kind '{self.kind}' is not one of {', '.join(KINDS)}")
+        if (self.of_plate or self.map) and self.kind != SUM:
+            raise ValueError(f"amount '{self.name}': only a sum can belong to a plate")
+        if self.map and not self.of_plate:
+            raise ValueError(f"amount '{self.name}': a map is of an amount that belongs to a plate")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure: `kernel(s, p)` returns a tuple of floats, one per amount.
+
+    `mix(pair, options)` is plain Python, run once per material pair; it returns `p`, an instance of `parameters`. `materials`:
+    names of the optional keys of materials that it needs, which a scene that names it must give. `warnings(means)` gets the
+    largest value of each amount over the bodies at the end of a run, by name, and returns texts for the user.
+    """
+
+    name: str
+    kernel: Callable
+    parameters: type
+    mix: Callable[[Pair, Options], Any]
+    amounts: tuple[Amount, ...]
+    source: str
+    options: tuple[Option, ...] = ()
+    materials: tuple[str, ...] = ()
+    warnings: Callable[[dict[str, float]], list[str]] | None = None
+
+
+class BodyColumn(NamedTuple):
+    """What a body has of a measure: name, unit, meaning; `kind` as of the amount."""
+
+    name: str
+    unit: str
+    doc: str
+    kind: str
+
+
+class MapName(NamedTuple):
+    """A map of both plates: name, unit and meaning."""
+
+    name: str
+    unit: str
+    doc: str
+
+
+class Layout(NamedTuple):
+    """Where measures keep their numbers.
+
+    `targets` (contact columns, 5): for each number of a contact behind its contact radius the operation, the column of the body
+    for contacts with the lower plate, with the upper plate and with debris, and the map; -1: none. Sums come before maxima. The
+    time in which contacts were closed, which means are divided by, is column `time` of the body; -1: there are no means.
+    """
+
+    bodies: tuple[BodyColumn, ...]
+    maps: tuple[MapName, ...]
+    maxima: tuple[tuple[str, str, str], ...]
+    targets: np.ndarray
+    sums: int
+    time: int
+
+    @property
+    def width(self) -> int:
+        """Number of columns of a contact."""
+        return 1 + len(self.targets)
+
+    def units(self) -> dict[str, str]:
+        """Return the unit of every array of bodies and contacts and of every map, by name."""
+        return {name: unit for name, unit, *_ in (*self.bodies, *self.maps, *self.maxima)}
+
+
+def summed(measures: Sequence[Measure]) -> list[tuple[int, int]]:
+    """Return measure and amount of every sum and mean, in order."""
+    return [(k, i) for k, m in enumerate(measures) for i, amount in enumerate(m.amounts) if amount.kind != MAXIMUM]
+
+
+def largest(measures: Sequence[Measure]) -> list[tuple[int, int]]:
+    """Return measure and amount of every maximum, in order."""
+    return [(k, i) for k, m in enumerate(measures) for i, amount in enumerate(m.amounts) if amount.kind == MAXIMUM]
+
+
+def has_means(measures: Sequence[Measure]) -> bool:
+    """Return whether there is a mean, for which contacts keep the time in which they were closed."""
+    return any(amount.kind == MEAN for m in measures for amount in m.amounts)
+
+
+def layout_of(measures: Sequence[Measure]) -> Layout:
+    """Return where these measures keep their numbers. Raises ValueError where two of them have an amount of one name."""
+    bodies: list[BodyColumn] = []
+    maps: list[MapName] = []
+    targets: list[tuple[int, ...]] = []
+    time = -1
+    for k, i in summed(measures):
+        amount = measures[k].amounts[i]
+        if amount.of_plate:
+            drawn = len(maps) if amount.map else -1
+            maps += [MapName(*amount.map, amount.doc)] if amount.map else []
+            targets.append((ADD, len(bodies), len(bodies) + 1, -1, drawn))
+            for side in ("lower", "upper"):
+                doc = f"{amount.doc.rstrip('.')}; at the {side} plate."
+                bodies.append(BodyColumn(f"{amount.name}_{side}", amount.unit, doc, SUM))
+        else:
+            targets.append((ADD, *(3 * (len(bodies),)), -1))
+            bodies.append(BodyColumn(amount.name, amount.unit, amount.doc, amount.kind))
+    if has_means(measures):
+        time = len(bodies)
+        targets.append((ADD, time, time, time, -1))
+        bodies.append(BodyColumn("measured_time", "s", "Time in which its contacts were closed, summed.", SUM))
+    sums, maxima = len(targets), []
+    for k, i in largest(measures):
+        amount = measures[k].amounts[i]
+        targets.append((MAX, *(3 * (len(bodies),)), -1))
+        bodies.append(BodyColumn(amount.name, amount.unit, amount.doc, MAXIMUM))
+        maxima.append((amount.name, amount.unit, amount.doc))
+    names = [column.name for column in bodies] + [entry.name for entry in maps]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"two amounts of measures have the name {', '.join(twice)}")
+    return Layout(tuple(bodies), tuple(maps), tuple(maxima), np.array(targets, np.int64).reshape(-1, 5), sums, time)

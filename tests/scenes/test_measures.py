@@ -1,0 +1,205 @@
+"""Measures in runs: they change nothing, sum exactly, and give the same bits on any number of threads and in pieces."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from steel import STEEL
+from trajectories import contents
+
+import thirdbody
+from thirdbody.errors import Interrupted, UsageError
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
+
+K, ALPHA = 3e-15, 5e-15
+LOAD, SIZE = 1e-4, (40e-6, 30e-6)
+
+# A hexagon of seven spheres, flat, and another one near it, so that they may meet; both slide under their loads.
+SCENE = (
+    STEEL.replace('"7850 kg/m3"\n', '"7850 kg/m3"\nthermal_conductivity = "50 W/m/K"\nheat_capacity = "460 J/kg/K"\n')
+    + """\
+[[debris]]
+material = "steel"
+kind = "spheres"
+shape = [
+  {center = ["0 um", "0 um", "0 um"], radius = "2 um"},
+  {center = ["3 um", "0 um", "0 um"], radius = "2 um"},
+  {center = ["-1.5 um", "2.6 um", "0 um"], radius = "2 um"},
+  {center = ["-1.5 um", "-2.6 um", "0 um"], radius = "2 um"},
+]
+positions = [["10 um", "10 um", "2 um"], ["25 um", "20 um", "2 um"]]
+[domain]
+size = ["40 um", "30 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {x = {velocity = "0.5 m/s"}}
+[solver]
+settle = "0.2 us"
+distance = "0.2 um"
+[output]
+every = "0.05 um"
+"""
+)
+MEASURES = """
+[measures]
+cell = "0.5 um"
+flash_temperature = true
+wear = {plates = "3e-15 m3/J", bodies = "5e-15 m3/J"%s}
+"""
+ALONE = '[contact]\ndebris_contact = "none"\n'
+
+
+def scene(integrator: str, measures: str = "", more: str = "") -> thirdbody.Scene:
+    text = SCENE.replace("[solver]", f'{more}[solver]\nintegrator = "{integrator}"') + measures
+    return thirdbody.Scene.parse(text)
+
+
+CASES = {"explicit": ("explicit", ""), "implicit alone": ("implicit", ALONE), "implicit islands": ("implicit", "")}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Runs of both laws of wear, and of none, made when they are asked for."""
+    made: dict[tuple[str, str], thirdbody.Run] = {}
+
+    def run(case: str, law: str = "archard") -> thirdbody.Run:
+        if (case, law) not in made:
+            integrator, more = CASES[case]
+            text = MEASURES % f', law = "{law}"' if law else ""
+            folder = tmp_path_factory.mktemp("measured") / "run"
+            made[case, law] = thirdbody.run(scene(integrator, text, more), out=folder, threads=1, progress=False)
+        return made[case, law]
+
+    return run
+
+
+def on_plates(bodies: dict[str, np.ndarray], name: str) -> np.ndarray:
+    return bodies[f"{name}_lower"] + bodies[f"{name}_upper"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_measures_change_nothing(runs, case):
+    bare, measured = runs(case, ""), runs(case)
+    for frame in range(bare.frames):
+        for block in ("clumps", "spheres", "contacts"):
+            before, after = bare.block(block, frame), measured.block(block, frame)
+            assert all(np.array_equal(before[name], after[name], equal_nan=True) for name in before)
+    assert all(np.array_equal(values, measured.series[name], equal_nan=True) for name, values in bare.series.items())
+    own = {"worn_volume", "plate_wear_lower", "plate_wear_upper", "sliding_work_lower", "sliding_work_upper", "measured_time"}
+    heat = {"flash_temperature", "flash_temperature_mean", "peclet_number"}
+    assert measured.bodies(0).keys() - bare.bodies(0).keys() == own | heat
+    assert measured.contacts(0).keys() - bare.contacts(0).keys() == {"flash_temperature", "peclet_number"}
+    assert not bare.maps("lower") and "measures" not in bare.header and "measures" not in bare.summary()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_wear_of_a_flake_that_slides(runs, case):
+    """Under the load N a flake that slides on both plates wears k N times the drag off them, whichever side slips.
+
+    Of the last interval, in which both sides slip or one does: the patch rides on the flake, so its load is N but for what
+    accelerates it, a millionth of it and less in implicit steps, some thousandths in explicit ones.
+    """
+    run = runs(case)
+    worn = [on_plates(run.bodies(frame), "plate_wear") for frame in (-2, -1)]
+    slipped = [run.bodies(frame)["slip_distance"] for frame in (-2, -1)]
+    drag = run.series["distance"][-1] - run.series["distance"][-2]
+    spots = 4.0  # of a flake on a side; each slips by the whole path of the side
+    assert slipped[1] - slipped[0] == pytest.approx(spots * drag, rel=2e-3)
+    assert worn[1] - worn[0] == pytest.approx(K * LOAD * drag, rel=3e-3 if case == "explicit" else 1e-4)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_wear_by_energy_is_the_friction_work(runs, case):
+    """The same numbers summed in another order: rounding of some thousand terms."""
+    bodies = runs(case, "energy").bodies(-1)
+    assert on_plates(bodies, "sliding_work") == pytest.approx(bodies["friction_work"], rel=1e-11)
+    assert on_plates(bodies, "plate_wear") == pytest.approx(K * bodies["friction_work"], rel=1e-11)
+    assert bodies["worn_volume"] == pytest.approx(ALPHA * bodies["friction_work"], rel=1e-11)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_maps_add_up_to_the_bodies(runs, case):
+    run = runs(case)
+    for frame in (1, run.frames - 1):
+        bodies = run.bodies(frame)
+        for plate in ("lower", "upper"):
+            maps = run.maps(plate, frame)
+            area = 0.5e-6 * 0.5e-6
+            assert maps["wear_depth"].shape == (60, 80)
+            for name, amount in (("wear_depth", "plate_wear"), ("friction_work_density", "sliding_work")):
+                assert maps[name].sum() * area == pytest.approx(bodies[f"{amount}_{plate}"].sum(), rel=1e-12)
+    assert run.map_units == {"wear_depth": "m", "friction_work_density": "J/m2"}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_maps_lie_where_the_spots_are(runs, case):
+    """The cells with wear of the lower plate are within a contact radius and a cell's diagonal of a spot; those of the upper one
+    in its own coordinates, so behind the spots by its displacement. The flakes moved by at most the drag."""
+    run = runs(case)
+    drag = float(run.series["displacement"][-1])
+    spots = run.spheres(-1)["position"][:, :2]
+    for plate, shift in (("lower", 0.0), ("upper", drag)):
+        worn = run.maps(plate)["wear_depth"]
+        j, i = np.nonzero(worn)
+        centres = np.column_stack([i + 0.5, j + 0.5]) * 0.5e-6
+        away = np.abs(centres[:, None] - (spots - [shift, 0.0]))
+        assert np.hypot(*np.moveaxis(away, 2, 0)).min(axis=1).max() < 0.36e-6 + drag + 0.1e-6
+    assert worn.any()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_heat_of_a_flake(runs, case):
+    """The spots of the side that slides have mu N v/(4 a 2 k) on the mean of the last interval, those that stick nothing.
+
+    The flake slides at the upper plate only, steadily: to some parts in ten thousand of v.
+    """
+    run = runs(case)
+    heat = [body["flash_temperature_mean"] * body["measured_time"] for body in (run.bodies(-2), run.bodies(-1))]
+    expected = np.zeros(2)
+    for contacts in (run.contacts(-2), run.contacts(-1)):
+        excess = 0.3 * contacts["normal_force"] * 0.5 / (4.0 * contacts["contact_radius"] * 100.0)
+        expected += 0.5 * np.bincount(contacts["body"], excess * (contacts["side"] == 1), 2)
+    assert (heat[1] - heat[0]) / (run.times[-1] - run.times[-2]) == pytest.approx(expected, rel=1e-3)
+    bodies, contacts = run.bodies(-1), run.contacts(-1)
+    assert np.all(bodies["flash_temperature_mean"] < bodies["flash_temperature"])
+    for body in range(2):  # all contacts are those of the start
+        assert bodies["flash_temperature"][body] == contacts["flash_temperature"][contacts["body"] == body].max()
+    assert np.all((bodies["peclet_number"] > 0.0) & (bodies["peclet_number"] < 0.1))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bits_of_threads_and_pieces(runs, case, tmp_path):
+    integrator, more = CASES[case]
+    whole, text = runs(case), MEASURES % ', law = "archard"'
+    counter = itertools.count(1)
+    with pytest.raises(Interrupted):
+        execute(prepare(scene(integrator, text, more)), tmp_path / "cut", 2, stop=lambda: next(counter) >= 4)
+    simulation, checkpoint = prepare_resume(tmp_path / "cut")
+    execute(simulation, tmp_path / "cut", 1, checkpoint=checkpoint)
+    first, second = contents(whole.path.parent), contents(tmp_path / "cut")
+    assert first.keys() == second.keys() and any("maps/wear_depth" in name for name in first)
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+def test_a_run_with_measures_is_not_cut_into_parts(tmp_path):
+    with pytest.raises(UsageError, match="measures"):
+        thirdbody.run(scene("explicit", MEASURES % "", ALONE), out=tmp_path / "run", progress=False, parts=2)
+
+
+def test_tables_of_a_run_have_units(runs, tmp_path: Path):
+    run = runs("explicit")
+    units = run.to_pandas("bodies", -1).attrs["units"]
+    assert units["worn_volume"] == "m3" and units["flash_temperature"] == "K" and units["peclet_number"] == "1"
+    blocks = run.to_pyvista(-1)
+    assert blocks["lower_maps"].n_cells == 60 * 80
+    assert blocks["upper_maps"].cell_data["wear_depth"].sum() == pytest.approx(run.maps("upper")["wear_depth"].sum(), rel=1e-14)
+    summary = run.summary()["measures"]
+    assert summary["plate_wear_lower"] == pytest.approx(run.bodies(-1)["plate_wear_lower"].sum(), rel=1e-14)
