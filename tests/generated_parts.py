@@ -99,7 +99,8 @@ def law_data() -> str:
 
     lines = ["| tuple | field | meaning |", "|---|---|---|"]
     for name in (
-        "Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench", "ContactStep",
+        "Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench",
+        "ContactStep",
     ):  # fmt: skip
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
         fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)

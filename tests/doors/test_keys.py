@@ -28,6 +28,7 @@ TABLES = {
     "plates",
     "contact",
     "effects",
+    "measures",
     "solver",
     "output",
     "lower",

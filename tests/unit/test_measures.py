@@ -57,7 +57,7 @@ def test_flash_temperature_of_a_steel_spot():
 
 
 @pytest.mark.parametrize(("largest", "words"), [(0.9, None), (2.0, "between"), (9.0, "a fast source")])
-def test_a_fast_source_is_told(largest, words):
+def test_warning_of_a_fast_source(largest, words):
     texts = MEASURES["flash_temperature"].warnings({"peclet_number": largest})
     assert (words is None) == (not texts) and all(words in text for text in texts)
 
@@ -156,7 +156,7 @@ def test_a_large_contact_is_spread_like_hertz_pressure():
         ('cell = "1 nm"\nwear = {plates = "1e-15 m3/J"}', "makes 4.8e+09 cells"),
     ],
 )
-def test_faults_are_told(measures, words):
+def test_faults_of_measures(measures, words):
     faults = law_faults(Scene.parse(f"{HOT}[measures]\n{measures}\n"), discover())
     assert any(words in str(fault) for fault in faults), faults
 

@@ -60,8 +60,7 @@ FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step and of the shortest trial step, in Rayleigh times."""
 
 WORK = 5.0
-"""Tolerance of the friction work of a body in a step, relative to its scale of energy (`kernels.implicit.friction_work`), over
-`tolerance`."""
+"""Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`friction_work`)."""
 
 WORK_OF_SPRINGS = 80.0
 """WORK for laws that keep a field of springs (`mdr`, `exact`): the dissipation of each spring is exact in a step, so the

@@ -118,10 +118,8 @@ class Candidates:
     `closed` (n,): 1: in contact; 2: in contact one step ago.
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
     `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): row of F for the force on the partner's body, whose number is in `remote_body`; -1: both bodies are in one
-    group.
-    `cuts` (3, chunks + 1): see `kernels.rigid_body`.
-    `lowest` (groups,): first group whose contacts act on bodies of the group.
+    `outer` (n,): row of F for the force on the partner's body, number `remote_body`; -1: both bodies are in one group.
+    `cuts` (3, chunks + 1): see `kernels.rigid_body`. `lowest` (groups,): first group whose contacts act on bodies of the group.
     `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
     """
 

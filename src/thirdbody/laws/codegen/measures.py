@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of
+from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of, tuples_for
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.measures import MEAN, Measure, has_means, largest, summed
 
@@ -29,7 +29,7 @@ def measures_text(measures: Sequence[Measure]) -> str:
         lines.append(f"    H[k, at + {column}] = max(H[k, at + {column}], r{k}[{i}])")
         column += 1
     imports.append("from thirdbody.kernels.signatures import MEASURE")
-    head = HEAD.format(title=" + ".join(measure.name for measure in measures), imports="\n".join(imports))
+    head = HEAD.format(title=" + ".join(measure.name for measure in measures), tuples=tuples_for(()), imports="\n".join(imports))
     return head + "@njit(MEASURE, **OPTIONS)\ndef measure(s, row, H, k, at, parameters):\n" + "\n".join(lines) + "\n"
 
 
