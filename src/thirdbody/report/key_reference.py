@@ -61,7 +61,7 @@ def _option_key(path: str, option: Option, tables: tuple[str, ...]) -> Key:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
 
 
 def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
@@ -70,11 +70,10 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
     for labeller in {id(one): one for family in registry.families.values() if (one := family.labeller)}.values():
         tables["series"] |= {f"fraction_{state}": FRACTION for state in labeller.states}
         tables["bodies"] |= _labels(labeller)
-    tables["maps"] = {}
+    tables |= {"measures": {}, "maps": {}}
     for measure in registry.measures.values():
         layout = layout_of([measure])
-        tables["bodies"] |= {column.name: Name(column.unit, _sentence(column.doc)) for column in layout.bodies}
-        tables["contacts"] |= {name: Name(unit, "The same of the contact, since it closed.") for name, unit, _ in layout.maxima}
+        tables["measures"] |= {column.name: Name(column.unit, _sentence(column.doc)) for column in layout.bodies}
         tables["maps"] |= {entry.name: Name(entry.unit, f"{_sentence(entry.doc)} Per area of a cell.") for entry in layout.maps}
     return tables
 
