@@ -18,6 +18,7 @@ from machine import machine
 
 import thirdbody
 from thirdbody.trajectory.schema import BLOCKS, Arrays, Frame
+from thirdbody.trajectory.stored_frames import static_arrays, stored_frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
@@ -29,7 +30,7 @@ def pattern(folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarra
     """Header, static arrays and one frame of a real run."""
     scene = thirdbody.Scene.load(SCENE).with_settings(SMALL)
     with thirdbody.run(scene, out=folder / "pattern", progress=False) as run:
-        return run.header, run.static_arrays(), run.stored_frame(-1)
+        return run.header, static_arrays(run), stored_frame(run, -1)
 
 
 def filled(like: Arrays, rows: int, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -32,16 +32,7 @@ def plain(thing: object) -> object:
 PYTHON = {name: getattr(thirdbody, name) for name in (*thirdbody.__all__, "balance") if name != "errors"}
 PYTHON |= functions_of(thirdbody.Run) | functions_of(thirdbody.Scene)
 PLUGIN = {f"plugin.{name}": plain(getattr(plugin, name)) for name in plugin.__all__}
-INTERNAL = {
-    "Run.static_arrays",
-    "Run.stored_frame",
-    "Scene.suggestion",
-    "Scene.rules",
-    "Scene.checks",
-    "Scene.arrange",
-    "Scene.beside",
-    "Scene.fault",
-}
+INTERNAL = {"Run.steady", "Scene.suggestion", "Scene.rules", "Scene.checks", "Scene.arrange", "Scene.beside", "Scene.fault"}
 """Public by name, for other parts of thirdbody only."""
 DECORATORS = {"plugin.kernel", "plugin.helper"}
 """Made by numba; what they do stands where they are set."""

@@ -266,9 +266,10 @@ def read_run(path: Path) -> None:
     """Everything that the reader of a run gives."""
     import thirdbody
     from thirdbody.export.csv_tables import export_csv
+    from thirdbody.trajectory.stored_frames import static_arrays
 
     with thirdbody.open(path) as run:
-        repr(run), run.scene_text, run.summary(), run.times, run.series, run.units, run.static_arrays()
+        repr(run), run.scene_text, run.summary(), run.times, run.series, run.units, static_arrays(run)
         for frame in range(run.frames):
             for block in ("spheres", "clumps", "contacts", "plates"):
                 run.block(block, frame)

@@ -65,7 +65,7 @@ def _committed_rows(run: Run) -> dict[str, int]:
         static = run.header[STATIC_TEXT].get(name, ())
         ends = {"Points": block["Steps/PointOffsets"]}
         ends |= {f"PointData/{n}": block["Steps/PointDataOffsets"][n] for n in block["PointData"] if n not in static}
-        count = run.rows(name, run.frames - 1) if run.frames else 0
+        count = run.stored[name].rows(run.frames - 1) if run.frames else 0
         for path, offsets in ends.items():
             rows[f"{block.name}/{path}"] = int(offsets[run.frames - 1]) + count if run.frames else 0
         for cells in ("Vertices", "Lines", "Polygons", "Strips"):

@@ -20,7 +20,7 @@ class RunData:
         self.dragged, self.stroke, self.start = self.drag.dragged, self.drag.stroke, self.drag.start
         self.summary = run.summary()
         self.colors = dict(zip(run.state_names, state_colors(run.state_names), strict=True))
-        self.contacts = run.contacts(self.frame)
+        self.contacts = run.block("contacts", self.frame)
         self.bodies = run.bodies(self.frame)
 
     def name(self, name: str, shown: bool = True) -> np.ndarray:

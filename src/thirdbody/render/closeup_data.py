@@ -9,10 +9,11 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, pale
-from thirdbody.render.coloring import LegendScale, rows_of
+from thirdbody.render.coloring import LegendScale
 from thirdbody.render.force_tubes import nearest_image
 from thirdbody.render.picture_data import FREE_SCALE, PictureData, domain_of, read_picture_data
 from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.rebuilt_spheres import rows_of
 
 UNLABELLED = "#5A626C"
 

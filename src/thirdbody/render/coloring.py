@@ -13,6 +13,7 @@ from thirdbody.errors import InputError, nearest
 from thirdbody.palette import category_colors, field_colors, rgb, state_colors
 from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.rebuilt_spheres import rows_of
 from thirdbody.trajectory.state_groups import code_name
 
 Arrays = dict[str, np.ndarray]
@@ -88,7 +89,7 @@ def compute_coloring(
     name = ALIASES.get(color, color)
     if name in bodies and (bodies[name].dtype == np.uint8 or name in NUMBERED):
         return _categories(run, name, bodies[name], row, scale.codes)
-    contacts = run.contacts(frame)
+    contacts = run.contacts(frame) if run.has_contacts else {}
     values = _field(name, color, bodies, spheres, contacts, row)
     tubes = _length(contacts[name]) if name in contacts else None
     known = values[np.isfinite(values)]
@@ -148,11 +149,3 @@ def _largest_of_contacts(contacts: Arrays, values: np.ndarray, bodies: Arrays) -
             real = contacts[side] >= 0
             np.maximum.at(largest, rows_of(bodies, contacts[side][real]), values[real])
     return np.where(np.isneginf(largest), np.nan, largest)
-
-
-def rows_of(bodies: Arrays, ids: np.ndarray) -> np.ndarray:
-    """Return the rows of bodies with these ids: rows may be in any order."""
-    if "id" not in bodies:
-        return ids.astype(np.int64)
-    order = np.argsort(bodies["id"])
-    return order[np.searchsorted(bodies["id"][order], ids)]

@@ -9,7 +9,8 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.palette import rgb
-from thirdbody.render.coloring import Arrays, Coloring, rows_of
+from thirdbody.render.coloring import Arrays, Coloring
+from thirdbody.trajectory.rebuilt_spheres import rows_of
 
 if TYPE_CHECKING:
     import pyvista

@@ -95,7 +95,9 @@ def draw_forecast(path: Path, picture: Path) -> None:
 
 
 def start_of_drag(run: Run) -> int | None:
-    """Return the frame at which the drag starts; None when the run has no forecast or no drag."""
+    """Return the frame at which the drag starts; None when the run has no forecast, no contacts or no drag."""
+    if not run.has_contacts:
+        return None
     if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0) or ROLLING not in run.state_names:
         return None
     distance = run.series["distance"]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 10
+VERSION = 11
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"
@@ -40,7 +40,7 @@ class Checkpoint:
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
     time used so far, `violations` the number of successive checks in which the energy balance was off, `means` the state of the
-    means over the output interval.
+    means over the output interval, `pressure` the largest peak pressure of the frames so far.
     """
 
     scene: str
@@ -54,6 +54,7 @@ class Checkpoint:
     impulses: np.ndarray
     snapshot: Snapshot
     means: dict[str, np.ndarray] = field(default_factory=dict)
+    pressure: dict[str, Any] = field(default_factory=dict)
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:

@@ -42,6 +42,7 @@ def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
 def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path) -> tuple[float, int]:
     """Return the seconds of a frame after the first one, and the bytes of the file with the first one."""
     from thirdbody.engine.energy import Ledger
+    from thirdbody.runner.measurements import selection_of
     from thirdbody.runner.simulate import run_header
     from thirdbody.runner.yield_check import PeakPressure
     from thirdbody.trajectory.frame import FrameMaker
@@ -49,13 +50,15 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
 
     state, pressure = integrator.state, PeakPressure(built)
     maker = FrameMaker(state, Ledger(state), built.labeller, integrator.drag)
+    selection = selection_of(built.scene, maker)
 
     def write(writer: TrajectoryWriter) -> None:
         frame = maker.frame(integrator.label() if built.labeller else None)
-        writer.append(frame)
+        writer.append(selection.frame(frame))
         pressure.update(frame.contacts)
 
-    with TrajectoryWriter(path, run_header(built), maker.static(), surfaces=built.surfaces) as writer:
+    static = selection.static(maker.static(), state)
+    with TrajectoryWriter(path, run_header(built), static, surfaces=built.surfaces, selection=selection) as writer:
         write(writer)
         first, started, number = path.stat().st_size, time.perf_counter(), 0
         while number < LARGEST_NUMBER and time.perf_counter() - started < SECONDS:

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody.engine.state import State, table
+from thirdbody.errors import InputError, nearest
 from thirdbody.runner.output_schedule import settling_frames
+from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
+from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
+from thirdbody.trajectory.output_selection import ALL, Selection
 from thirdbody.trajectory.profiles import AXES, Profiler
 
 if TYPE_CHECKING:
@@ -57,6 +61,19 @@ def profiler_of(simulation: Simulation) -> Profiler | None:
     if labeller is None:
         return Profiler(profiles.bins, axis)
     return Profiler(profiles.bins, axis, lambda: integrator.label()[:, 0], labeller.states)
+
+
+def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
+    """Return what of a frame the scene has written. Raises InputError for arrays that the bodies do not have."""
+    output = scene.output
+    known = ["position", *maker.body_arrays()] if output.arrays is not None else []
+    unknown = [name for name in output.arrays or () if name not in known]
+    if unknown:
+        what = "the bodies of this run have no array"
+        raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
+    blocks = tuple(name for name in ALL if output.blocks is None or name in output.blocks)
+    arrays = None if output.arrays is None else tuple(output.arrays)
+    return Selection(blocks, arrays, output.precision == "float32", output.compress)
 
 
 def is_bed(simulation: Simulation) -> bool:

@@ -17,7 +17,7 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of
+from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.output_schedule import changeover_stop, targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder, new_rate_test
@@ -64,6 +64,7 @@ class RunLoop:
         self.means = interval_means(simulation, profiler)
         drag, bed = simulation.integrator.drag, bed_measures(simulation)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
+        self.selection = selection_of(simulation.scene, self.maker)
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
         self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
@@ -78,6 +79,7 @@ class RunLoop:
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
         self.maker.impulses = checkpoint.impulses.copy()
+        self.pressure.restore(checkpoint.pressure)
         self.reached, self.before, self.energy_guard.above = checkpoint.stop, checkpoint.wall_time, checkpoint.violations
 
     def wall_time(self) -> float:
@@ -131,6 +133,7 @@ class RunLoop:
         return Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
+            self.pressure.export_state(),
         )  # fmt: skip
 
     def _watch(self) -> None:
@@ -182,7 +185,7 @@ class RunLoop:
         simulation = self.simulation
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
         try:
-            self.writer.append(frame)
+            self.writer.append(self.selection.frame(frame))
         except ValueError as error:  # a resumed run whose file holds other arrays than it wrote
             raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
         if not self.files.usable:

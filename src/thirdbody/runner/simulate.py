@@ -157,9 +157,6 @@ def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | Non
     problem: GuardStop | Interrupted | None = None
     if checkpoint is not None:
         loop.restore(checkpoint)
-        if checkpoint.frames:
-            with open_run(files.path) as before:
-                loop.pressure.read_frames(before, checkpoint.frames, loop.stop_before_going_on)
     with _opened(files, run_header(simulation), loop, checkpoint) as writer:
         try:
             loop.integrate(writer)
@@ -189,12 +186,13 @@ def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
     path = files.path / FILE_NAME
     if checkpoint is None or not checkpoint.frames:
         surfaces = loop.simulation.surfaces
-        return TrajectoryWriter(files.work_folder / FILE_NAME, header, loop.maker.static(), (path, 0), surfaces)
+        static = loop.selection.static(loop.maker.static(), loop.simulation.state)
+        return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, loop.selection)
     with open_run(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
-    return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on)
+    return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on, loop.selection)
 
 
 def run_header(simulation: Simulation) -> dict[str, Any]:
@@ -233,6 +231,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
         "debris_contact": debris_contact(simulation),
         **({"speed_scale": simulation.speed_scale.report()} if simulation.speed_scale else {}),
+        **({} if scene.output.blocks is None else {"blocks": scene.output.blocks}),
         "warnings": simulation.warnings,
         **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
         "versions": {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from thirdbody.units import pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.trajectory.reader import Run
 
 
 class PeakPressure:
@@ -27,11 +26,14 @@ class PeakPressure:
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
-    def read_frames(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
-        """Read the first frames of a resumed run; `between` is called before each of them."""
-        for frame in range(min(frames, run.frames)):
-            between()
-            self.update(run.contacts(frame))
+    def export_state(self) -> dict[str, Any]:
+        """Return what a checkpoint holds of it."""
+        return {"ratio": self.ratio, "pressure": self.pressure, "pair": list(self.pair), "over": self.over}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from `export_state`."""
+        self.ratio, self.pressure, self.over = float(state["ratio"]), float(state["pressure"]), int(state["over"])
+        self.pair = (int(state["pair"][0]), int(state["pair"][1]))
 
     def update(self, contacts: Mapping[str, np.ndarray]) -> None:
         """Update with the contacts of one frame."""

@@ -29,12 +29,13 @@ from thirdbody.scene.field_types import MAX_SPHERES, Text, Whole, listing, plain
 from thirdbody.scene.measures import Measures
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
+from thirdbody.scene.output import Output
 from thirdbody.scene.overrides import apply_settings
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
 from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
 from thirdbody.scene.surface_checks import surface_faults
-from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Output, Pair, Plates, Solver, UpperPlate
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Pair, Plates, Solver, UpperPlate
 from thirdbody.scene.toml_writer import save_text, toml_text
 
 __all__ = [

@@ -7,7 +7,8 @@ import math
 from thirdbody.scene.load_history import Load, LoadStage
 from thirdbody.scene.model import Scene
 from thirdbody.scene.motion import Constant, Drive, Pause, Ramp, Stroke, Table
-from thirdbody.scene.tables import Output, Solver, UpperPlate
+from thirdbody.scene.output import Output
+from thirdbody.scene.tables import Solver, UpperPlate
 
 
 def at_speed(scene: Scene, factor: float) -> Scene:

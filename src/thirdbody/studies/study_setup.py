@@ -11,6 +11,7 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
 from thirdbody.runner.measurements import is_bed
 from thirdbody.scene.model import Scene
+from thirdbody.scene.output import STORED
 from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduce_scene
 from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, measure_costs
 from thirdbody.studies.variants import Base, Variant, springs_option, variants_of
@@ -137,6 +138,8 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
     scene = scene.with_settings({"solver.rate_test": None}) if scene.solver.rate_test is not None else scene
+    lean = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
+    scene = scene.with_settings(lean) if lean else scene  # contacts and orientations are compared
     copy, built, reduction = reduce_scene(scene, plugins, maximum)
     changes, words = coarsened(copy, built) if few else ({}, [])
     base = base_of(copy, built, plugins)

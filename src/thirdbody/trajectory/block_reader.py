@@ -1,5 +1,6 @@
 """Reader of one block of a run: arrays of single frames from data sets that hold all frames in sequence."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 import h5py
@@ -24,10 +25,15 @@ class BlockReader:
     def names(self) -> list[str]:
         return list(self._data)
 
-    def read(self, frame: int) -> dict[str, np.ndarray]:
-        """Return all arrays of one frame, the coordinates as `position`."""
+    def whole(self) -> dict[str, np.ndarray]:
+        """Return all arrays with all rows, of a block whose arrays never change."""
+        with damage_as_fault(self._path, self._group.name):
+            return {name: values[()] for name, values in self._data.items()}
+
+    def read(self, frame: int, without: Collection[str] = ()) -> dict[str, np.ndarray]:
+        """Return all arrays of one frame but some, the coordinates as `position`."""
         rows = self.rows(frame)  # once: each look into the file costs as much as an array
-        return Named((name, self._cut(name, frame, rows)) for name in (POSITION, *self._data))
+        return Named((name, self._cut(name, frame, rows)) for name in (POSITION, *self._data) if name not in without)
 
     def array(self, name: str, frame: int) -> np.ndarray:
         """Return one array of one frame."""

@@ -52,6 +52,12 @@ class FrameMaker:
         spheres = {"radius": s.spheres.radius[self.spheres], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
         return {"spheres": spheres, "clumps": clumps}
 
+    def body_arrays(self) -> list[str]:
+        """Return the names of the arrays of the bodies, without those that never change."""
+        width = 2 + len(self.labeller.margins) + len(self.labeller.extras) if self.labeller else 0
+        labels = np.zeros((self.state.n_bodies, width)) if self.labeller else None
+        return [name for name in self._clumps(labels, self._contacts()) if name != "points"]
+
     def frame(self, labels: np.ndarray | None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
 

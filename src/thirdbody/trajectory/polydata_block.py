@@ -1,15 +1,29 @@
 """Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from thirdbody.trajectory.schema import Arrays
 
+LEVEL = 1
+"""Of deflate: higher ones take several times as long for some percent."""
+
 CELL_GROUPS = ("Vertices", "Lines", "Polygons", "Strips")
 VERSION = (2, 1)
+
+
+class Storage(NamedTuple):
+    """How the arrays of a block are stored: floating-point numbers in 32 bits, those of the points too, compressed."""
+
+    single: bool = False
+    single_points: bool = False
+    compress: bool = False
+
+
+PLAIN = Storage()
 
 
 class Column:
@@ -40,13 +54,18 @@ class Column:
         return self.extend(np.asarray(row, self._dtype)[None])
 
 
-def growing(group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, rows_ahead: int = 256) -> Column:
+def growing(
+    group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, rows_ahead: int = 256, compress: bool = False
+) -> Column:
     """Return the growing data set of that name, created if missing; chunks hold `rows_ahead` rows."""
     if name not in group:
         kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         kind.set_chunk((rows_ahead, *tail))
         # Else every new chunk is first filled with zeros: twice the bytes.
         kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+        if compress:
+            kind.set_shuffle()
+            kind.set_deflate(LEVEL)
         rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
         h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
     return Column(group[name])
@@ -65,10 +84,13 @@ def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:
 class Block:
     """Temporal PolyData block; its cells are runs of `per_cell` consecutive points, all of one kind."""
 
-    def __init__(self, group: h5py.Group, kind: str, per_cell: int, rows: int, narrow: bool = False):
-        self._group, self._kind, self._per_cell, self._narrow = group, kind, per_cell, narrow
+    def __init__(self, group: h5py.Group, kind: str, per_cell: int, rows: int, storage: Storage = PLAIN):
+        self._group, self._kind, self._per_cell, self._storage = group, kind, per_cell, storage
         # A few frames per chunk: small files for small runs and few chunks for large ones.
         self._ahead = int(np.clip(4 * rows, 64, 65536))
+        # A compressed chunk is a whole frame and written once: one that were written again would move, and a kill within that
+        # could damage frames that are committed.
+        self._chunk = max(1, rows) if storage.compress else self._ahead
         if "Type" not in group:
             group.attrs["Version"] = np.array(VERSION, np.int64)
             group.attrs.create("Type", np.bytes_(b"PolyData"))
@@ -83,7 +105,8 @@ class Block:
 
     def _make_topology(self) -> None:
         group, steps = self._group, self._steps
-        self._points = growing(group, "Points", (3,), np.float64, self._ahead)
+        number = np.float32 if self._storage.single_points else np.float64
+        self._points = growing(group, "Points", (3,), number, self._chunk, self._storage.compress)
         self._point_count = growing(group, "NumberOfPoints", (), np.int64)
         self._cells = {
             cells: {
@@ -120,7 +143,7 @@ class Block:
 
     def plain(self, arrays: Arrays) -> dict[str, np.ndarray]:
         """Return the arrays of a frame in the stored types; ValueError when they do not fit the block."""
-        plain = {k: as_numbers(k, v, self._narrow and k != "points") for k, v in arrays.items()}
+        plain = {k: as_numbers(k, v, self._storage.single and k != "points") for k, v in arrays.items()}
         count = len(plain["points"])
         wrong = [name for name, array in plain.items() if len(array) != count]
         if wrong or count % self._per_cell:
@@ -144,7 +167,7 @@ class Block:
             if name == "points":
                 continue
             if name not in self._varying:
-                data = growing(self._data, name, array.shape[1:], array.dtype, self._ahead)
+                data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
                 self._varying[name] = (data, self._offset_column(name))
             data, offsets = self._varying[name]
             offsets.add(data.extend(array))

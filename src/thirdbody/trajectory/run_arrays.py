@@ -15,13 +15,14 @@ from typing import Any, Self, TypeVar
 import h5py
 import numpy as np
 
+from thirdbody.errors import InputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import OpenFile
-from thirdbody.trajectory.plate_maps import read_maps
 from thirdbody.trajectory.plate_surfaces import read_surfaces
-from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.trajectory.rebuilt_spheres import RebuiltSpheres
+from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, SUMMARY_TEXT
 from thirdbody.trajectory.texts import read_text, refuse_large_texts
 from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
 
@@ -46,9 +47,10 @@ class RunArrays:
         """Open the file and read its headers; when an open file is reopened, its number of frames does not grow."""
         self._open.connect()
         with damage_as_fault(self.path):
-            self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
+            self.stored = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
+            self._blocks: dict[str, Any] = Named(self.stored)
             self._series_group, self._scene = self.file["series"], self.file["scene"]
-            counts = [block.frames for block in self._blocks.values()]
+            counts = [block.frames for block in self.stored.values()]
             # A run killed between two counts has one count too high: the lowest holds for all blocks.
             frames = min(counts + [int(self._series_group.attrs["NSteps"])])
             refuse_large_texts(self._scene)
@@ -57,13 +59,20 @@ class RunArrays:
             self.reason_names: list[str] = list(self.header["reason_names"])
             refuse_unsound(self.file, self.header, frames)
             codes = {"state": len(self.state_names), "state_reason": len(self.reason_names)}
-            self._blocks["clumps"].names_of = codes
+            self.stored["clumps"].names_of = codes
+            self.recorded = set(self.header.get("blocks", BLOCKS)) | {"plates"}
+            if "spheres" not in self.recorded:
+                self._blocks["spheres"] = RebuiltSpheres(self.stored["clumps"], self.stored["spheres"], self.path)
             self.frames: int = min(getattr(self, "frames", frames), frames)
 
     @property
     def file(self) -> h5py.File:
         """The HDF5 file."""
         return self._open.file
+
+    def steady(self, read: Callable[[], Result]) -> Result:
+        """Return the result of `read`; read the file again while it is being written."""
+        return self._open.steady(read, self._connect)
 
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
@@ -72,7 +81,7 @@ class RunArrays:
             with damage_as_fault(self.path, where):
                 return read()
 
-        return self._open.steady(checked, self._connect)
+        return self.steady(checked)
 
     def _text(self, name: str) -> Any:
         with damage_as_fault(self.path, f"/scene/{name}"):
@@ -107,6 +116,11 @@ class RunArrays:
     def has_states(self) -> bool:
         """Whether the run recorded states."""
         return "state" in self._names("clumps")
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether the run recorded contacts."""
+        return "contacts" in self.recorded
 
     def _history(self, name: str) -> np.ndarray:
         if name not in self._names("clumps"):
@@ -210,7 +224,14 @@ class RunArrays:
         -------
         dict of str to ndarray
             One row per contact: `position` (n, 3) [m], `force` (n, 3) [N], `normal_force` (n,) [N], `utilisation` (n,), ...
+
+        Raises
+        ------
+        InputError
+            The run file holds none: `output.blocks` of its scene leaves them out.
         """
+        if not self.has_contacts:
+            raise InputError(f"{self.path}: holds no contacts: output.blocks of its scene leaves them out")
         return self.block("contacts", frame)
 
     def plates(self, frame: int = -1) -> dict[str, np.ndarray]:
@@ -290,7 +311,7 @@ class RunArrays:
             One row per thing of the block.
         """
         number = self.frame_number(frame)
-        return self._open.steady(lambda: self._blocks[name].read(number), self._connect)
+        return self.steady(lambda: self._blocks[name].read(number))
 
     def array(self, block: str, name: str, frame: int = -1) -> np.ndarray:
         """Return one array of one block without reading the others.
@@ -313,7 +334,7 @@ class RunArrays:
             The block has no such array.
         """
         number = self.frame_number(frame)
-        return self._open.steady(lambda: self._blocks[block].array(name, number), self._connect)
+        return self.steady(lambda: self._blocks[block].array(name, number))
 
     def rows(self, block: str, frame: int = -1) -> int:
         """Return the number of rows of one block in one frame.
@@ -331,7 +352,7 @@ class RunArrays:
             Number of bodies, contacts, ...
         """
         number = self.frame_number(frame)
-        return self._open.steady(lambda: self._blocks[block].rows(number), self._connect)
+        return self.steady(lambda: self._blocks[block].rows(number))
 
     def frame_number(self, frame: int) -> int:
         """Return the frame number counted from 0.
@@ -361,26 +382,6 @@ class RunArrays:
             inside = f"from {-self.frames} to {self.frames - 1}" if self.frames else "none: nothing was written yet"
             raise IndexError(f"{self.path}: no frame {frame}; frames are {inside}")
         return frame % self.frames
-
-    def static_arrays(self) -> dict[str, dict[str, np.ndarray]]:
-        """Return, per block, the arrays that hold for all frames, in the form that `TrajectoryWriter` accepts."""
-        names: Mapping[str, list[str]] = self.header[STATIC_TEXT]
-        data = {block: self.file["VTKHDF"][block]["PointData"] for block in names}
-        return {block: {name: data[block][name][()] for name in names[block]} for block in names}
-
-    def stored_frame(self, frame: int) -> Frame:
-        """Return one frame in the form that `TrajectoryWriter.append` accepts, for copies."""
-        number = self.frame_number(frame)
-        blocks = {}
-        for name in BLOCKS:
-            arrays = self.block(name, number)
-            static = self.header[STATIC_TEXT].get(name, ())
-            blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items() if k not in static}
-        series = {name: values[number] for name, values in self.series.items()}
-        profiles = {name: values[number] for name, values in self.profiles.items()}
-        profiles = {name: values.reshape(len(values), 9) if values.ndim == 3 else values for name, values in profiles.items()}
-        maps = self._steady("the maps", lambda: read_maps(self.file, number))
-        return Frame(time=float(self.times[number]), series=series, profiles=profiles, maps=maps, **blocks)
 
     def close(self) -> None:
         """Close the file; may be called twice."""

@@ -101,7 +101,7 @@ def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict
 
 def _load_fractions(run: Run, frame: int, count: int) -> np.ndarray | None:
     """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
-    contacts = run.contacts(frame)
+    contacts = run.block("contacts", frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
     for side in (UPPER, LOWER):

@@ -29,9 +29,9 @@ _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
     "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
-    STATIC_TEXT: dict, PROFILES: dict, "measures": list,
+    STATIC_TEXT: dict, PROFILES: dict, "measures": list, "blocks": list,
 }  # fmt: skip
-_WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "measures", "warnings")
+_WORDS = ("blocks", "state_names", "reason_names", "materials", "populations", "effects", "measures", "warnings")
 
 DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError)
 """Errors that h5py, json and numpy raise for a damaged file."""

@@ -38,6 +38,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.crash_safe_file import PAGE, Sink
+from thirdbody.trajectory.output_selection import EVERYTHING, Selection
 from thirdbody.trajectory.plate_maps import MapsWriter
 from thirdbody.trajectory.plate_surfaces import write_surfaces
 from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
@@ -60,19 +61,21 @@ class TrajectoryWriter:
     `header` holds texts, stored as they are, and anything JSON can hold; `scene_text`, `state_names`, `reason_names` and `units`
     (name to unit) are required, `domain` ({"size": [x, y], "periodic": bool}), `title` and `versions` are used by other programs.
     `static` gives per block ("spheres", "clumps") the arrays that never change, written once; `clump` of a sphere is the `id` of
-    its clump. `surfaces`: those of the rough plates. `copy_of`: the file, and its number of frames, that the written one will
-    replace; errors name that one. Raises OutputError when the file cannot be written; committed frames stay readable.
+    its clump. `surfaces`: those of the rough plates. `selection`: how arrays are stored. `copy_of`: the file, and its number of
+    frames, that the written one will replace; errors name that one. Raises OutputError when the file cannot be written; committed
+    frames stay readable.
     """
 
     def __init__(
         self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None,
-        surfaces: Mapping[str, Surface] = MappingProxyType({}),
+        surfaces: Mapping[str, Surface] = MappingProxyType({}), selection: Selection = EVERYTHING,
     ):  # fmt: skip
         missing = [name for name in REQUIRED_TEXTS if name not in header]
         if missing:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
         self._named, self._before = copy_of or (self.path, 0)
+        self._selection = selection
         with self._write_errors():
             rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
             self._open("w", rows)
@@ -94,8 +97,9 @@ class TrajectoryWriter:
 
     @classmethod
     def resume(
-        cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None
-    ) -> TrajectoryWriter:
+        cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None,
+        selection: Selection = EVERYTHING,
+    ) -> TrajectoryWriter:  # fmt: skip
         """Return a writer that continues after the first `frames` frames of an existing file; the others are dropped.
 
         The committed frames are copied to a new file that then replaces the old one: the index of a killed run's file may hold
@@ -104,20 +108,21 @@ class TrajectoryWriter:
         Raises InputError when the file is not a run or has fewer frames.
         """
         from thirdbody.trajectory.reader import open_run
+        from thirdbody.trajectory.stored_frames import static_arrays, stored_frame
 
         path = Path(path)
         copy = path.with_name(path.name + ".part")
         writer = cls.__new__(cls)
         writer.path = writer._named = path
-        writer._before = frames
+        writer._before, writer._selection = frames, selection
         try:
             with open_run(path) as old:
                 if frames > old.frames:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-                with cls(copy, header or old.header, old.static_arrays(), (path, old.frames), old.surfaces) as new:
+                with cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection) as new:
                     for number in range(frames):
                         between()
-                        new.append(old.stored_frame(number))
+                        new.append(stored_frame(old, number))
                     new.sync()  # the checkpoint on the disk refers to these frames
             with writer._write_errors():
                 os.replace(copy, path)
@@ -150,9 +155,7 @@ class TrajectoryWriter:
         self._blocks = {}
         for name in BLOCKS:
             kind, per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
-            # float32 for the spheres: their motion follows from the clump's, which is stored in full precision.
-            group = root.require_group(name)
-            self._blocks[name] = Block(group, kind, per_cell, ahead[name], narrow=name == "spheres")
+            self._blocks[name] = Block(root.require_group(name), kind, per_cell, ahead[name], self._selection.storage(name))
         self._scene = self._file.require_group("scene")
         self._series_group = self._file.require_group("series")
         self.frames = int(self._series_group.attrs.get("NSteps", 0))

@@ -1,0 +1,116 @@
+"""The table `output` of a scene: when frames are written, and what of them."""
+
+import numbers
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, SerializerFunctionWrapHandler, ValidationInfo, model_serializer
+
+from thirdbody import units
+from thirdbody.scene.field_types import Choice, Flag, Quantity, Text, Whole, listing, show
+from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
+from thirdbody.scene.schema_base import Part, Wrong, bundle
+
+_EVERY = {"distance": "length", "time": "time"}
+MAX_BINS = 1000
+"""Largest number of slabs of profiles."""
+_BINS = Whole(ge=1, le=MAX_BINS)
+
+
+class Profiles(Part):
+    """Profiles of the debris: means in slabs of equal thickness between the plates."""
+
+    bins: Annotated[int, _BINS]
+    """Number of slabs. Example: 20."""
+    axis: Annotated[Literal["x", "y", "z"], Choice()] = "z"
+    """Axis across the slabs. Example: "y"."""
+
+
+def _bins_alone(value: Any, info: ValidationInfo) -> Any:
+    """Return a number as the table that it stands for."""
+    if isinstance(value, Mapping | Profiles):
+        return value
+    return {"bins": _BINS.read(value, info)}
+
+
+STORED = ("blocks", "arrays", "precision", "compress")
+"""Keys of `output` about the run file."""
+
+
+class Output(Part):
+    """The interval between outputs: of sliding [m] or of time [s], according to `every_kind`.
+
+    In Python: Output(every="0.5 um"), or Output(every=5e-7, every_kind="distance").
+    """
+
+    every: Annotated[float, Quantity(gt=0)]
+    """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
+    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
+    profiles: Annotated[Profiles, BeforeValidator(_bins_alone), ShortForm({"type": "integer"} | _BINS.limits())] | None = None
+    """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
+    blocks: Annotated[list[Annotated[Literal["spheres", "clumps", "contacts"], Choice()]], listing("a list of blocks")] | None = (
+        None
+    )
+    """Blocks of the run file; all by default. Spheres that are left out are computed from their bodies where a run is read.
+
+    Contacts that are left out are lost. Example: ["clumps"].
+    """
+    arrays: Annotated[list[Text], listing("a list of names")] | None = None
+    """Arrays of the bodies that are written besides position, state and reason; all by default. Names: `thirdbody keys bodies`.
+
+    Example: ["quaternion", "friction_work"].
+    """
+    precision: Annotated[Literal["float64", "float32"], Choice()] = "float64"
+    """Floating-point numbers of the arrays in the run file; the state of the run, its series and checkpoints are always float64.
+
+    Example: "float32".
+    """
+    compress: Flag = False
+    """Whether arrays of bodies and spheres are compressed as they are written; contacts never are. Example: true."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        every = {"anyOf": [quantity_schema(dimension, {"exclusiveMinimum": 0}) for dimension in _EVERY.values()]}
+        properties = {key: value for key, value in schema["properties"].items() if key != "every_kind"}  # not in files
+        return schema | {"properties": properties | described({"every": every}, cls)}
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Return faults that follow from which keys are given."""
+        if isinstance(raw.get("blocks"), list | tuple) and "clumps" not in raw["blocks"]:
+            return [(("blocks",), "the bodies are always written: add 'clumps'")]
+        every, from_file = raw.get("every"), bool(context and context.get("file"))
+        if from_file and "every_kind" in raw:
+            return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
+        if isinstance(every, numbers.Real) and not isinstance(every, bool) and (from_file or "every_kind" not in raw):
+            or_kind = "" if from_file else ", or give every_kind"
+            return [(("every",), units.without_unit(show(every), ("length", "time")) + or_kind)]
+        return []
+
+    @classmethod
+    def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """Return the interval as a number and its kind. Raises ValidationError."""
+        if not isinstance(raw.get("every"), str):
+            return raw
+        try:
+            value, dimension = units.parse_any(raw["every"], ("length", "time"))
+            kind = "time" if dimension == "time" else "distance"
+            if raw.get("every_kind", kind) != kind:
+                raise ValueError(f"{show(raw['every'])} is not a {raw['every_kind']}")
+            if value <= 0.0:
+                raise ValueError(f"{show(raw['every'])} must be greater than 0")
+            units.refuse_absurd(value, dimension, show(raw["every"]))
+        except ValueError as error:
+            raise bundle([(("every",), str(error))]) from None
+        return raw | {"every": value, "every_kind": kind}
+
+    @model_serializer(mode="wrap")
+    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        document = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
+        if self.profiles is not None:
+            document["profiles"] = self.profiles.bins if self.profiles.axis == "z" else self.profiles.model_dump()
+        # a scene that names none of the others is written as before they were there
+        return document | {
+            key: getattr(self, key) for key in STORED if getattr(self, key) != type(self).model_fields[key].default
+        }

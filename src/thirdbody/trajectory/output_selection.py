@@ -1,0 +1,70 @@
+"""What of a frame is written: blocks, arrays of the bodies, precision and compression (table `output` of a scene).
+
+Spheres that are not written follow from their bodies: the static arrays of their block then hold each sphere's place in its body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from thirdbody.engine.state import State
+from thirdbody.kernels.columns import sphere
+from thirdbody.trajectory.polydata_block import Storage
+from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER, inverse_rotated
+from thirdbody.trajectory.schema import Arrays, Frame
+
+CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
+ALL = (SPHERES, CLUMPS, CONTACTS)
+ALWAYS = ("points", "state", "state_reason")
+"""Arrays of the bodies that are written whatever `output.arrays` says."""
+NEEDED = "quaternion"
+"""Array of the bodies from which spheres are computed, with their positions."""
+
+
+class Selection(NamedTuple):
+    """What of a frame is written, and how; `arrays` None: all arrays of the bodies."""
+
+    blocks: tuple[str, ...] = ALL
+    arrays: tuple[str, ...] | None = None
+    single: bool = False
+    compress: bool = False
+
+    @property
+    def rebuilds(self) -> bool:
+        """Whether spheres are computed where the run is read."""
+        return SPHERES not in self.blocks and (self.arrays is None or NEEDED in self.arrays)
+
+    def frame(self, frame: Frame) -> Frame:
+        """Return the frame with what is written of it."""
+        changes: dict[str, Arrays] = {}
+        if self.arrays is not None:
+            names = {*ALWAYS, *self.arrays}
+            changes[CLUMPS] = {name: values for name, values in frame.clumps.items() if name in names}
+        if SPHERES not in self.blocks:
+            changes[SPHERES] = {"points": frame.spheres["points"][:0]}
+        if CONTACTS not in self.blocks:
+            changes[CONTACTS] = {name: values[:0] for name, values in frame.contacts.items()}
+        return replace(frame, **changes) if changes else frame
+
+    def storage(self, block: str) -> Storage:
+        """Return how the arrays of a block are stored."""
+        # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
+        return Storage(self.single or block == SPHERES, self.single, self.compress and block in (CLUMPS, SPHERES))
+
+    def static(self, arrays: dict[str, dict[str, np.ndarray]], state: State) -> dict[str, dict[str, np.ndarray]]:
+        """Return the arrays that never change, with the places of the spheres where these are computed on reading."""
+        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: local_centers(state)}} if self.rebuilds else arrays
+
+
+EVERYTHING = Selection()
+"""Selection of a scene that names none."""
+
+
+def local_centers(state: State) -> np.ndarray:
+    """Return the centres of the spheres in the axes of their bodies (S, 3) [m], spheres in the order of the scene."""
+    of_body = state.body[state.given_spheres]
+    arm = state.S[state.given_spheres, sphere.POSITION3] - state.bodies.position[of_body]
+    return inverse_rotated(arm, state.bodies.quaternion[of_body])
