@@ -15,8 +15,10 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.kernel_data import Contact
+from thirdbody.report.active_components import parts
 from thirdbody.scene.model import Contact as ContactTable
 from thirdbody.scene.model import Effects, Material
+from thirdbody.units import pretty
 
 YIELD = 1.5e9
 BALL = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850.0, yield_strength=YIELD)
@@ -152,5 +154,13 @@ def test_the_level_without_it_keeps_hertz(make):
     simulation = make.ball_on_plane(BALL, RADIUS, (0.0, 0.0, -1.0))
     assert [law.name for law in simulation.choice.chain.laws][0] == "hertz"
     scene = simulation.scene.with_settings({"effects.elastic_plastic": {"yield_ratio": 2.8}})
-    named = build(scene).choice.chain.laws
-    assert [law.name for law in named if law.stage == "normal"] == ["elastic_plastic"]
+    named = build(scene)
+    assert [law.name for law in named.choice.chain.laws if law.stage == "normal"] == ["elastic_plastic"]
+    # `check` tells first yield of either: of the pressure where contacts are computed as elastic, and where they flow
+    for built, ratio in ((simulation, 1.6), (named, 2.8)):
+        told = next(row["reason"] for row in parts(built) if row["part"] == "first yield")
+        e = 2.0 * BALL.shear() / (1.0 - BALL.poisson_ratio)
+        force = math.pi**3 * RADIUS**2 * (ratio * YIELD) ** 3 / (6.0 * e**2)
+        speed = yield_speed(e, BALL.density) * (ratio / 1.6) ** 2.5
+        assert f"from {pretty(force, 'force')} on a sphere" in told and f"at {pretty(speed, 'velocity')} in its impact" in told
+        assert ("contacts flow" in told) == (built is named)

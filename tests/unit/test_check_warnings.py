@@ -61,7 +61,8 @@ WARNINGS = {
     "friction in per cent": ([("friction = 0.30", "friction = 30")], ["pairs[0].friction: 30 ", "not per cent"]),
     "deep overlap": ([("210 GPa", "0.6 GPa"), ("0.01 mN", "0.5 mN")], ["expected overlap 0.1", "a run stops at 0.3"]),
     "yield, assumed": (
-        [("0.01 mN", "2 mN")], ["1.7 times first yield of steel at 3.36 GPa", "2.1 GPa, assumed as E/100", "at most"],
+        [("0.01 mN", "2 mN")],
+        ["1.7 times first yield of steel at 3.36 GPa", "2.1 GPa, assumed as E/100", "at most", "effects.elastic_plastic"],
     ),
     "yield, given": (
         [("density =", 'yield_strength = "500 MPa"\ndensity =')], ["first yield of steel at 800 MPa", "500 MPa, given"],

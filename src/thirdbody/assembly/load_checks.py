@@ -71,6 +71,8 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
             f"load or use stiffer "
             "bodies"
         )
+    if choice.physics.flows:
+        return result
     pressure = response(choice.physics, overlap, pressing.radius, pressing.kind).pressure
     for k, pair in enumerate(choice.pairs):
         here = np.flatnonzero(pressing.kind == k)
@@ -90,7 +92,8 @@ def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float,
     where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
     return (
         f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "
-        f"are computed as elastic all the same; below it: at most {pretty(allowed, 'force')} on such a contact"
+        f"are computed as elastic all the same; below it: at most {pretty(allowed, 'force')} on such a contact; "
+        "[effects.elastic_plastic] lets them flow"
     )
 
 

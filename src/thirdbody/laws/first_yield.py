@@ -1,6 +1,6 @@
-"""Pressure at first yield of a pair of materials in contact.
+"""First yield of a pair of materials in contact: pressure, force of a contact, speed of an impact.
 
-Contacts are computed as elastic beyond it, too.
+Contacts are computed as elastic beyond it, too, unless the scene names `effects.elastic_plastic`.
 """
 
 import math
@@ -49,6 +49,20 @@ def yield_limit(a: Material, b: Material) -> YieldLimit:
     limits = [YieldLimit(FIRST_YIELD * strength, m.name, strength, not m.yield_strength)
               for m in (a, b) for strength in (m.yield_strength or _assumed_strength(m),)]  # fmt: skip
     return min(limits, key=lambda limit: limit.pressure)
+
+
+def yield_force(radius: float, modulus: float, pressure: float) -> float:
+    """Return the force [N] at which a contact of this effective radius reaches a peak pressure: pi^3 R^2 p^3/(6 E*^2) (Hertz)."""
+    return math.pi**3 * radius**2 * pressure**3 / (6.0 * modulus**2)
+
+
+def yield_speed(modulus: float, pressure: float, density: float) -> float:
+    """Return the speed [m/s] at which a ball that hits a plane reaches a peak pressure.
+
+    V = pi^2/(2 sqrt(10)) sqrt(p^5/(E*^4 rho)): half m V^2 is the elastic energy of Hertz' contact at that pressure, (4/15) pi p
+    a^4/R with a = pi R p/(2 E*) (Thornton and Ning 1998, Eq. 17, who round the factor to 1.56).
+    """
+    return math.pi**2 / (2.0 * math.sqrt(10.0)) * math.sqrt(pressure**5 / (modulus**4 * density))
 
 
 def _assumed_strength(material: Material) -> float:

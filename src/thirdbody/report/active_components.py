@@ -11,6 +11,8 @@ from thirdbody.assembly.expected_time import NS, TOUCH, law_cost
 from thirdbody.engine.static_response import response
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
+from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -152,7 +154,25 @@ def _yield_reason(built: Simulation) -> str:
     source += ", others assumed" if 0 < len(given) < len(built.choice.materials) else ""
     pressure = _peak_pressure(built)
     expected = f"expected peak pressure {pretty(pressure, 'pressure')}; " if pressure > 0.0 else ""
-    return f"{expected}{source}: a warning, no plastic flow"
+    return (
+        f"{expected}{source}: {'contacts flow' if built.state.physics.flows else 'a warning, no plastic flow'}; {_onset(built)}"
+    )
+
+
+def _onset(built: Simulation) -> str:
+    """Describe first yield of the pair of debris and plate, or of two bodies, that yields first."""
+    choice, radius, found = built.choice, float(np.median(built.state.spheres.radius)), []
+    for pair, row in zip(choice.pairs, choice.rows, strict=True):
+        modulus, limit = e_star(pair.a, pair.b), yield_limit(pair.a, pair.b)
+        pressure = row[0].yield_pressure if choice.physics.flows else limit.pressure
+        softer = pair.a if pair.a.name == limit.material else pair.b
+        speed = yield_speed(modulus, pressure, softer.density)
+        found.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))
+    force, speed, pressure, modulus, names = min(found)
+    if not pressure < modulus:
+        return "no material is known to yield"
+    where = f"on a sphere of {pretty(radius, 'length')} against a plane, or at {pretty(speed, 'velocity')} in its impact"
+    return f"{names} yields at {pretty(pressure, 'pressure')}: from {pretty(force, 'force')} {where}"
 
 
 def _spots_reason(built: Simulation) -> str:

@@ -1,4 +1,4 @@
-"""Largest recorded peak pressure against first yield: contacts are computed as elastic beyond it too."""
+"""Largest recorded peak pressure against first yield: contacts are computed as elastic beyond it too, unless they flow."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ class PeakPressure:
         self.of_body, self.of_plate = state.material[state.given], plate_materials(state.world)
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
+        self.flows = simulation.state.physics.flows
 
     def export_state(self) -> dict[str, Any]:
         """Return what a checkpoint holds of it."""
@@ -60,6 +61,7 @@ class PeakPressure:
         a, b = (self.materials[k] for k in self.pair)
         limit = yield_limit(a, b)
         finite = math.isfinite(limit.pressure)
+        flows = {"flows": True} if self.flows else {}
         return {
             "peak_pressure": self.pressure,
             "first_yield": {
@@ -70,6 +72,7 @@ class PeakPressure:
                 "yield_strength": limit.strength if finite else None,
                 "assumed": limit.assumed,
                 "contacts": self.over,
+                **flows,
             },
         }
 
@@ -95,7 +98,8 @@ def yield_words(summary: Mapping[str, Any]) -> str:
 def yield_warning(summary: Mapping[str, Any]) -> str:
     """Return a warning of contacts above first yield, from the summary of a run; empty without such contacts."""
     result = summary.get("first_yield")
-    if not result or not result["ratio"] > 1.0:
+    if not result or result.get("flows") or not result["ratio"] > 1.0:
         return ""
     words = f"peak pressure {yield_words(summary)}, in {result['contacts']} contact(s) of one frame"
-    return f"{words}: they would flow plastically, and are computed as elastic; a lower load stays below"
+    remedy = "a lower load stays below, [effects.elastic_plastic] lets them flow"
+    return f"{words}: they would flow plastically, and are computed as elastic; {remedy}"

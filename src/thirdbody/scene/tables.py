@@ -43,7 +43,7 @@ class Material(Part):
     density: PositiveDensity
     """Density. Example: "7850 kg/m3"."""
     yield_strength: PositivePressure | None = None
-    """Yield strength, for the warning of first yield only; where it is missing, 0.01 of Young's modulus counts.
+    """Yield strength, for the warning of first yield and for plastic flow; where it is missing, 0.01 of Young's modulus counts.
 
     Example: "250 MPa".
     """
