@@ -11,6 +11,7 @@ from thirdbody_effects import elastic_plastic as plastic
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.static_response import response
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.conformance.paths import plain
@@ -148,6 +149,16 @@ def test_two_balls_share_the_work(make):
 def test_levels_that_assume_hertz_refuse_it(make, level):
     with pytest.raises(InputError, match=f"'{level}' assumes the normal law 'hertz', not 'elastic_plastic'; take another level"):
         impact(make, 2.0, 100, contact=ContactTable(law="three_spot", level=level))
+
+
+def test_the_time_step_knows_the_way_out(make):
+    """Its bound is for the stiffness 2 E* a of a contact that turns back, not for that of one that flows."""
+    physics = impact(make, 1.0, 100)[2].state.physics
+    e = 2.0 * BALL.shear() / (1.0 - BALL.poisson_ratio) / (1.0 + 1e-6)
+    deep = 30.0 * (math.pi * 1.6 * YIELD / (2.0 * e)) ** 2 * RADIUS
+    found = response(physics, np.array([deep]), np.array([RADIUS]), physics.kinds[0, 1:])
+    assert found.stiffness[0] == pytest.approx(2.0 * e * math.sqrt(RADIUS * deep), rel=1e-12)
+    assert found.stiffness[0] > 5.0 * math.pi * 1.6 * YIELD * RADIUS  # of the flow
 
 
 def test_the_level_without_it_keeps_hertz(make):

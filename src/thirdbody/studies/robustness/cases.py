@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from thirdbody.studies.robustness import between_plates as plates
 from thirdbody.studies.robustness import free_bodies as free
 from thirdbody.studies.robustness import meeting_bodies as meeting
+from thirdbody.studies.robustness import plastic_flow as plastic
 from thirdbody.studies.robustness import rough_plates as rough
 from thirdbody.studies.robustness.case import Trial
 
@@ -61,6 +62,9 @@ CASES = (
     Case("narrow_groove", "a groove narrower than a sphere: two contacts", rough.narrow_groove, BOTH, swept=False),
     Case("step_of_a_file", "a step in a measured surface: no normal", rough.step_of_a_file, BOTH, LEVELS[:2], False),
     Case("sharp_valleys", "valleys sharper than a sphere: contacts come and go", rough.sharp_valleys, BOTH, swept=False),
+    Case("fast_impact", "100 V_y: stiffer on the way out than in", plastic.fast_impact, EXPLICIT, LEVELS[:2], False),
+    Case("pressed_again", "flows below the old load: lost memory", plastic.pressed_again, BOTH, LEVELS[:2], False),
+    Case("yields_and_rolls", "spots flow, part and touch: energy", plastic.yields_and_rolls, BOTH, LEVELS[:2], False),
     Case("turning_pair", "rigid rotation: history must turn along", free.rotating_pair, EXPLICIT, LEVELS, False),
 )
 """In the order of `thirdbody hard`."""
