@@ -48,6 +48,7 @@ ENTRIES = {
     "three_spot": Entry(f"{RENDER} --body 0 --frame 6"),
     "scanned_debris": Entry(f"{RENDER} --zoom 0.4"),
     "sheared_debris": Entry(),
+    "yielding_debris": Entry(f"{RENDER} --zoom 0.3 --color plastic_work"),
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
