@@ -71,7 +71,7 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
             f"load or use stiffer "
             "bodies"
         )
-    if choice.physics.flows:
+    if choice.physics.loss == "plastic":
         return result
     pressure = response(choice.physics, overlap, pressing.radius, pressing.kind).pressure
     for k, pair in enumerate(choice.pairs):

@@ -154,9 +154,8 @@ def _yield_reason(built: Simulation) -> str:
     source += ", others assumed" if 0 < len(given) < len(built.choice.materials) else ""
     pressure = _peak_pressure(built)
     expected = f"expected peak pressure {pretty(pressure, 'pressure')}; " if pressure > 0.0 else ""
-    return (
-        f"{expected}{source}: {'contacts flow' if built.state.physics.flows else 'a warning, no plastic flow'}; {_onset(built)}"
-    )
+    how = "contacts flow" if built.state.physics.loss == "plastic" else "a warning, no plastic flow"
+    return f"{expected}{source}: {how}; {_onset(built)}"
 
 
 def _onset(built: Simulation) -> str:
@@ -164,7 +163,7 @@ def _onset(built: Simulation) -> str:
     choice, radius, found = built.choice, float(np.median(built.state.spheres.radius)), []
     for pair, row in zip(choice.pairs, choice.rows, strict=True):
         modulus, limit = e_star(pair.a, pair.b), yield_limit(pair.a, pair.b)
-        pressure = row[0].yield_pressure if choice.physics.flows else limit.pressure
+        pressure = row[0].yield_pressure if choice.physics.loss == "plastic" else limit.pressure
         softer = pair.a if pair.a.name == limit.material else pair.b
         speed = yield_speed(modulus, pressure, softer.density)
         found.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))

@@ -25,7 +25,7 @@ class PeakPressure:
         self.of_body, self.of_plate = state.material[state.given], plate_materials(state.world)
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
-        self.flows = simulation.state.physics.flows
+        self.flows = simulation.state.physics.loss == "plastic"
 
     def export_state(self) -> dict[str, Any]:
         """Return what a checkpoint holds of it."""
