@@ -160,14 +160,14 @@ def _yield_reason(built: Simulation) -> str:
 
 def _onset(built: Simulation) -> str:
     """Describe first yield of the pair of debris and plate, or of two bodies, that yields first."""
-    choice, radius, found = built.choice, float(np.median(built.state.spheres.radius)), []
+    choice, radius, onsets = built.choice, float(np.median(built.state.spheres.radius)), []
     for pair, row in zip(choice.pairs, choice.rows, strict=True):
         modulus, limit = e_star(pair.a, pair.b), yield_limit(pair.a, pair.b)
         pressure = row[0].yield_pressure if choice.physics.loss == "plastic" else limit.pressure
         softer = pair.a if pair.a.name == limit.material else pair.b
         speed = yield_speed(modulus, pressure, softer.density)
-        found.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))
-    force, speed, pressure, modulus, names = min(found)
+        onsets.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))
+    force, speed, pressure, modulus, names = min(onsets)
     if not pressure < modulus:
         return "no material is known to yield"
     where = f"on a sphere of {pretty(radius, 'length')} against a plane, or at {pretty(speed, 'velocity')} in its impact"
