@@ -52,6 +52,7 @@ ENTRIES = {
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
+    "wear_map": Entry("render RUN -o PICTURE --plate lower --color wear_depth --cycles 1000 --width 800 --height 500"),
     "rough_plates": Entry(f"{RENDER} --zoom 0.3"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
     "angular_bed": Entry(f"{RENDER} --forces --view side"),

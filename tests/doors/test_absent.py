@@ -17,6 +17,8 @@ import pytest
 from balls import BALLS, edited
 
 from thirdbody.assembly.simulation import Simulation, build
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.snapshot import snapshot
 from thirdbody.kernels.columns import contact_state
 from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.dependencies import plain, source_files
@@ -142,6 +144,20 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     # no body effect, no line in the ledger; and their work is no rounding of zero with them
     assert "body_effects" not in first[1]
     assert (second[1].get("body_effects", 0.0) != 0.0) == (not contact)
+
+
+def test_a_measure_that_is_not_named_never_was():
+    """No module, no column of a contact or a body, no array of a checkpoint; one that is named has them, and the same laws."""
+    found = discover()
+    bare, never = build(scene(), found), build(scene(), Registry(tuple(replace(p, measures=()) for p in found.plugins)))
+    named = build(scene(measures__wear={"plates": "1e-15 m3/J"}), found)
+    assert modules(bare) == modules(never) == modules(named)
+    assert tables(bare) == tables(never) and bare.state.physics.measures is None and not bare.state.W.size
+    saved = [set(snapshot(one.state, one.integrator, Ledger(one.state)).arrays) for one in (bare, never, named)]
+    assert saved[0] == saved[1] and saved[2] - saved[0] == {"W", "maps"}
+    layout = named.state.physics.measures.layout
+    assert named.state.slots.H.shape[1] == bare.state.slots.H.shape[1] + layout.width
+    assert np.array_equal(bare.state.slots.H, named.state.slots.H[:, : -layout.width])
 
 
 @pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=pytest.mark.slow)])

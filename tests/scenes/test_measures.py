@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from steel import STEEL
 from trajectories import contents
 
 import thirdbody
-from thirdbody.errors import Interrupted, UsageError
+from thirdbody.errors import InputError, Interrupted, UsageError
+from thirdbody.render.plate_map import plate_map
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 
@@ -192,6 +194,24 @@ def test_bits_of_threads_and_pieces(runs, case, tmp_path):
 def test_a_run_with_measures_is_not_cut_into_parts(tmp_path):
     with pytest.raises(UsageError, match="measures"):
         thirdbody.run(scene("explicit", MEASURES % "", ALONE), out=tmp_path / "run", progress=False, parts=2)
+
+
+def test_picture_of_a_map(runs, tmp_path: Path):
+    run = runs("explicit")
+    file = run.render(tmp_path / "map.png", plate="upper", color="wear_depth", size=(400, 300))
+    with Image.open(file) as image:
+        assert image.size == (400, 300) and len(image.convert("RGB").getcolors(400 * 300)) > 20
+    values, words = plate_map(run, "upper", "wear_depth", 1, None)
+    assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("after ")
+    for wrong, message in (
+        ({"plate": "uper", "color": "wear_depth"}, "did you mean 'upper'"),
+        ({"plate": "upper", "color": "wear_dept"}, "did you mean 'wear_depth'"),
+        ({"plate": "upper", "color": "wear_depth", "cycles": 10.0}, "0 whole cycles"),
+        ({"plate": "upper", "color": "wear_depth", "zoom": 0.5}, "without body, forces and zoom"),
+        ({"color": "state", "cycles": 10.0}, "a number above 0, with plate"),
+    ):
+        with pytest.raises(InputError, match=message):
+            run.render(tmp_path / "map.png", **wrong)
 
 
 def test_tables_of_a_run_have_units(runs, tmp_path: Path):

@@ -92,6 +92,8 @@ class Image:
     view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso"
     forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False
     body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None
+    plate: Annotated[str | None, typer.Option("--plate", help="map of a measure, named by --color: lower or upper")] = None
+    cycles: Annotated[float | None, typer.Option("--cycles", help="with --plate: map of so many cycles, by rate")] = None
     zoom: Annotated[float | None, typer.Option("--zoom", help="fraction of the domain that is shown, 0.0001 to 1")] = None
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900

@@ -45,7 +45,8 @@ class PictureOptions:
     these the largest of a body), vectors by length; `size` is (width, height) in pixels. `zoom` (0.0001 to 1) is the fraction of
     the domain's width and depth that is shown; `view` is iso, side, front or top; `forces` draws contact forces as tubes; `body`
     shows one body close up, by its id. Of a film: `frames` is a:b:c [all], `fps` the number of frames per second, `camera` of a
-    close-up is `fixed` or moves with the body (`follow`) [follow].
+    close-up is `fixed` or moves with the body (`follow`) [follow]. `plate` (lower or upper) draws the map of a measure on that
+    plate, `color` is its name; with `cycles` that of so many cycles, by the rate of the run's.
     """
 
     frame: int | None = None
@@ -58,14 +59,17 @@ class PictureOptions:
     frames: str | None = None
     fps: int = 12
     camera: str | None = None
+    plate: str | None = None
+    cycles: float | None = None
 
 
 def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmReporter = False, **options: Any) -> Path:
     """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; return its path.
 
-    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera. `progress` of a
-    film: True draws a bar on a terminal; a callable gets the number of pictures drawn and their total. Raises InputError for an
-    invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file cannot be written.
+    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera, plate, cycles.
+    `progress` of a film: True draws a bar on a terminal; a callable gets the number of pictures drawn and their total. Raises
+    InputError for an invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file
+    cannot be written.
     """
     from thirdbody.render.picture_data import refuse_lost
     from thirdbody.trajectory.reader import open_run
@@ -73,6 +77,10 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     output, chosen = checked_output(output), PictureOptions(**options)
     _check_options(output, chosen)
     with open_run(run_path) as run:
+        if chosen.plate is not None:
+            from thirdbody.render.plate_map import draw_plate_map
+
+            return draw_plate_map(run, output, chosen.plate, asdict(chosen))
         numbers = _frame_numbers(run, output, chosen)
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
@@ -112,6 +120,9 @@ def _check_options(output: Path, options: PictureOptions) -> None:
         (not film and o.frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
         (page and (o.forces or o.body is not None), "forces, body: drawn in .png, .gif, .mp4, not in .html"),
         (page and o.zoom is not None, "zoom: for pictures and films; a page zooms with the wheel"),
+        (o.plate is not None and (suffix not in STILLS or o.body is not None or o.forces or o.zoom is not None),
+         "plate: the map of a plate is a .png, without body, forces and zoom"),
+        (o.cycles is not None and (o.plate is None or not 0.0 < o.cycles < 1e12), "cycles: a number above 0, with plate"),
         (o.body is not None and (o.forces or o.zoom is not None), "body: a close-up has its own forces; leave out forces, zoom"),
     ]  # fmt: skip
     for is_wrong, words in wrong:

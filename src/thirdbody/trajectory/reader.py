@@ -246,7 +246,8 @@ class Run(RunArrays):
         out : str or Path
             File; its suffix says what is drawn.
         **options
-            frame, color, size, zoom, view, forces, body, frames, fps, camera; see `thirdbody.render.render.render`.
+            frame, color, size, zoom, view, forces, body, frames, fps, camera, plate, cycles;
+            see `thirdbody.render.render.render`.
 
         Returns
         -------
