@@ -107,7 +107,7 @@ class Output(Part):
 
     @model_serializer(mode="wrap")
     def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        document = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
+        document: dict[str, Any] = {"every": units.format_si(self.every, _EVERY[self.every_kind])}
         if self.profiles is not None:
             document["profiles"] = self.profiles.bins if self.profiles.axis == "z" else self.profiles.model_dump()
         # a scene that names none of the others is written as before they were there

@@ -6,7 +6,7 @@ Spheres that are not written follow from their bodies: the static arrays of thei
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from thirdbody.engine.state import State
 from thirdbody.kernels.columns import sphere
 from thirdbody.trajectory.polydata_block import Storage
 from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER, inverse_rotated
-from thirdbody.trajectory.schema import Arrays, Frame
+from thirdbody.trajectory.schema import Frame
 
 CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
 ALL = (SPHERES, CLUMPS, CONTACTS)
@@ -39,7 +39,7 @@ class Selection(NamedTuple):
 
     def frame(self, frame: Frame) -> Frame:
         """Return the frame with what is written of it."""
-        changes: dict[str, Arrays] = {}
+        changes: dict[str, Any] = {}
         if self.arrays is not None:
             names = {*ALWAYS, *self.arrays}
             changes[CLUMPS] = {name: values for name, values in frame.clumps.items() if name in names}
