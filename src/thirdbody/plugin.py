@@ -28,7 +28,20 @@ from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FOR
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.columns.table import Table
 from thirdbody.kernels.contact_step import ContactStep
-from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Options, Pair, Plugin, helper, kernel
+from thirdbody.laws.contract import (
+    BodyEffect,
+    Labeller,
+    Law,
+    LawFamily,
+    Material,
+    Option,
+    Options,
+    Pair,
+    Plugin,
+    SpotInteraction,
+    helper,
+    kernel,
+)
 from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
@@ -97,6 +110,7 @@ __all__ = [
     "Renewal",
     "Rolling",
     "Size",
+    "SpotInteraction",
     "StaticLabels",
     "Table",
     "Tangential",

@@ -22,7 +22,7 @@ from thirdbody.engine.snapshot import snapshot
 from thirdbody.kernels.columns import contact_state
 from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.dependencies import plain, source_files
-from thirdbody.laws.contract import Law
+from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
@@ -49,6 +49,7 @@ EFFECTS = {
     "elastic_plastic": {},
     "pivoting": {},
     "adhesion": {"work_of_adhesion": "50 mJ/m2"},
+    "close_spots": {},
 }
 ADDED = {
     "rolling_resistance": {"moment", "rolling_utilisation"},
@@ -94,7 +95,7 @@ def tables(built: Simulation) -> dict[str, object]:
     return {
         **shapes, **slots, "history": physics.history, "pairs": physics.pairs.tolist(), "count": state.slots.count,
         "effects": physics.effect_parameters.tolist(), "flags": (physics.has_effects, physics.labels, physics.rolling),
-        "memory": (physics.memory, physics.contact_memory),
+        "memory": (physics.memory, physics.contact_memory), "spots": physics.interaction.tolist(),
     }  # fmt: skip
 
 
@@ -129,21 +130,23 @@ def test_an_effect_that_is_not_named_never_was(effect, tmp_path):
 def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path):
     """Else the test above compares nothing: here the modules differ, and only the one that the effect belongs to."""
     bare, named = build(scene(), engine()), build(scene(**{f"effects__{effect}": EFFECTS[effect]}), engine())
-    contact = isinstance(engine().effects[effect], Law)
+    contact, body = isinstance(engine().effects[effect], Law), isinstance(engine().effects[effect], BodyEffect)
     differ = {name for name, module in modules(named).items() if modules(bare)[name] != module}
     # the stiffness stands in the module of the law, and so do tangents in one of their own; labels see forces on bodies
-    assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"})
+    # the interaction of spots is no kernel of a scene, but a table of numbers
+    assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"} if body else set())
+    assert (len(named.state.physics.interaction) > 0) == (not contact and not body)
     # a law of moments has a spring and a dashpot, whose energy and moment are remembered with those of the others
     own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment", "springs"))}
     assert set(named.state.physics.history) - own == set(bare.state.physics.history)
     assert bool(own) == (effect in ADDED)
     first, second = results(bare, tmp_path / "bare"), results(named, tmp_path / "named")
-    added = ADDED.get(effect, set()) if contact else {"energy_body_effects"}
+    added = {"energy_body_effects"} if body else ADDED.get(effect, set())
     assert ends(second[0].keys() - first[0].keys()) == added
     assert not first[0].keys() - second[0].keys()
     # no body effect, no line in the ledger; and their work is no rounding of zero with them
     assert "body_effects" not in first[1]
-    assert (second[1].get("body_effects", 0.0) != 0.0) == (not contact)
+    assert (second[1].get("body_effects", 0.0) != 0.0) == body
 
 
 def test_a_measure_that_is_not_named_never_was():

@@ -157,6 +157,7 @@ def tables(n_plates: int) -> dict[str, Any]:
         "E": E, "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z, "memory": memory,
         "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
         "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
+        "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
         "tangents": address(tangents, LAW),
     }  # fmt: skip
@@ -271,6 +272,16 @@ def test_on_rough_plates_the_jacobian_is_the_derivative_of_the_residual(evaluate
         assert errors[0].max() < 2e-5 and errors[1].max() < 2e-6, errors
 
 
+def test_spots_that_interact_have_the_jacobian_of_all_of_them(evaluate):
+    """Three spots on the lower plate, one above. Left out is the change of the forces along the plate, N^2 g/r^2 of 3 N/2d."""
+    offsets, near = OFFSETS.copy(), 0.05
+    offsets[:3, 2] = -0.6, -0.59, -0.6
+    given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF])}
+    errors = jacobian_errors(evaluate, given, STEPS[1:2])
+    # g N/d is 1.5 % of the overlap: without the interaction in the Jacobian it would be off by that
+    assert errors.max() < 1e-4, errors
+
+
 def test_what_the_jacobian_leaves_out_of_the_gradient_force_is_small(evaluate):
     """Its gradient: U/2 = 0.2 N d times the second derivatives of ln R_eff, about 10, over 1.5 N/d: 3e-3 at d = 0.05."""
     rng, errors = np.random.default_rng(9), []
@@ -340,6 +351,7 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
         "S": S, "B": B, "E": E, "P": P, "Q": FLAT, "H": H, "starts": Z, "memory": np.zeros((2, step_memory.WIDTH)),
         "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": 1,
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
+        "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
         "tangents": address(tangents, LAW),
     }  # fmt: skip

@@ -135,3 +135,13 @@ def test_an_impact_changes_the_spins_by_the_moment_of_its_load(make):
     # velocity Verlet in the corner where a spring begins to slip: an error of second order in the step
     assert lines["friction"] == pytest.approx(before - make.kinetic(simulation), rel=1e-4)
     assert abs(lines["residual"]) < 1e-4 * lines["friction"]
+
+
+@pytest.mark.parametrize(("spin", "effects"), [(1e4, None), (0.0, None), (1e4, named())])
+def test_check_reminds_of_it_where_a_ball_spins_between_plates(make, spin, effects):
+    one = make.ball(RADIUS, (MIDDLE, MIDDLE, RADIUS), spin=(0.0, 0.0, spin))
+    still = Motion(x=[ConstantVelocity(velocity=0.0)])
+    keys = {} if effects is None else {"effects": effects}
+    simulation = make.under_patches([one], {"ball": make.STEEL}, LOAD, still, friction=FRICTION, **keys)
+    reminders = [text for text in simulation.warnings if "effects.pivoting" in text]
+    assert len(reminders) == (1 if spin and effects is None else 0)

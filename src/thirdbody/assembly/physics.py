@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.spot_interaction import interaction_table
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest
@@ -15,7 +16,7 @@ from thirdbody.laws.codegen.compile_errors import compile_error, foreign
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
 from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.codegen.measures import compose_measures
-from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
+from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair, SpotInteraction
 from thirdbody.laws.measures import Measure, layout_of
 from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.registry import Registry
@@ -33,6 +34,7 @@ class CompiledPhysics:
     level: str
     labeller: Labeller | None
     effects: tuple[BodyEffect, ...]
+    interactions: tuple[SpotInteraction, ...]
     materials: tuple[Material, ...]
     pairs: tuple[Pair, ...]
     rows: tuple[tuple[Any, ...], ...]
@@ -59,7 +61,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     """Select, check and compile. Raises InputError with all faults of names and options."""
     faults: list[Fault] = []
     family, level, laws = _family(scene, registry, faults)
-    contact_effects, effects, values = _effects(scene, registry, faults)
+    contact_effects, effects, interactions, values = _effects(scene, registry, faults)
     measures, measure_values = _measures(scene, registry, faults)
     materials, pairs = _materials(scene)
     law_values = _law_options(scene, family, laws, faults)
@@ -81,13 +83,16 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     if any(effect.settling for effect in effects):
         effect_row.append(math.inf)  # end of settling: set by `assembly.simulation`
     labeller = family.labeller or _any_labeller(registry)
+    table = interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
-        physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
+        physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller, table)
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
     if measures:
         physics = replace(physics, measures=_compiled_measures(scene, measures, measure_values, pairs))
-    return CompiledPhysics(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options, measures)
+    return CompiledPhysics(
+        physics, chain, family, level, labeller, effects, interactions, materials, pairs, rows, off, options, measures
+    )
 
 
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
@@ -184,12 +189,13 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
 
 def _effects(
     scene: Scene, registry: Registry, faults: list[Fault]
-) -> tuple[list[Law], tuple[BodyEffect, ...], dict[str, dict[str, Any]]]:
-    """Return contact effects, body effects (gravity first, then by name) and the option values of each."""
+) -> tuple[list[Law], tuple[BodyEffect, ...], tuple[SpotInteraction, ...], dict[str, dict[str, Any]]]:
+    """Return contact effects, body effects (gravity first, then by name), interactions of spots and the option values of each."""
     known = registry.effects
     named: dict[str, Any] = dict(scene.effects.named)
     contact_effects: list[Law] = []
     body_effects: list[BodyEffect] = []
+    interactions: list[SpotInteraction] = []
     values: dict[str, dict[str, Any]] = {}
     if scene.effects.gravity is not None:
         body_effects += [effect for name, effect in known.items() if name == "gravity" and isinstance(effect, BodyEffect)]
@@ -203,9 +209,11 @@ def _effects(
         values[name] = _effect_values(scene, effect, given, location, faults)
         if isinstance(effect, Law):
             contact_effects.append(effect)
+        elif isinstance(effect, SpotInteraction):
+            interactions.append(effect)
         else:
             body_effects.append(effect)
-    return contact_effects, tuple(body_effects), values
+    return contact_effects, tuple(body_effects), tuple(interactions), values
 
 
 def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:
@@ -256,7 +264,7 @@ def _compiled_measures(
 
 
 def _effect_values(
-    scene: Scene, effect: Law | BodyEffect | Measure, given: Any, location: tuple[str, ...], faults: list[Fault]
+    scene: Scene, effect: Law | BodyEffect | SpotInteraction | Measure, given: Any, location: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
     """Return the option values of an effect, given as a table, its only value, or `true`."""
     names = [option.name for option in effect.options]
@@ -330,7 +338,7 @@ def _range(option: Option) -> str:
     return f"lie between {option.low:g} and {option.high:g}{unit}"
 
 
-def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Physics:
+def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, interaction) -> Physics:
     index = {material.name: k for k, material in enumerate(materials)}
     kinds = np.full((len(materials), len(materials)), -1, np.int64)
     for k, pair in enumerate(pairs):
@@ -351,6 +359,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         plastic=chain.plastic,
         loss=chain.loss,
         pairs=np.ascontiguousarray(parameters.ravel()),
+        interaction=interaction,
         kinds=kinds,
         effects=compose_effects(effects),
         effect_parameters=np.array(effect_row or [0.0]),

@@ -12,6 +12,7 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.assembly.bed import Bed, bed_of, fast_bed_warnings
+from thirdbody.assembly.effect_reminders import effect_reminders
 from thirdbody.assembly.inertial_number import examine_inertia
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, implicit, plan
@@ -176,7 +177,7 @@ def build(
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state, upper, before)
-    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
+    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state), *effect_reminders(scene, choice, state)]
     if chosen.kind == "implicit":
         refuse_scale(scene, scale)
         slow = implicit(scene, choice, state, upper, warnings)

@@ -163,7 +163,7 @@ class Explicit:
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.REMOTE, ends], axis=1).max(initial=0))
-        floats, marks = contact_pass.scratch_sizes(len(physics.history), longest)
+        floats, marks = contact_pass.scratch_sizes(len(physics.history), longest, len(physics.interaction) > 0)
         self.scratch = table(parts, max(floats, drift_scratch.WIDTH * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
         maximum = slots.max_per_body if physics.labels else 0
@@ -191,7 +191,7 @@ class Explicit:
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
             slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
+            physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots, physics.plastic,
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),

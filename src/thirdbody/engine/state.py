@@ -69,10 +69,9 @@ class World:
 
 @dataclass(frozen=True)
 class Physics:
-    """Compiled laws and effects with their parameters.
+    """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
 
-    `kinds[a, b]`: row of `pairs` for two materials, -1 if none. `rolling`: which relative rotations contacts need
-    (`kernels.rolling_kinematics`). `force_columns`, `stored`, `dashpots`, `plastic`, `loss` ("": none): see `Chain`.
+    `rolling`: see `kernels.rolling_kinematics`; `force_columns`, `stored`, `dashpots`, `plastic`, `loss` ("": none): `Chain`.
     """
 
     law: Callable
@@ -85,6 +84,7 @@ class Physics:
     plastic: int
     loss: str
     pairs: Array
+    interaction: Array
     kinds: Ints
     effects: Callable
     effect_parameters: Array

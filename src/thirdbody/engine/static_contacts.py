@@ -35,7 +35,7 @@ class Contacts:
     """Compiled laws of one particle's contacts.
 
     `kind` (n,): index of each contact's pair in `pairs`; `radius` (n,) [m]. Dashpot laws are omitted in statics. Raises
-    ValueError for a law of the rolling stage or without tangent.
+    ValueError for a law of the rolling or twisting stage or without tangent.
     """
 
     def __init__(
@@ -44,8 +44,8 @@ class Contacts:
         chosen = [law for law in laws if law.stage not in AT_REST and law.wanted(pairs)]
         values = {law.name: _options(law, options or {}) for law in chosen}
         chain = compose(law.sized(values[law.name]) for law in chosen)
-        if any(law.stage == "rolling" for law in chain.laws):
-            raise ValueError("a quasi-static path has no law of the rolling stage")
+        if any(law.stage in ("rolling", "twisting") for law in chain.laws):
+            raise ValueError("a quasi-static path has no law of the rolling or of the twisting stage")
         if chain.reaching:
             raise ValueError(f"a quasi-static path has no law that acts before touch: {', '.join(chain.reaching)}")
         if chain.tangents is None:

@@ -36,7 +36,8 @@ KINDS: Kinds = {
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
     **dict.fromkeys(("S", "B", "E", "P", "Q", "H", "F", "R", "M"), _TABLE),
-    "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
+    "pairs": _ROW, "interaction": _ROW,
+    "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
     # surfaces of the plates (`kernels.height_field`), empty where they are flat
     "lower": _ROW, "upper": _ROW,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part

@@ -200,6 +200,22 @@ class BodyEffect:
 
 
 @dataclass(frozen=True)
+class SpotInteraction:
+    """Elastic interaction through a plate between the spots of a body on it, solved for all of them at once.
+
+    A spot with the normal force N lowers the plate at the distance r by `compliance(material, options)` N/r, with the material of
+    the plate [m2/N]; `stiffness(pair, options)` is N/(R d^3)^(1/2) of a spot alone [Pa]. So it holds for Hertz' contact, flat
+    plates and chains without adhesion; anything else is refused (`kernels.close_spots`).
+    """
+
+    name: str
+    compliance: Callable[[Material, Options], float]
+    stiffness: Callable[[Pair, Options], float]
+    source: str
+    options: tuple[Option, ...] = ()
+
+
+@dataclass(frozen=True)
 class Labeller:
     """Classifies every body: a state, a reason, and margins.
 
@@ -246,6 +262,6 @@ class Plugin:
 
     name: str
     families: tuple[LawFamily, ...] = ()
-    effects: tuple[Law | BodyEffect, ...] = ()
+    effects: tuple[Law | BodyEffect | SpotInteraction, ...] = ()
     measures: tuple[Measure, ...] = ()
     source: str = ""

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 
 from thirdbody.errors import OutputError, UsageError
-from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin
+from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin, SpotInteraction
 from thirdbody.laws.measures import Measure
 from thirdbody.system.module_import import import_file, import_lock
 
@@ -36,7 +36,7 @@ class Registry:
         return {family.name: family for plugin in self.plugins for family in plugin.families}
 
     @property
-    def effects(self) -> dict[str, Law | BodyEffect]:
+    def effects(self) -> dict[str, Law | BodyEffect | SpotInteraction]:
         """Effects by name."""
         return {effect.name: effect for plugin in self.plugins for effect in plugin.effects}
 

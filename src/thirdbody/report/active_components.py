@@ -100,7 +100,8 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
     from thirdbody.laws.contract import Law
     from thirdbody.laws.registry import discover
 
-    on = {effect.name for effect in built.choice.effects} | {law.name for law in built.choice.chain.laws}
+    choice = built.choice
+    on = {effect.name for effect in (*choice.effects, *choice.interactions)} | {law.name for law in built.choice.chain.laws}
     rows = []
     for name, effect in discover().effects.items():
         if isinstance(effect, Law) and name in on:

@@ -81,7 +81,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     if state.world.rough:
         tables["the surfaces of the plates"] = [state.lower_surface, state.upper_surface]
     prints = {name: _digest(arrays) for name, arrays in tables.items()}
-    chain, effects = simulation.choice.chain, simulation.choice.effects
+    chain, effects, spots = simulation.choice.chain, simulation.choice.effects, simulation.choice.interactions
     labeller = simulation.labeller
     kernels = [f for law in chain.laws for f in (law.kernel, law.tangent) if f is not None]
     prints["the contact laws"] = f"{_named(chain.laws)}, sources {sources(kernels)}"
@@ -91,6 +91,8 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
         cells = f"{measures.cells[0]} x {measures.cells[1]} cells"
         of = f"{_named(simulation.choice.measures)}, {_digest([measures.parameters])}, {cells}"
         prints["the measures"] = f"{of}, sources {sources(kernels)}"
+    if spots:
+        prints["the interaction of spots"] = f"{_named(spots)}, {_digest([physics.interaction])}"
     if labeller is not None:
         prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
     return prints | {THE_INTEGRATOR: simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.laws.contract import BodyEffect, Law
+from thirdbody.laws.contract import BodyEffect, Law, SpotInteraction
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.cost import percent
@@ -32,6 +32,7 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
     "local_damping": ("effects.local_damping", {"coefficient": 0.3}, "coefficient 0.3 while settling"),
     "rolling_resistance": ("effects.rolling_resistance", {"coefficient": 0.01}, "coefficient 0.01"),
     "pivoting": ("effects.pivoting", {}, "undamped"),
+    "close_spots": ("effects.close_spots", {}, "of a body on a plate"),
 }
 """Effects of the catalogue that can be switched on, and the trial values."""
 
@@ -66,7 +67,7 @@ def candidates(
 
     on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
     result: list[tuple[str, str, dict[str, Any]]] = []
-    known: dict[str, Law | BodyEffect] = discover(tuple(plugins)).effects
+    known: dict[str, Law | BodyEffect | SpotInteraction] = discover(tuple(plugins)).effects
     for name in known:
         if name in on:
             result.append((name, "switched off", {f"effects.{name}": None}))

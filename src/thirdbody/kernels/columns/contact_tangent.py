@@ -16,3 +16,5 @@ ROLLING, ROLLING6 = table.vector("rolling", 6, "N m/rad, N", "the same six of th
 TWIST = table.scalar("twist", "N m/rad", "change of the moment about the normal with the rotation about it")
 TWIST_OVERLAP = table.scalar("twist_overlap", "N", "of the moment about the normal with the overlap")
 ROLLING_WIDTH = table.width
+RELIEVED, RELIEVED7 = table.vector("relieved", 7, "", "scratch of interacting spots: relieved overlap by the coordinates")
+SPOTS_WIDTH = table.width

@@ -20,6 +20,9 @@ PREVIOUS_SLIP = table.scalar("previous_slip", "m", "`contact_state.SLIP` of the 
 RADIUS = table.scalar("radius", "m", "radius of the owner's sphere")
 PARTNER_RADIUS = table.scalar("partner_radius", "m", "radius of the partner's sphere")
 PARTNER_MASS = table.scalar("partner_mass", "kg", "mass of the partner's body")
+RELIEF = table.scalar("relief", "m", "what the other spots of the body lower the plate; only with an interaction of spots")
+SPOT_FORCE = table.scalar("spot_force", "N", "elastic normal force of the spot; likewise")
+PULL, PULL2 = table.vector("pull", 2, "N", "force along the plate towards the other spots; likewise")
 WIDTH = table.width
 
 # results overwrite fields that are no longer needed

@@ -25,7 +25,7 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
-from thirdbody.kernels import first_body
+from thirdbody.kernels import close_spots, first_body
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.columns import (
     body,
@@ -66,13 +66,14 @@ LARGEST = 1e300
 """Bound of the square of a force [N2]; no force reaches it."""
 
 
-def scratch_sizes(n_history, longest):
+def scratch_sizes(n_history, longest, interaction=False):
     """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers.
 
     Whole cache lines: loading a vector of eight that straddles two lines costs twice the time.
     """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
-    return fields * TILE + longest + -longest % LINE, 2 * (longest + SPARE)
+    floats = (4 if interaction else 1) * (longest + -longest % LINE)
+    return fields * TILE + floats, 2 * (longest + SPARE)
 
 
 @njit(**BARE)
@@ -319,12 +320,19 @@ def book_losses(n, opened, flat, context, step, box, tile):
 def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
     gather_tile(n, slots, flat, context, step, box, tile)
+    if flat and close_spots.interact(context):
+        close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
+    if flat and close_spots.interact(context):
+        close_spots.restore(n, slots, context, tile)
+        close_spots.add_interaction_energy(n, tile)
     if context.force >= 0:
         book(n, context, tile)
     if context.dashpots >= 0:
         book_dashpots(n, step.dt, context, tile)
     force_and_torques(n, tile)
+    if flat and close_spots.interact(context):
+        close_spots.add_pull(n, tile)
     if flat and first_body.is_rough(context):
         add_gradient_force(n, slots, context, tile)
     if has_moments(context):
@@ -377,8 +385,13 @@ def contact_forces(group, side, part, context, step, law):
     for t in range(0, o, TILE):
         losses = book_losses(min(TILE, o - t), opened[t:], flat, context, step, box, tile)
         lost, damped = lost + losses[0], damped + losses[1]
+    spots = close_spots.spots_in(gaps, tile)
+    if flat and close_spots.interact(context):
+        close_spots.solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
+        if flat and close_spots.interact(context):
+            close_spots.place_spots(t, m, spots, tile.geometry)
         filled = count + (-count % LINE if context.n_history <= LIGHT else 0)  # padded with the last contact
         evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)

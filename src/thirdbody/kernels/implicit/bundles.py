@@ -35,9 +35,9 @@ the body (3,) [m] in world axes, and rise of its patch of the upper plate [m].""
 
 SHARED = (
     "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "P", "Q", "H", "R", "M",
-    "pairs", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag", "n_history", "rolling", "force", "moment",
-    "twist", "stored", "dashpots", "plastic", "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces",
-    "measured", "measure", "measure_parameters",
+    "pairs", "interaction", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag", "n_history", "rolling",
+    "force", "moment", "twist", "stored", "dashpots", "plastic", "width", "has_effects", "labels", "law", "effects",
+    "observe", "update_surfaces", "measured", "measure", "measure_parameters",
 )  # fmt: skip
 """Fields that the explicit integrator has, too. `own`, `partner`: here all pairs of a sphere and a plate."""
 
@@ -121,7 +121,7 @@ def make_workspace(context):
     tile = Tile(
         np.empty((law_input.HISTORY + history + rolling_input.WIDTH) * TILE),
         np.empty((law_output.HISTORY + history + rolling_output.WIDTH) * TILE),
-        np.empty(contact_tangent.ROLLING_WIDTH * TILE),
+        np.empty(contact_tangent.SPOTS_WIDTH * TILE),
         np.empty(geometry.WIDTH * TILE),
     )
     return Workspace(

@@ -106,7 +106,7 @@ def make_pool(context, bodies, pairs, band):
     history, tiles, row = context.n_history, (pairs + TILE - 1) // TILE, context.max_per_body
     given = (law_input.HISTORY + history + rolling_input.WIDTH) * TILE
     results = (law_output.HISTORY + history + rolling_output.WIDTH) * TILE
-    slopes, shape = contact_tangent.ROLLING_WIDTH * TILE, geometry.WIDTH * TILE
+    slopes, shape = contact_tangent.SPOTS_WIDTH * TILE, geometry.WIDTH * TILE
     return Pool(
         np.empty((bodies, given)), np.empty((bodies, results)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
         np.zeros((bodies, TILE), np.int64), np.zeros((bodies, row)), np.zeros((bodies, 4, FREEDOMS)),

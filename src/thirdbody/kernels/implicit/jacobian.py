@@ -30,6 +30,7 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
+from thirdbody.kernels.close_spots import interact, relieve, restore
 from thirdbody.kernels.columns import (
     body,
     contact_tangent,
@@ -43,6 +44,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.interaction_jacobian import add_interaction
 from thirdbody.kernels.implicit.residual import (
     closed_fraction,
     contact_force,
@@ -138,7 +140,11 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
     p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
+    if interact(context):
+        relieve(m, tile)
     tangents_at(context.tangents)(tile.inputs, tile.tangents, m, context.pairs)
+    if interact(context):
+        restore(m, space.slots, context, tile)
     for i in range(FREEDOMS):
         for j in range(FREEDOMS):
             J[i, j] = 0.0
@@ -147,6 +153,8 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     else:
         for q in range(m):
             add_contact(contact_at(q, active.number, dt, context, False, space), False, J)
+    if interact(context):
+        add_interaction(m, context, space)
     subtract_inertia(context, active, dt, J)
     if P[p, patch.FREE] == 0.0 and not coupled:
         for k in range(6):

@@ -15,6 +15,7 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
+from thirdbody.kernels.close_spots import add_interaction_energy, interact, relieve, restore, solve_spots, spots_of
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -161,6 +162,8 @@ def active_contacts(context, active, y, motion, space):
         at = (law_input.HISTORY + context.n_history + rolling_input.INVERSE_DT) * TILE + q
         tile.inputs[at] = active.start[step_start.NOW] / motion.dt
         scale_slip(q, space.before[slots[q] - context.edges[b]], context, tile.inputs)
+    if interact(context):
+        solve_spots(np.int64(0), m, slots, context, spots_of(tile))
     return m
 
 
@@ -246,7 +249,12 @@ def residual(context, active, m, y, motion, space):
     Sums and maxima over the contacts are written to `space.diagnostics`.
     """
     b, tile, r, diagnostics = active.number, space.tile, space.residual, space.diagnostics
+    if interact(context):
+        relieve(m, tile)
     law_at(context.law)(tile.inputs, tile.outputs, m, context.pairs)
+    if interact(context):
+        restore(m, space.slots, context, tile)
+        add_interaction_energy(m, tile)
     for k in range(FREEDOMS):
         r[k] = 0.0
     for k in range(step_contacts.WIDTH):
@@ -270,6 +278,8 @@ def residual(context, active, m, y, motion, space):
             r[6] -= f_z
         if first_body.is_rough(context):
             add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
+        if interact(context):
+            add_spot_pull(q, context, space)
         observe_contact(q, context, space)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
@@ -304,6 +314,19 @@ def add_gradient_force(k, energy, context, r):
     r[5] += x * f_y - y * f_x
     if is_upper(context.partner[k]):
         r[6] -= f_z
+
+
+@njit(**BARE)
+def add_spot_pull(q, context, space):
+    """Add the force along the plate on the spot of contact q (`close_spots`), at the centre of its sphere, to the residual."""
+    i, S, G, r = context.own[space.slots[q]], context.S, space.tile.geometry, space.residual
+    f_x, f_y = G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE]
+    x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+    r[0] += f_x
+    r[1] += f_y
+    r[3] -= z * f_y
+    r[4] += z * f_x
+    r[5] += x * f_y - y * f_x
 
 
 @njit(**BARE)
