@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import bed_rheology
+import load_sharing
 import shape_map
 from pages import ROOT
 from PIL import Image, PngImagePlugin
@@ -53,7 +54,7 @@ ENTRIES = {
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "wear_map": Entry("render RUN -o PICTURE --plate lower --color wear_depth --cycles 1000 --width 800 --height 500"),
-    "rough_plates": Entry(f"{RENDER} --zoom 0.3"),
+    "rough_plates": Entry(f"{RENDER} --zoom 0.35", '--set debris.0.count=500 --set \'domain.size=["150 um", "125 um"]\''),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
     "angular_bed": Entry(f"{RENDER} --forces --view side"),
     "balance/three_spot": Entry("balance SCENE -o PICTURE"),
@@ -61,6 +62,7 @@ ENTRIES = {
     "sweeps/shape_against_friction": Entry("python tests/shape_map.py SWEEP -o PICTURE"),
     "sweeps/angular_debris": Entry(),
     "sweeps/rolling_against_friction": Entry("plot SWEEP -o PICTURE --panel friction_coefficient --panel fraction_rolling"),
+    "sweeps/friction_against_pressure": Entry("python tests/load_sharing.py SWEEP -o PICTURE"),
     "sweeps/sphere_bed": Entry(f"{RENDER} --color speed --view side"),
     "sweeps/mu_of_inertia": Entry("python tests/bed_rheology.py SWEEP -o PICTURE"),
 }
@@ -155,6 +157,8 @@ def sweep_results(folder: Path) -> dict[str, Any]:
         texts["corrugation"] = shape_map.corrugation_text(found)
     elif Path(folder).name == "mu_of_inertia":
         texts |= bed_rheology.texts(bed_rheology.read_sweep(folder))
+    elif Path(folder).name == "friction_against_pressure":
+        texts |= load_sharing.texts(load_sharing.read_sweep(folder))
     else:
         groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
         texts |= {
