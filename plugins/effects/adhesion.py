@@ -18,9 +18,11 @@ Technol. 65, 153), with DMT plus the pull-off force, which is Hertz's force (Der
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from thirdbody.plugin import Adhesion, Law, Normal, Option, Options, Pair, Plugin, e_star, helper, kernel
+import numpy as np
+
+from thirdbody.plugin import Adhesion, Law, Normal, Option, Options, Pair, Plugin, e_star, helper, kernel, pretty
 
 from .jkr import (
     JUMPS,
@@ -205,6 +207,28 @@ def neck_length_where_necks(pair: Pair, options: Options, radius: float) -> floa
     return 0.0 if radius < neck_from(pair, options) else neck_length(pair, options, radius)
 
 
+def pull_off_forces(pair: Pair, options: Options, radius: Any) -> Any:
+    """Return the forces that part contacts of these effective radii (n,) [N]."""
+    factor = np.where(radius >= neck_from(pair, options), 1.5, 2.0)
+    return factor * math.pi * options["work_of_adhesion"] * radius
+
+
+def tabor_remark(pair: Pair, options: Options, low: float, high: float) -> tuple[str, bool]:
+    """Return model, Tabor's numbers and pull-off forces between two effective radii, and whether the model hardly fits."""
+    w, modulus = options["work_of_adhesion"], e_star(pair.a, pair.b)
+    numbers = [tabor_number(w, modulus, radius, options["equilibrium_distance"]) for radius in (low, high)]
+    border = neck_from(pair, options)
+    model = "jkr" if low >= border else "dmt" if high < border else f"dmt below R = {pretty(border, 'length')}, jkr above"
+    forces = [pretty(float(pull_off_forces(pair, options, radius)), "force") for radius in (low, high)]
+    text = f"{model}; Tabor's number {numbers[0]:.2g} to {numbers[1]:.2g}, pull-off {forces[0]} to {forces[1]}"
+    largest, smallest = max(numbers), min(numbers)
+    if largest > DMT_BELOW and high < border:
+        return f"{text}; dmt holds below {DMT_BELOW:g}: it pulls up to a third too strongly", True
+    if smallest < JKR_ABOVE and high >= border:
+        return f"{text}; jkr holds above {JKR_ABOVE:g}: it pulls up to a quarter too weakly", True
+    return text, False
+
+
 def of_model(options: Options) -> Law | None:
     """Return the law of one model where the scene chooses it, or None: by Tabor's number."""
     return {"jkr": JKR, "dmt": DMT, "auto": None}[options["model"]]
@@ -221,6 +245,8 @@ ADHESION = Law(
     replaces="hertz",
     reach=neck_length_where_necks,
     added_load=auto_grip,
+    pull_off=pull_off_forces,
+    remark=tabor_remark,
     variant=of_model,
     options=(
         Option("work_of_adhesion", "energy_per_area", None, low=0.0, doc="energy to part a unit of area of both surfaces"),

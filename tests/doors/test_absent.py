@@ -55,7 +55,7 @@ ADDED = {
     "rolling_resistance": {"moment", "rolling_utilisation"},
     "elastic_plastic": {"plastic_work", "energy_plastic"},
     "pivoting": {"twist_moment", "twist_utilisation"},
-    "adhesion": {"adhesion_work", "energy_adhesion"},
+    "adhesion": {"adhesion_work", "energy_adhesion", "agglomerate"},
 }
 """Arrays that the effects of contacts add to the file: those that remember."""
 

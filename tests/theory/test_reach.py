@@ -121,7 +121,7 @@ def test_an_encounter_conserves_energy(make, plugin, lower):
 def test_the_implicit_integrator_refuses_it_on_rough_plates(make, plugin):
     upper = make.UpperPlate(material="ball", load=1e-4, surface=WAVES)
     tables = make.scene(
-        [make.ball(RADIUS, (5.0, 5.0, 1.01 * RADIUS))], {"ball": make.STEEL}, lower="ball", upper=upper,
+        [make.ball(RADIUS, (5e-6, 5e-6, 1.01 * RADIUS))], {"ball": make.STEEL}, lower="ball", upper=upper, size=20e-6,
         effects=Effects(named={"attraction": {"pull": f"{PULL} N"}}), solver=Solver(duration=make.LONG, integrator="implicit"),
     )  # fmt: skip
     with pytest.raises(InputError, match="attraction acts beyond touch, which an implicit step on rough plates does not have"):

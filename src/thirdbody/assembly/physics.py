@@ -1,7 +1,7 @@
 """Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,6 +86,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     table = interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller, table)
+        physics = replace(physics, pull_off=_pull_off(chain.laws, pairs, options))
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
     if measures:
@@ -93,6 +94,22 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     return CompiledPhysics(
         physics, chain, family, level, labeller, effects, interactions, materials, pairs, rows, off, options, measures
     )
+
+
+def _pull_off(laws: Sequence[Law], pairs: Sequence[Pair], options: Mapping[str, Any]) -> Callable[..., Any] | None:
+    """Return the pull-off forces [N] of contacts by their pairs and effective radii [m], or None without adhesion."""
+    law = next((law for law in laws if law.pull_off), None)
+    if law is None or law.pull_off is None:
+        return None
+    rule, values = law.pull_off, options[law.name]
+
+    def forces(kinds: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        result = np.zeros(len(radius))
+        for k, pair in enumerate(pairs):
+            result[kinds == k] = rule(pair, values, radius[kinds == k])
+        return result
+
+    return forces
 
 
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:

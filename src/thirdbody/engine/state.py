@@ -97,6 +97,7 @@ class Physics:
     labels: bool
     outputs: int
     measures: Measures | None = None
+    pull_off: Callable[[Ints, Array], Array] | None = None
 
     @cached_property
     def stiffness_at(self) -> int:
@@ -113,9 +114,8 @@ class Physics:
 class Candidates:
     """Sorted candidate contacts, those with plates first.
 
-    Q: closest points of rough plates, one row per candidate with a plate, or no rows.
-    H: history, one row per candidate. R: record of the last observed step, or no rows. F: remote forces.
-    `closed` (n,): 1: in contact; 2: in contact one step ago.
+    Q: closest points of rough plates, one row per candidate with a plate, or no rows. H: history, one row per candidate.
+    R: record of the last observed step, or no rows. F: remote forces. `closed` (n,): 1: in contact; 2: in contact one step ago.
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
     `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
     `outer` (n,): row of F for the force on the partner's body, number `remote_body`; -1: both bodies are in one group.

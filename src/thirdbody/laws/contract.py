@@ -147,7 +147,9 @@ class Law:
     another one. `replaces` is the name of the law of a level whose place an effect takes. `reach(pair, options, radius)` is
     the distance [m] before touch where a normal or adhesion law begins to act between bodies of at most this effective radius
     [m]; it must not fall with the radius. `added_load(c, n, p)` is the load [N] that friction feels beyond the sum of the
-    normal stages.
+    normal stages. `pull_off(pair, options, radius)` are the forces [N] that part contacts of effective radii (n,) [m]: bodies
+    whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is what `check` says of a
+    pair between these effective radii [m], and whether that is a warning.
     """
 
     name: str
@@ -167,6 +169,8 @@ class Law:
     replaces: str = ""
     reach: Callable[[Pair, Options, float], float] | None = None
     added_load: Callable | None = None
+    pull_off: Callable[[Pair, Options, Any], Any] | None = None
+    remark: Callable[[Pair, Options, float, float], tuple[str, bool]] | None = None
 
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""

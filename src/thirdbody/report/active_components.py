@@ -13,6 +13,7 @@ from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 from thirdbody.laws.elasticity import e_star
 from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
+from thirdbody.report.adhesion_check import adhesion_warnings, remarks
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def part_warnings(built: Simulation) -> list[str]:
         result.append(
             f"the drag, {speed:.3g} m/s, is {speed / wave:.2g} of the slowest shear wave: contacts are computed as quasi-static"
         )
-    return result
+    return result + adhesion_warnings(built, load)
 
 
 def neighbours(built: Simulation) -> tuple[float, float]:
@@ -93,6 +94,7 @@ def _laws(built: Simulation) -> list[dict[str, Any]]:
     rows = []
     for law in built.choice.chain.laws:
         rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * law_cost(law)))
+    rows += [_row(f"adhesion of {pair}", True, text, 0.0) for pair, text, _ in remarks(built)]
     return rows + [_row(name, False, "no pair requires it", 0.0) for name in built.choice.off]
 
 

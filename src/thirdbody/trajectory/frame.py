@@ -137,6 +137,8 @@ class FrameMaker:
             lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
             arrays["friction_work"] -= lost
         arrays |= {name: values[self.given] for name, values in body_amounts(s).items()}
+        if s.physics.pull_off is not None:
+            arrays["agglomerate"] = self._agglomerates()
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]
@@ -149,6 +151,22 @@ class FrameMaker:
             arrays[name] = values.astype(np.uint8) if name in self.labeller.codes else values.copy()
         assert len(arrays["state"]) == s.n_bodies
         return arrays
+
+    def _agglomerates(self) -> np.ndarray:
+        """Return the lowest id of the bodies that hang together with each body by contacts that push less than their pull-off."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        s, slots, n = self.state, self.state.slots, self.state.n_bodies
+        assert s.physics.pull_off is not None
+        on = np.flatnonzero((slots.histories.slip > 0.0) & (slots.sides == DEBRIS) & (slots.R[:, record.CONTACT_RADIUS] > 0.0))
+        R = slots.R[on]
+        on = on[R[:, record.NORMAL_FORCE] < s.physics.pull_off(slots.kind[on], R[:, record.EFFECTIVE_RADIUS])]
+        i, j = s.order[s.body[slots.own[on]]], s.order[s.body[slots.partner[on]]]
+        label = connected_components(coo_matrix((np.ones(len(on)), (i, j)), shape=(n, n)), directed=False)[1]
+        lowest = np.full(n, n)
+        np.minimum.at(lowest, label, np.arange(n))
+        return lowest[label]
 
     def _largest(self, contacts: dict[str, np.ndarray], values: np.ndarray) -> np.ndarray:
         """Return the largest value over the contacts of each body, zero without any."""

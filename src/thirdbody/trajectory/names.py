@@ -119,6 +119,10 @@ CLUMPS = {
     "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
     "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
     "adhesion_work": Name("J", "Lost as necks of its contacts form and break since the start; with such a law only."),
+    "agglomerate": Name(
+        "1",
+        "Lowest id of the bodies that hang together, by contacts that push with less than their pull-off; with adhesion only.",
+    ),
     "plastic_work": Name(
         "J", "Dissipated by plastic flow of its contacts since the start, as `friction_work`; with such a law only."
     ),
