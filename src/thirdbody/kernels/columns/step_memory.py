@@ -25,4 +25,7 @@ LIMIT = table.scalar("limit", "", "what limits the length of the next step (`imp
 LIMITED, LIMITED8 = table.vector("limited", 8, "", "how many steps each cause has limited")
 MAX_ENERGY = table.scalar("max_energy", "J", "largest energy that its contacts could store so far (`friction_work`)")
 CANDIDATES = table.scalar("candidates", "", "number of candidates that can touch in this step: the first ones of the body")
+LAST_FORCE, LAST_FORCE2 = table.vector(
+    "last_force", 2, "N", "rough plates: change of the force on the upper plate along x and y in the last step"
+)
 WIDTH = table.width

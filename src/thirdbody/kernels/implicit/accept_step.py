@@ -28,11 +28,13 @@ from thirdbody.kernels.contact_history import reset_history, spring_energy, stor
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.first_body import is_rough
+from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
+from thirdbody.kernels.implicit.step_control import step_ratio
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.plastic_work import plastic_work_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
@@ -167,6 +169,24 @@ def body_works(context, active, y, dt):
 
 
 @njit(**BARE)
+def curved_drag(active, motion, ratio, sums):
+    """Return the work [J] that the curve of the plate's force over the drag adds to that of its mean in a step; keep its change.
+
+    On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
+    ends is off by some tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
+    order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times that of the last step, which
+    was shorter by `ratio` (0: there was none, `step_ratio`).
+    """
+    A, T, work = active.totals, active.memory, 0.0
+    for k in range(2):
+        change = -sums[0, contact_sums.UPPER_FORCE + k] - A[run_totals.UPPER_FORCE + k]
+        beyond = change - ratio * T[step_memory.LAST_FORCE + k]
+        work += ratio / (6.0 * (1.0 + ratio)) * beyond * motion.dt * (motion.v_x if k == 0 else motion.v_y)
+        T[step_memory.LAST_FORCE + k] = change
+    return work
+
+
+@njit(**BARE)
 def update_ledger(context, active, motion, works, common, space):
     """Add the accepted step to the energy totals of the body.
 
@@ -188,6 +208,8 @@ def update_ledger(context, active, motion, works, common, space):
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
+    if has_heights(context.lower) or has_heights(context.upper):
+        plate += curved_drag(active, motion, step_ratio(T, context.settings, dt), sums)
     lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = of_dashpots, plate - drag
     if P[p, patch.FREE] != 0.0:
