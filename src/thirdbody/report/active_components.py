@@ -143,7 +143,7 @@ def _machinery(built: Simulation) -> list[dict[str, Any]]:
         _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
         _row("rolling resistance's moments", state.physics.moments, "a law of the stage rolling", NS["law"] * state.n_bodies),
         _row("first yield", True, _yield_reason(built), 0.0),
-        _row("elastic interaction of spots", False, _spots_reason(built), 0.0),
+        _row("elastic interaction of spots", len(state.physics.interaction) > 0, _spots_reason(built), 0.0),
     ]  # fmt: skip
 
 
@@ -178,6 +178,8 @@ def _onset(built: Simulation) -> str:
 
 
 def _spots_reason(built: Simulation) -> str:
+    if built.choice.interactions:
+        return f"the scene names {built.choice.interactions[0].name}"
     fraction, distance = neighbours(built)
     if fraction == 0.0:
         return "no two spots of a body are known to touch before the load comes"
