@@ -46,10 +46,10 @@ def part_warnings(built: Simulation) -> list[str]:
     if built.scene.effects.gravity is None and weight > HEAVY and math.isfinite(load):
         result.append(f"gravity is off, but a body weighs up to {weight:.2g} of its load: effects.gravity switches it on")
     fraction, distance = neighbours(built)
-    if fraction > NEAR:
+    if fraction > NEAR and not built.choice.interactions:
         result.append(
             f"spots of a body stand as near as {distance:.1f} contact radii: each presses its neighbour's surface down by about "
-            f"{100.0 * fraction:.0f} % of the overlap, which Hertz and Mindlin neglect"
+            f"{100.0 * fraction:.0f} % of the overlap, which Hertz and Mindlin neglect: effects.close_spots takes it into account"
         )
     speed, wave = built.schedule.top_speed(), _wave_speed(built)
     if speed > FAST * wave:
