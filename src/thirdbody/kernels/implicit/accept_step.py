@@ -173,7 +173,7 @@ def curved_drag(active, motion, ratio, sums):
     """Return the work [J] that the curve of the plate's force over the drag adds to that of its mean in a step; keep its change.
 
     On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
-    ends is off by some tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
+    ends is off by tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
     order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times that of the last step, which
     was shorter by `ratio` (0: there was none, `step_ratio`).
     """
