@@ -148,6 +148,9 @@ def test_check_reports_integrator_and_reason(command):
     assert code == 0
     assert report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
     assert "time_step" not in report and report["accuracy"]["tolerance"] == 5e-4
+    assert not report["common_steps"] and not report["bodies_meet"]
+    code, out, _ = command((NONE, ONE_PLATE), "check")
+    assert code == 0 and "all bodies by common steps, since they carry one plate together" in " ".join(out.split())
     code, out, _ = command((), "check", "--json")
     report = json.loads(out)
     assert code == 0

@@ -31,6 +31,8 @@ def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | 
         wall, stopped, slow = _trial_wall_time(built, integrator)
         return {
             "accuracy": vars(integrator.accuracy),
+            "common_steps": integrator.together,
+            "bodies_meet": integrator.meets,
             "rayleigh": integrator.rayleigh,
             "steps": None,
             "estimated_step_time": wall,

@@ -225,7 +225,13 @@ def _print_integration(report: dict[str, Any]) -> None:
         )
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
         print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
-        print(f"settling {settling}, simulated {whole}, every body by steps of its own")
+        if report["common_steps"]:
+            stepping = "all bodies by common steps, since they carry one plate together"
+        elif report["bodies_meet"]:
+            stepping = "every body by steps of its own, those that could meet by common steps"
+        else:
+            stepping = "every body by steps of its own"
+        print_line(f"settling {settling}, simulated {whole}, {stepping}")
         return
     step = report["time_step"]
     print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
