@@ -100,23 +100,24 @@ def compact_active(first, last, g, closed, touching, opened):
 def compact_rough(first, last, context, reach, touching, opened):
     """Do for contacts with rough plates what overlaps and `compact_active` do for others.
 
-    Rows of a sphere none of which has or had a minimum in the last two steps, by far the most, are passed over.
+    Rows that have and had no minimum in the last two steps, by far the most, are passed over.
     """
     Q, closed, m, o, k = context.Q, context.closed, np.int64(0), np.int64(0), first
     while k < last:
         flat = len(context.upper if is_upper(context.partner[k]) else context.lower) == 0
-        rows = 1 if flat else BASINS
         minima = np.int64(1) if flat else np.int64(Q[k, surface_contact.MINIMA])
-        if minima != 0 or Q[k, surface_contact.ENDED] != 0.0:
-            for row in range(rows):
-                e = k + row
-                on = np.int64(minima >> row & 1 != 0 and first_body.surface_overlap(e, context) + reach > 0.0)
+        ended, e = np.int64(0) if flat else np.int64(Q[k, surface_contact.ENDED]), k
+        rows = (minima | ended | ended >> BASINS) & ((1 << BASINS) - 1)
+        while rows != 0:
+            if rows & 1 != 0:
+                on = np.int64(minima & 1 != 0 and first_body.surface_overlap(e, context) + reach > 0.0)
                 was = np.int64(closed[e])
                 touching[m], opened[o] = e, e
                 closed[e] = on + 2 * (was & 1) * (1 - on)
                 m += on
                 o += np.int64(was != 0) * (1 - on)
-        k += rows
+            rows, minima, e = rows >> 1, minima >> 1, e + 1
+        k += 1 if flat else BASINS
     for e in range(m, m + SPARE - 1):
         touching[e] = touching[max(m - 1, 0)]
     return m, o

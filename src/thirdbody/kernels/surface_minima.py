@@ -13,7 +13,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
-from thirdbody.kernels.closest_point import bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
+from thirdbody.kernels.closest_point import LOCAL, bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
 from thirdbody.kernels.nearby_minima import MERGE, find_minima
 from thirdbody.kernels.predicates import BASINS, is_upper
@@ -46,6 +46,21 @@ def offset_of(k, Q):
 def has_minimum(k, row, Q):
     """Return whether the given row of the sphere whose first row is k has a minimum."""
     return np.int64(Q[k, surface_contact.MINIMA]) >> row & 1 != 0
+
+
+@njit(**BARE)
+def has_more(k, row, Q):
+    """Return whether the given row of the sphere whose first row is k or one behind it has a minimum."""
+    return np.int64(Q[k, surface_contact.MINIMA]) >> row != 0
+
+
+@njit(**BARE)
+def next_offset(k, field, Q):
+    """Return the offset (2,) [m] that the minimum of row k has next if it goes on as in the last step."""
+    (x, y), r_x, r_y = offset_of(k, Q), field[height_field.RATE_X], field[height_field.RATE_Y]
+    d_x, d_y = x - Q[k, surface_contact.START], y - Q[k, surface_contact.START + 1]
+    steady = max(abs(d_x) * r_x, abs(d_y) * r_y) <= LOCAL
+    return (x + d_x, y + d_y) if steady else (x, y)
 
 
 @njit(**BARE)
@@ -118,17 +133,18 @@ def follow(k, field, x, start, tables):
 @njit(**BARE_CHUNK)
 def follow_all(k, field, x, shortest, tables):
     """Move all minima of the sphere whose first row is k; of two that meet, the one that jumped to the other ends."""
-    Q = tables.Q
-    for a in range(BASINS):
-        if not has_minimum(k, a, Q):
-            continue
-        before = offset_of(k + a, Q)
-        follow(k + a, field, x, before, tables)
-        for b in range(a):
-            if has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field):
-                jumped = not is_same(before, offset_of(k + a, Q), field)
-                end_minimum(k, a if jumped else b, shortest, Q)
-                break
+    Q, a = tables.Q, 0
+    while has_more(k, a, Q):
+        if has_minimum(k, a, Q):
+            before = offset_of(k + a, Q)
+            follow(k + a, field, x, next_offset(k + a, field, Q), tables)
+            Q[k + a, surface_contact.START], Q[k + a, surface_contact.START + 1] = before
+            for b in range(a):
+                if has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field):
+                    jumped = not is_same(before, offset_of(k + a, Q), field)
+                    end_minimum(k, a if jumped else b, shortest, Q)
+                    break
+        a += 1
 
 
 @njit(**BARE_CHUNK)
@@ -150,6 +166,7 @@ def search_all(k, field, x, limits, tables):
             while has_minimum(k, a, Q):
                 a += 1
             follow(k + a, field, x, (minima[m, 0], minima[m, 1]), tables)
+            Q[k + a, surface_contact.START], Q[k + a, surface_contact.START + 1] = offset_of(k + a, Q)
             set_minimum(k, a, Q)
     for d in range(3):
         Q[k, surface_contact.SEARCHED + d] = x[d]
@@ -180,6 +197,13 @@ def bound_distance(k, height, shortest, upper, radius, Q):
     write_normal(k, (0.0, 0.0, 1.0), upper, Q)
 
 
+@njit(**BARE)
+def was_far(k, Q):
+    """Return whether the sphere whose first row is k was out of reach before, with no contact left to end."""
+    none = Q[k, surface_contact.MINIMA] + Q[k, surface_contact.ENDED] == 0.0
+    return none and Q[k, surface_contact.SEARCHED] == math.inf and Q[k, surface_contact.RADIUS] != 0.0
+
+
 @njit(**BARE_CHUNK)
 def update_sphere(k, field, tables):
     """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
@@ -187,6 +211,9 @@ def update_sphere(k, field, tables):
     x, radius = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P), S[i, sphere.RADIUS]
     height, limits = x[2] - field[height_field.MAX_HEIGHT], limits_of(radius, tables.D[domain.REACH])
     tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
+    if height > limits[0] and was_far(k, Q):
+        Q[k, surface_contact.DISTANCE] = max(height, limits[1])
+        return
     reset_ended(k, Q)
     if tracked and height <= limits[0]:
         follow_all(k, field, x, limits[1], tables)

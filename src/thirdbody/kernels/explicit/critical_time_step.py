@@ -15,7 +15,7 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere
+from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.direct_contact import max_stiffness
 from thirdbody.kernels.explicit.stiffness_matrix import (
@@ -153,9 +153,10 @@ def store_stiffness(m, first, P, scratch, patches):
 def active_candidates(context, scratch):
     """List the candidates with plates and those between spheres within reach; return their number. Sets `row_of` to -1."""
     own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, scratch.row_of
-    m, box = np.int64(context.n_plates), box_of(context.D)
+    m, box = np.int64(0), box_of(context.D)
     for k in range(context.n_plates):
-        near[k], row_of[k] = k, -1
+        near[m], row_of[k] = k, -1
+        m += np.int64(not first_body.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
     for p in range(own.shape[0] - context.n_plates):
         k = p + context.n_plates
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
