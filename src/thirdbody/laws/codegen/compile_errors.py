@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from thirdbody.errors import ThirdbodyError
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.contract import BodyEffect, Labeller, Law
+from thirdbody.laws.measures import Measure
 
 GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
 """Files of generated code (`module_cache.load_module`)."""
@@ -44,10 +45,10 @@ def _source_location(lines: list[str]) -> str:
     return result.rstrip(":").replace("File ", "in file ", 1)
 
 
-def foreign(parts: Iterable[Law | BodyEffect | Labeller]) -> list[str]:
-    """Return the names of the laws, effects and labellers of plug-ins: the built-in ones always compile."""
+def foreign(parts: Iterable[Law | BodyEffect | Labeller | Measure]) -> list[str]:
+    """Return the names of the laws, effects, measures and labellers of plug-ins: the built-in ones always compile."""
     return [part.name for part in parts if not _module(part).startswith("thirdbody.")]
 
 
-def _module(part: Law | BodyEffect | Labeller) -> str:
+def _module(part: Law | BodyEffect | Labeller | Measure) -> str:
     return plain(part.label if isinstance(part, Labeller) else part.kernel).__module__
