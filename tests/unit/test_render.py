@@ -72,7 +72,7 @@ def test_the_same_picture_is_drawn_into_the_same_bytes(layer, tmp_path):
 
 def test_options_are_those_that_are_documented(layer, tmp_path):
     names = [field.name for field in fields(PictureOptions)]
-    assert names == ["frame", "color", "size", "zoom", "view", "forces", "body", "frames", "fps", "camera"]
+    assert names == ["frame", "color", "size", "zoom", "view", "forces", "body", "frames", "fps", "camera", "plate", "cycles"]
     listed = f"{', '.join(names)}"
     assert all(listed in " ".join(documented.__doc__.split()) for documented in (render, Run.render))
     with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
