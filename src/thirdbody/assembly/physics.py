@@ -42,6 +42,11 @@ class CompiledPhysics:
     options: dict[str, dict[str, Any]]
     measures: tuple[Measure, ...] = ()
 
+    @property
+    def other_effects(self) -> tuple[BodyEffect | SpotInteraction, ...]:
+        """Effects that are no contact laws."""
+        return (*self.effects, *self.interactions)
+
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
         reaching = [law for law in self.chain.laws if law.reach]

@@ -103,7 +103,7 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
     from thirdbody.laws.registry import discover
 
     choice = built.choice
-    on = {effect.name for effect in (*choice.effects, *choice.interactions)} | {law.name for law in built.choice.chain.laws}
+    on = {effect.name for effect in choice.other_effects} | {law.name for law in built.choice.chain.laws}
     rows = []
     for name, effect in discover().effects.items():
         if isinstance(effect, Law) and name in on:

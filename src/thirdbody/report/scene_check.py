@@ -101,7 +101,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "pairs": _pairs(choice),
         "parts": parts(built),
         "effects": {
-            "on": [{"effect": effect.name, "source": effect.source} for effect in (*choice.effects, *choice.interactions)],
+            "on": [{"effect": effect.name, "source": effect.source} for effect in choice.other_effects],
             "debris_contact": debris_contact(built),
             "labels": built.labeller.name if built.labeller else "none",
         },

@@ -226,7 +226,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "populations": scene.population_names,
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
         "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
-        "effects": [effect.name for effect in (*simulation.choice.effects, *simulation.choice.interactions)],
+        "effects": [effect.name for effect in simulation.choice.other_effects],
         **({"measures": [measure.name for measure in simulation.choice.measures]} if measures else {}),
         "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
         "debris_contact": debris_contact(simulation),

@@ -161,7 +161,7 @@ class FrameMaker:
         assert s.physics.pull_off is not None
         on = np.flatnonzero((slots.histories.slip > 0.0) & (slots.sides == DEBRIS) & (slots.R[:, record.CONTACT_RADIUS] > 0.0))
         R = slots.R[on]
-        on = on[R[:, record.NORMAL_FORCE] < s.physics.pull_off(slots.kind[on], R[:, record.EFFECTIVE_RADIUS])]
+        on = on[R[:, record.NORMAL_FORCE] < s.physics.pull_off(slots.kind[on].astype(np.int64), R[:, record.EFFECTIVE_RADIUS])]
         i, j = s.order[s.body[slots.own[on]]], s.order[s.body[slots.partner[on]]]
         label = connected_components(coo_matrix((np.ones(len(on)), (i, j)), shape=(n, n)), directed=False)[1]
         lowest = np.full(n, n)

@@ -213,7 +213,7 @@ class Bench:
         names["broadcast_parameters"] = plain(names["broadcast_parameters"])
         names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
         for k, one in enumerate(self.chain.laws):
-            names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load)
+            names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load) if one.added_load else None
         on_lists = types.FunctionType(text.__code__, names)
 
         def law(flat: Array, out: Array, n: int, table: Array) -> None:
