@@ -249,7 +249,10 @@ ADHESION = Law(
     remark=tabor_remark,
     variant=of_model,
     options=(
-        Option("work_of_adhesion", "energy_per_area", None, low=0.0, doc="energy to part a unit of area of both surfaces"),
+        Option(
+            "work_of_adhesion", "energy_per_area", None, low=0.0,
+            doc='energy to part a unit of area of both surfaces, such as "50 mJ/m2"',
+        ),
         Option("model", "dimensionless", "auto", words=("auto", "jkr", "dmt"), doc="necks, a constant force, by Tabor's number"),
         Option(
             "friction_load", "dimensionless", "with_pull_off", words=("with_pull_off", "external"),

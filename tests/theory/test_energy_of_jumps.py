@@ -117,6 +117,7 @@ class Memory(NamedTuple):
 
     force: int
     moment: int
+    twist: int
     stored: int
     n_history: int
 
@@ -124,7 +125,7 @@ class Memory(NamedTuple):
 @njit(error_model="numpy")
 def booked(I, O):  # noqa: E741
     """Two contacts whose history is a force and an energy, without moments."""
-    contact_dissipation.book(2, Memory(0, -1, 2, 3), Tile(I, O, I[:0], I[:0]))
+    contact_dissipation.book(2, Memory(0, -1, -1, 2, 3), Tile(I, O, I[:0], I[:0]))
 
 
 def test_a_law_that_makes_energy_stays_visible():

@@ -22,7 +22,9 @@ from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.names import BED, SERIES
 
 R, DENSITY, MODULUS, PRESSURE = 5e-6, 7850.0, 1e11, 1e6
-LAWLESS = SimpleNamespace(history=(), memory=0, contact_memory=0, moments=False, rolling=0, flows=False, has_effects=False)
+LAWLESS = SimpleNamespace(
+    history=(), memory=0, contact_memory=0, moments=False, rolling=0, loss="", measures=None, has_effects=False
+)
 """Physics of a state without contacts."""
 
 

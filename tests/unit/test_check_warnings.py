@@ -183,7 +183,7 @@ def test_warnings_come_first_and_in_json(capsys):
     check.print_check(report)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"warning: {report['warnings'][0]}" and "friction: 30" in lines[0]
-    assert lines[-1] == "# 1 warning(s): see the top"
+    assert lines[-1] == f"# {len(report['warnings'])} warning(s): see the top"
     assert json.loads(json.dumps(report["warnings"])) == report["warnings"]
 
 

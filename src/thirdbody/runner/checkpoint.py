@@ -40,7 +40,8 @@ class Checkpoint:
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
     time used so far, `violations` the number of successive checks in which the energy balance was off, `means` the state of the
-    means over the output interval, `pressure` the largest peak pressure of the frames so far.
+    means over the output interval, `pressure` the largest peak pressure of the frames so far, `series` those of the last frame,
+    `interval` the time [s] between it and the one before.
     """
 
     scene: str
@@ -55,6 +56,8 @@ class Checkpoint:
     snapshot: Snapshot
     means: dict[str, np.ndarray] = field(default_factory=dict)
     pressure: dict[str, Any] = field(default_factory=dict)
+    series: dict[str, Any] = field(default_factory=dict)
+    interval: float = 0.0
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:

@@ -80,6 +80,7 @@ class RunLoop:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
         self.maker.impulses = checkpoint.impulses.copy()
         self.pressure.restore(checkpoint.pressure)
+        self.series, self.maker.interval = checkpoint.series, checkpoint.interval
         self.reached, self.before, self.energy_guard.above = checkpoint.stop, checkpoint.wall_time, checkpoint.violations
 
     def wall_time(self) -> float:
@@ -133,7 +134,8 @@ class RunLoop:
         return Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
-            self.pressure.export_state(),
+            self.pressure.export_state(), {name: np.asarray(value).tolist() for name, value in self.series.items()},
+            self.maker.interval,
         )  # fmt: skip
 
     def _watch(self) -> None:
