@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from balls import BALLS
 
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
@@ -160,6 +161,14 @@ def test_a_spoilt_file_gives_one_clear_message(case, tmp_path):
     assert all(word in text for word in words), text
     assert "scene.toml:7:" in text and "plates.lower.surface." in text and name in text
     assert len(error.value.faults) == 1 and error.value.exit_code == 3
+
+
+def test_bodies_between_rough_plates_are_not_pushed_apart():
+    waves = '{rms = "0.1 um", hurst = 0.8, long = "20 um", short = "5 um", seed = 1}'
+    text = BALLS.replace('[plates.lower]\nmaterial = "steel"', f'[plates.lower]\nmaterial = "steel"\nsurface = {waves}')
+    Scene.parse(text)
+    with pytest.raises(InputError, match="solver.initial_overlap: 'relax' pushes bodies apart between flat plates only"):
+        Scene.parse(text.replace("[solver]", '[solver]\ninitial_overlap = "relax"'))
 
 
 def test_all_faults_of_one_file_come_at_once(tmp_path):

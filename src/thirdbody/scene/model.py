@@ -34,7 +34,7 @@ from thirdbody.scene.overrides import apply_settings
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
 from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
-from thirdbody.scene.surface_checks import surface_faults
+from thirdbody.scene.surface_checks import relax_faults, surface_faults
 from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Pair, Plates, Solver, UpperPlate
 from thirdbody.scene.toml_writer import save_text, toml_text
 
@@ -227,6 +227,7 @@ class Scene(Part):
             + self._out_of_plane()
             + self._same_names()
             + surface_faults(self.plates, self.domain)
+            + relax_faults(self.plates, self.solver)
             + cross_checks.interval_faults(self.solver, self.output)
         )
 

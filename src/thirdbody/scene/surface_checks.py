@@ -12,7 +12,7 @@ from thirdbody.scene.surfaces import Groove, SelfAffine, Sine, SurfaceFile, Wave
 from thirdbody.surfaces import grid
 
 if TYPE_CHECKING:
-    from thirdbody.scene.tables import Domain, Plates
+    from thirdbody.scene.tables import Domain, Plates, Solver
 
 SIDES = ("lower", "upper")
 
@@ -29,6 +29,15 @@ def surface_faults(plates: Plates, domain: Domain) -> list[Wrong]:
             faults.append((location, "a surface repeats with the domain: domain.periodic must be true"))
         faults += [((*location, *where), text) for where, text in _in_domain(surface, domain.size)]
     return faults
+
+
+def relax_faults(plates: Plates, solver: Solver) -> list[Wrong]:
+    """Return the fault of bodies to be pushed apart between rough plates, which that does not know."""
+    rough = [side for side in SIDES if getattr(getattr(plates, side), "surface", None) is not None]
+    if solver.initial_overlap != "relax" or not rough:
+        return []
+    text = f"'relax' pushes bodies apart between flat plates only, and plates.{rough[0]}.surface is rough; "
+    return [(("solver", "initial_overlap"), text + 'give positions without overlap, or placement = "layer"')]
 
 
 def _in_domain(surface: SelfAffine | Waves | SurfaceFile, size: tuple[float, float]) -> Iterator[Wrong]:

@@ -272,7 +272,10 @@ class Solver(Part):
     duration: PositiveTime | None = None
     """Duration of the run, after settling; give it or `distance`. Example: "10 us"."""
     initial_overlap: Annotated[Literal["refuse", "relax"], Choice()] = "refuse"
-    """What happens when bodies overlap at the start: "relax" pushes them apart, and the run says how far. Example: "relax"."""
+    """What happens when bodies overlap at the start: "relax" pushes them apart, between flat plates.
+
+    The run says how far. Example: "relax".
+    """
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
     rate_test: RateFactor | None = None
