@@ -17,6 +17,12 @@ MAPS, PLATES = "maps", ("lower", "upper")
 """Name of the group; the plates in their order."""
 
 
+def refuse_other_plates(plate: str) -> None:
+    """Raise ValueError for a name of no plate."""
+    if plate not in PLATES:
+        raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")
+
+
 class MapsWriter:
     """Writer of the maps into an open file; `units` by name."""
 

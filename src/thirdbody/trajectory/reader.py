@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.plate_maps import PLATES, map_units, read_maps
+from thirdbody.trajectory.plate_maps import PLATES, map_units, read_maps, refuse_other_plates
 from thirdbody.trajectory.run_arrays import RunArrays
 from thirdbody.trajectory.schema import SUMMARY_TEXT
 from thirdbody.trajectory.validate import damage_as_fault
@@ -121,8 +121,7 @@ class Run(RunArrays):
         ValueError, IndexError
             There is no such plate, or no such frame.
         """
-        if plate not in PLATES:
-            raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")
+        refuse_other_plates(plate)
         number = self.frame_number(frame)
         both = self._steady("the maps", lambda: read_maps(self.file, number))
         return {name: values[PLATES.index(plate)] for name, values in both.items()}

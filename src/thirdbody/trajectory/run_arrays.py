@@ -20,6 +20,7 @@ from thirdbody.surfaces.surface import Surface
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import OpenFile
+from thirdbody.trajectory.plate_maps import refuse_other_plates
 from thirdbody.trajectory.plate_surfaces import read_surfaces
 from thirdbody.trajectory.rebuilt_spheres import RebuiltSpheres
 from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, SUMMARY_TEXT
@@ -273,8 +274,7 @@ class RunArrays:
         ValueError
             There is no such plate.
         """
-        if plate not in ("lower", "upper"):
-            raise ValueError(f"plate: '{plate}' is not one of 'lower', 'upper'")
+        refuse_other_plates(plate)
         return self.surfaces.get(plate)
 
     def surface_position(self, plate: str, frame: int = -1) -> np.ndarray:
