@@ -8,13 +8,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 import numba
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.jit import cache_files  # noqa: F401  (what is tested is in place once kernels are imported)
+from thirdbody.jit import cache_files  # what is tested is in place once kernels are imported
 from thirdbody.laws.codegen import module_cache
 from thirdbody.system import module_import
 
@@ -94,6 +95,30 @@ def test_a_file_in_place_of_a_folder_is_replaced(load, tmp_path):
     folder.write_text("")
     assert [load(), load()] == [MISS, HIT]
     assert not (tmp_path / "__pycache__").exists()  # where numba goes by itself
+
+
+@pytest.mark.parametrize("before", [None, ""], ids=["nothing", "a file"])
+def test_processes_that_create_a_folder_at_once_do_not_disturb_each_other(before, monkeypatch, tmp_path):
+    """Every order of the file operations of two creators: one pauses before each of its operations while the other does all."""
+    for pause in range(4):
+        path, calls = tmp_path / f"{before}{pause}" / "folder", count()
+
+        def other_first(method, path=path, calls=calls, pause=pause):
+            def call(self, *arguments, **options):
+                if next(calls) == pause:
+                    cache_files._create_folder(path)
+                return method(self, *arguments, **options)
+
+            return call
+
+        path.parent.mkdir()
+        if before is not None:
+            path.write_text(before)
+        with monkeypatch.context() as patch:
+            for name in ("mkdir", "unlink", "is_dir"):
+                patch.setattr(Path, name, other_first(getattr(Path, name)))
+            cache_files._create_folder(path)
+        assert path.is_dir()
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the rights of folders do not bind root")

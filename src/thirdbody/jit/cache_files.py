@@ -8,7 +8,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[Any]:
         if os.path.isdir(filepath):
-            shutil.rmtree(filepath)
+            shutil.rmtree(filepath, ignore_errors=True)  # another process may have been first
         with super()._open_for_write(filepath) as file:
             yield file
             file.flush()
@@ -50,6 +50,16 @@ def _is_whole(path: str) -> bool:
     return hashlib.sha256(content[:-SIZE]).digest() == content[-SIZE:]
 
 
+def _create_folder(path: Path) -> None:
+    """Create a folder, in place of a file of that name; any number of processes may do so at once."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        with suppress(FileNotFoundError, IsADirectoryError):  # another process removed the file, and may have gone on
+            path.unlink()
+        path.mkdir(parents=True, exist_ok=True)
+
+
 class _Folder(caching.UserProvidedCacheLocator):  # type: ignore[misc]
     """The folder for the functions of a file, within ours."""
 
@@ -57,9 +67,7 @@ class _Folder(caching.UserProvidedCacheLocator):  # type: ignore[misc]
         """Create the folder, in place of anything else of that name. Raises OutputError if it cannot be created."""
         path = Path(self.get_cache_path())
         try:
-            if not path.is_dir():
-                path.unlink(missing_ok=True)
-                path.mkdir(parents=True, exist_ok=True)
+            _create_folder(path)
             if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
                 path.chmod(0o700)
         except OSError as error:
