@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
+
 import h5py
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from thirdbody.errors import InputError
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
 from thirdbody.render.surface_mesh import SHADE, skirt, window_mesh
+from thirdbody.render.web_viewer import FINEST
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.waves import phases, sine_heights
 from thirdbody.trajectory.reader import open_run
@@ -130,13 +135,45 @@ def test_the_upper_plate_is_drawn_clear_of_the_bodies(rough):
     assert np.all(data.centers[:, 2] + data.radii <= plane - upper + 1e-15)
 
 
-def test_a_page_says_that_it_draws_rough_plates_flat(rough, tmp_path):
-    page = render(rough, tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "this page draws rough plates flat" in page
-
-
 def test_a_picture_shows_the_heights(rough, tmp_path):
     skip_unless_drawable()
     picture = render(rough, tmp_path / "a.png", size=(400, 225), view="top")
     grey = np.asarray(Image.open(picture).convert("L"), float)[45:180, 100:300]
     assert np.ptp(grey) > 60.0
+
+
+def packed(text: str, kind: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_a_page_holds_heights_of_both_plates_and_the_contacts(rough, tmp_path):
+    page = render(rough, tmp_path / "a.html", frame=0)
+    data = json.loads(re.search(r"^const data = (.*);$", page.read_text(encoding="utf-8"), re.MULTILINE).group(1))
+    with open_run(rough) as run:
+        picture = read_picture_data(run, 0, "state")
+    middle, extent = 0.5 * (picture.low + picture.high), picture.high - picture.low
+    scale, half = 100.0 / extent[:2].max(), np.array(data["half"])
+    for side, plane, sign in (
+        ("lower", picture.low[2], 1.0),
+        ("upper", picture.plate_height_over(picture.low, picture.high), -1.0),
+    ):
+        grid, surface = data["surfaces"][side], picture.surfaces[side]
+        x, y = (at + np.linspace(-h, h, n) / scale for at, h, n in zip(middle, half, grid["n"], strict=False))
+        z = plane - middle[2] + sign * surface.heights(*np.meshgrid(x, y))
+        found = grid["low"] + packed(grid["z"], "<u2").reshape(z.shape) * (grid["high"] - grid["low"]) / 65535.0
+        assert np.abs(found - scale * z).max() <= 0.51 * (grid["high"] - grid["low"]) / 65535.0  # half a step, and rounding
+        # a window a little larger than the period, at the spacing of the surface's own grid
+        assert np.all(np.array(grid["n"]) >= surface.coefficients.shape[::-1]) and max(grid["n"]) <= FINEST
+    spots = packed(data["contacts"], "<f4").reshape(-1, 6)
+    np.testing.assert_allclose(spots[:, :3], (picture.touching.points - middle) * scale, atol=1e-4)  # float32 of numbers to 50
+    np.testing.assert_allclose(spots[:, 4], picture.surfaces["lower"].slopes(*picture.touching.points.T[:2])[0], rtol=1e-5)
+
+
+def test_a_page_thins_out_a_fine_surface(surfaces, tmp_path):
+    lower = surfaces["lower"]
+    fine = Surface(np.tile(lower.heights, (16, 16)), lower.size, lower.shortest)
+    sizes = [
+        render(write_layer(tmp_path / f"{name}.vtkhdf", COUNT, surfaces=given), tmp_path / f"{name}.html", frame=0).stat().st_size
+        for name, given in (("flat", {}), ("fine", {"lower": fine}))
+    ]
+    assert 0 < sizes[1] - sizes[0] < 4 / 3 * 2 * FINEST**2 + 10_000  # base64 of two bytes a point, and the contacts

@@ -13,13 +13,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from layer import hue_share, write_layer
+from layer import clump_layer, hue_share, write_layer
 from portable import PATIENCE
 
 from thirdbody.palette import STATE_COLORS
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
 from thirdbody.render.web_viewer import write_page
+from thirdbody.surfaces.surface import Surface
+from thirdbody.surfaces.waves import phases, sine_heights
 from thirdbody.trajectory.reader import open_run
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
@@ -85,3 +87,20 @@ def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     assert white[80:420, :2].all() and white[80:420, -2:].all()  # the whole fits
     drawn = browse(page, "--dump-dom")
     assert 'data-drawn="1200"' in drawn and "rolling" in drawn
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+def test_a_browser_shows_heights_of_a_rough_plate(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    size = tuple(float(length) for length in clump_layer(12)[-1])
+    rough = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), 2e-6), size, size[0] / 4)
+    spread = []
+    for name, surfaces in (("flat", {}), ("rough", {"lower": rough})):
+        run = write_layer(tmp_path / f"{name}.vtkhdf", 12, surfaces=surfaces)
+        page, picture = render(run, tmp_path / f"{name}.html", view="top"), tmp_path / f"{name}.png"
+        browse(page, f"--screenshot={picture}")
+        pixels = np.array(image.open(picture).convert("RGB"), int)[80:420]
+        grey = np.ptp(pixels, axis=2) < 40  # plates, not bodies in the colours of states
+        spread.append(np.ptp(np.percentile(pixels[grey & (pixels.min(axis=2) < 250)], [10, 90])))
+    assert spread[1] > 1.5 * spread[0]  # dark valleys and light crests

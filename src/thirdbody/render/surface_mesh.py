@@ -23,6 +23,9 @@ FINEST = 700
 SHADE = 0.30
 """Fraction of black under a sphere."""
 
+CONTACT, SMALLEST_CONTACT = "#1D1F23", 0.05
+"""Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres."""
+
 
 class Touching(NamedTuple):
     """Contacts with a plate: points (C, 3), wrapped with their bodies, radii (C,) [m], and the rows of their bodies (C,)."""

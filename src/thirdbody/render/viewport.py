@@ -9,13 +9,11 @@ from thirdbody.render.canvas import OVERSAMPLING, Canvas, Rectangle
 from thirdbody.render.force_tubes import THICKEST, tube_mesh
 from thirdbody.render.overlay import WIDTH
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surface_mesh import skirt, window_mesh
+from thirdbody.render.surface_mesh import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
 _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
 _SHADOW = "#A9B0BA"
-_CONTACT, _SMALLEST_CONTACT = "#1D1F23", 0.05
-"""Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres."""
 ARROW = "#B0303C"
 
 _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
@@ -133,13 +131,13 @@ class Viewport:
         chosen = np.zeros(0, bool) if touching is None else data.bodies_inside(low, high)[touching.body]
         if touching is None or not chosen.any():
             return
-        points, smallest = touching.points[chosen], _SMALLEST_CONTACT * float(np.mean(data.radii))
+        points, smallest = touching.points[chosen], SMALLEST_CONTACT * float(np.mean(data.radii))
         slope_x, slope_y = surface.slopes(points[:, 0], points[:, 1])
         cloud = pyvista.PolyData(self.scaled(points).astype(np.float32))
         cloud["radius"] = (np.maximum(touching.radius[chosen], smallest) * self.scale).astype(np.float32)
         cloud["normal"] = np.column_stack([-slope_x, -slope_y, np.ones(len(points))]).astype(np.float32)
         disc = pyvista.Cylinder(direction=(1.0, 0.0, 0.0), radius=1.0, height=0.3, resolution=20)
-        self._outer.add(cloud.glyph(orient="normal", scale="radius", geom=disc), color=_CONTACT, scalars=None, lighting=False)
+        self._outer.add(cloud.glyph(orient="normal", scale="radius", geom=disc), color=CONTACT, scalars=None, lighting=False)
 
     def _add_box(self, bottom: float, color: str, edges: str, opacity: float) -> None:
         (x0, y0), (x1, y1) = self._low[:2], self._high[:2]

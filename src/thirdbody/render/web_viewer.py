@@ -2,7 +2,7 @@
 
 Spheres are ray-cast impostors by the WebGL program in `web_viewer.html`. The usual export (pyvista with trame) makes glyph
 meshes: 12 MB for 12 000 spheres instead of half a megabyte, without a legend, and needs some forty packages and the system
-libraries for drawing.
+libraries for drawing. Rough plates are grids of heights of two bytes each, from which the page makes meshes.
 """
 
 import base64
@@ -14,9 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.palette import FIELD_STOPS
+from thirdbody.palette import FIELD_STOPS, rgb
 from thirdbody.quantity import prefix_for, ticks, with_unit
 from thirdbody.render.picture_data import PictureData
+from thirdbody.render.surface_mesh import CONTACT, HIGHEST, LOWEST, SMALLEST_CONTACT
+
+FINEST = 320
+"""Largest number of points along the longer side of a rough plate: 270 kB of a page for a square plate."""
 
 
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
@@ -24,7 +28,7 @@ def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
     for mark, content in {
         "@TITLE@": html.escape(data.title or "thirdbody"),
-        "@FACTS@": html.escape(data.facts + ("   ·   this page draws rough plates flat" if data.surfaces else "")),
+        "@FACTS@": html.escape(data.facts),
         "@LEGEND@": _legend(data),
         # No tag inside a script may end it or begin another.
         "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
@@ -43,6 +47,9 @@ def _scene(data: PictureData) -> dict[str, object]:
     margin = 1.1 * float(data.radii.max(initial=0.0)) * scale
     half = 0.5 * extent * scale + [margin, margin, 0.0]
     return {
+        "surfaces": {side: _relief(data, side, middle, half, scale) for side in data.surfaces},
+        "contacts": _contacts(data, middle, scale),
+        "tones": {"low": rgb(LOWEST), "high": rgb(HIGHEST), "contact": rgb(CONTACT)},
         "spheres": _packed(spheres, "<f4"),
         "colors": _packed(data.colors, "u1"),
         "bodies": _packed(data.body, "<i4"),
@@ -53,6 +60,31 @@ def _scene(data: PictureData) -> dict[str, object]:
         "drag": [float(value) for value in data.drag],
         "lengths": [{"label": with_unit(m * 10.0**p, "m"), "size": m * 10.0**p * scale} for p in range(-9, 2) for m in (1, 2, 5)],
     }
+
+
+def _relief(data: PictureData, side: str, middle: np.ndarray, half: np.ndarray, scale: float) -> dict[str, object]:
+    """Return a rough plate over the drawn window: heights of a grid in parts of 65535 from `low` to `high`, row by row."""
+    surface = data.surfaces[side]
+    plane = data.low[2] if side == "lower" else data.plate_height_over(data.low, data.high)
+    lengths, cells = 2.0 * half[:2] / scale, surface.coefficients.shape[::-1]
+    # a grid as fine as that of the surface shows all of it
+    wanted = [length / size * n for length, size, n in zip(lengths, surface.size, cells, strict=True)]
+    counts = [max(2, round(n * min(1.0, FINEST / max(wanted)))) for n in wanted]
+    x, y = (np.linspace(at - h / scale, at + h / scale, n) for at, h, n in zip(middle, half, counts, strict=False))
+    z = (plane - middle[2] + surface.sign * surface.heights(*np.meshgrid(x, y))) * scale
+    low, high = float(z.min()), float(z.max())
+    grid = np.rint((z - low) * (65535.0 / max(high - low, 1e-300)))
+    return {"n": counts, "z": _packed(grid, "<u2"), "low": low, "high": high}
+
+
+def _contacts(data: PictureData, middle: np.ndarray, scale: float) -> str:
+    """Return the contacts with the rough lower plate: place, radius, slopes of the plate, as packed rows of six numbers."""
+    touching = data.touching
+    if touching is None:
+        return ""
+    radius = np.maximum(touching.radius, SMALLEST_CONTACT * float(np.mean(data.radii))) * scale
+    slopes = data.surfaces["lower"].slopes(touching.points[:, 0], touching.points[:, 1])
+    return _packed(np.column_stack(((touching.points - middle) * scale, radius, *slopes)), "<f4")
 
 
 def _packed(values: np.ndarray, kind: str) -> str:
