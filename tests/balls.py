@@ -4,6 +4,18 @@ from __future__ import annotations
 
 from steel import STEEL
 
+PLATES = """\
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "0.5 m/s"}}
+"""
+"""Of steel, with a load on each particle, the upper one dragged."""
+
 BALLS = (
     'title = "four balls"\n'
     + STEEL
@@ -16,14 +28,9 @@ count = 4
 seed = 1
 [domain]
 size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-damping = "7e-5 kg/s"
-motion = {x = {velocity = "0.5 m/s"}}
+"""
+    + PLATES
+    + """\
 [solver]
 distance = "0.1 um"
 settle = "1 us"

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.state import angular_momentum, rotation_matrices
+from thirdbody.engine.state import angular_momentum
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
+from thirdbody.rotations import rotation_matrices
 
 RADIUS = 1e-3
 

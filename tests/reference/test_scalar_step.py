@@ -28,7 +28,7 @@ from scalar_step import Reference
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.state import Candidates, Physics, rotation_matrices
+from thirdbody.engine.state import Candidates, Physics
 from thirdbody.kernels import schedule
 from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE
@@ -38,6 +38,7 @@ from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.signatures import WORK, context_of
+from thirdbody.rotations import rotation_matrices
 
 SCENES = {
     "layer": (150, 10),

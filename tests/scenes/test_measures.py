@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from balls import PLATES, edited
 from PIL import Image
-from steel import STEEL
+from steel import HOT_STEEL
 from trajectories import contents
 
 import thirdbody
 from thirdbody.errors import InputError, Interrupted, UsageError
+from thirdbody.export.export_run import export_run
 from thirdbody.render.plate_map import plate_map
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
@@ -22,7 +25,7 @@ LOAD, SIZE = 1e-4, (40e-6, 30e-6)
 
 # A hexagon of seven spheres, flat, and another one near it, so that they may meet; both slide under their loads.
 SCENE = (
-    STEEL.replace('"7850 kg/m3"\n', '"7850 kg/m3"\nthermal_conductivity = "50 W/m/K"\nheat_capacity = "460 J/kg/K"\n')
+    HOT_STEEL
     + """\
 [[debris]]
 material = "steel"
@@ -36,13 +39,9 @@ shape = [
 positions = [["10 um", "10 um", "2 um"], ["25 um", "20 um", "2 um"]]
 [domain]
 size = ["40 um", "30 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {x = {velocity = "0.5 m/s"}}
+"""
+    + edited(PLATES, ('damping = "7e-5 kg/s"\n', ""))
+    + """\
 [solver]
 settle = "0.2 us"
 distance = "0.2 um"
@@ -212,6 +211,35 @@ def test_picture_of_a_map(runs, tmp_path: Path):
     ):
         with pytest.raises(InputError, match=message):
             run.render(tmp_path / "map.png", **wrong)
+
+
+def test_vtk_reads_the_maps_of_an_export(runs, tmp_path: Path):
+    """Each cell has the value of the map, and its image lies where the plate is: that of the upper one moves and is high."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+    run = runs("explicit")
+    written = list(export_run(run.path, None, tmp_path / "pvd", None))
+    for plate in ("lower", "upper"):
+        collection = tmp_path / "pvd" / f"{plate}_maps.pvd"
+        entries = ElementTree.parse(collection).findall("Collection/DataSet")
+        assert collection in written and [float(entry.get("timestep")) for entry in entries] == run.times.tolist()
+        for frame, entry in enumerate(entries):
+            reader = vtkXMLImageDataReader()
+            reader.SetFileName(str(collection.parent / entry.get("file")))
+            reader.Update()
+            image, maps = reader.GetOutput(), run.maps(plate, frame)
+            origin = [0.0, 0.0, 0.0] if plate == "lower" else [run.series["displacement"][frame], 0.0, run.series["gap"][frame]]
+            assert image.GetOrigin() == pytest.approx(origin, rel=1e-14)
+            assert image.GetBounds()[1] - image.GetBounds()[0] == pytest.approx(SIZE[0], rel=1e-12)
+            assert image.GetCellData().GetNumberOfArrays() == len(maps) == 2
+            for name, values in maps.items():
+                assert np.array_equal(vtk_to_numpy(image.GetCellData().GetArray(name)).reshape(values.shape), values)
+    script = (tmp_path / "pvd" / "open_in_paraview.py").read_text()
+    compile(script, "open_in_paraview.py", "exec")
+    assert 'MAPS = ["lower_maps", "upper_maps"]' in script
+    list(export_run(run.path, None, tmp_path / "pvd", None, frame=1, overwrite=True))  # its own files are known
+    assert len(list((tmp_path / "pvd" / "upper_maps").iterdir())) == 1
 
 
 def test_tables_of_a_run_have_units(runs, tmp_path: Path):

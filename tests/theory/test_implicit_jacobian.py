@@ -14,7 +14,6 @@ import pytest
 from numba import float64, int64, njit, types
 from scipy.ndimage import spline_filter
 
-from thirdbody.engine.state import rotation_matrices
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.options import OPTIONS
 from thirdbody.jit.packed_arguments import argument_specs, pack
@@ -53,6 +52,7 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import UPDATE, RoughPlates
 from thirdbody.kernels.signatures import LAW
+from thirdbody.rotations import rotation_matrices
 
 UNCACHED = OPTIONS | {"cache": False}
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.state import angular_momentum, rotation_matrices
+from thirdbody.engine.state import angular_momentum
 from thirdbody.kernels.columns import body, body_extra
+from thirdbody.rotations import rotation_matrices
 from thirdbody.scene.model import Constant, Effects, Irregular, Spheres
 
 MOMENTS, SPIN = (1.0, 2.0, 3.0), (0.05, 1.0, 0.05)

@@ -10,7 +10,6 @@ import pytest
 from numba import njit
 from scipy.linalg import eigh
 
-from thirdbody.engine.state import rotation_matrices
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
@@ -20,6 +19,7 @@ from thirdbody.kernels.explicit.stiffness_matrix import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.signatures import LAW
+from thirdbody.rotations import rotation_matrices
 
 NEAR = 0.3
 """Spheres are candidates when they are not farther apart than this."""

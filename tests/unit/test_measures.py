@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from balls import BALLS, edited
+from steel import HOT_STEEL
+from steel import STEEL as STEEL_TEXT
 
 from thirdbody.assembly.physics import law_faults
 from thirdbody.errors import InputError
@@ -21,10 +23,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.units import parse
 
 MEASURES = discover().measures
-HOT = edited(
-    BALLS,
-    ('density = "7850 kg/m3"\n', 'density = "7850 kg/m3"\nthermal_conductivity = "50 W/m/K"\nheat_capacity = "460 J/kg/K"\n'),
-)
+HOT = edited(BALLS, (STEEL_TEXT, HOT_STEEL))
 STEEL = Material("steel", 80.8e9, 0.3, 7850.0, None, 50.0, 460.0)
 PAIR = Pair(STEEL, STEEL, 0.3, 0.6)
 

@@ -11,8 +11,8 @@ from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.layer_packing import place_layer
 from thirdbody.bodies.random_sequential import scatter
 from thirdbody.bodies.resting_poses import headed, settle_all
-from thirdbody.engine.state import rotation_matrices
 from thirdbody.errors import Fault, InputError
+from thirdbody.rotations import to_world
 from thirdbody.scene.debris.contract import CLEARANCE
 from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene
@@ -203,5 +203,5 @@ def spheres_of(clumps: Sequence[Clump], x: np.ndarray, q: np.ndarray) -> tuple[n
     """Return centres (n, 3) [m], radii (n,) [m], body (n,) of spheres of bodies at x (b, 3), q (b, 4)."""
     body = np.repeat(np.arange(len(clumps)), [len(clump.radii) for clump in clumps])
     offsets = np.concatenate([clump.centers for clump in clumps])
-    centres = x[body] + np.einsum("nij,nj->ni", rotation_matrices(q)[body], offsets)
+    centres = x[body] + to_world(q[body], offsets)
     return centres, np.concatenate([clump.radii for clump in clumps]), body

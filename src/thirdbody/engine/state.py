@@ -33,6 +33,7 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
+from thirdbody.rotations import to_body, to_world
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -376,23 +377,10 @@ def _limits(world: World, skin: float, reach: float) -> Array:
     return D
 
 
-def rotation_matrices(q: Array) -> Array:
-    """Return the rotation matrices (n, 3, 3), body to world, of quaternions (n, 4)."""
-    w, x, y, z = q.T
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    ).transpose(2, 0, 1)
-
-
 def angular_momentum(B: Array, E: Array) -> Array:
     """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
-    rotation = rotation_matrices(B[:, body.QUATERNION4])
-    in_body = np.einsum("nji,nj->ni", rotation, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3]
-    return np.einsum("nij,nj->ni", rotation, in_body)
+    q = B[:, body.QUATERNION4]
+    return to_world(q, to_body(q, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3])
 
 
 def refresh_spheres(state: State) -> None:

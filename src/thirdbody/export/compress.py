@@ -17,6 +17,7 @@ import numpy as np
 from thirdbody.atomic_files import new_file, refuse_existing_file
 from thirdbody.errors import InputError, OutputError
 from thirdbody.trajectory.crash_safe_file import Sink
+from thirdbody.trajectory.plate_maps import MAPS
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import BLOCKS, PROFILES, STATIC_TEXT
 from thirdbody.trajectory.writer import FORMAT
@@ -60,6 +61,7 @@ def _committed_rows(run: Run) -> dict[str, int]:
     """Return for the path of every growing data set the number of rows in committed frames."""
     rows: dict[str, int] = {f"/series/{name}": run.frames for name in run.series}
     rows |= {f"/{PROFILES}/{name}": run.frames * values.shape[1] for name, values in run.profiles.items()}
+    rows |= {values.name: run.frames * int(values.attrs["rows"]) for values in run.file.get(MAPS, {}).values()}
     for name in BLOCKS:
         block = run.file["VTKHDF"][name]
         static = run.header[STATIC_TEXT].get(name, ())

@@ -25,6 +25,7 @@ from paraview.simple import *
 STATES = $states
 COLORS = $colors
 FILES = "$files"
+MAPS = $maps
 
 folder = os.path.dirname(os.path.abspath(__file__)) if "__file__" in globals() else os.getcwd()
 picture = sys.argv[1] if len(sys.argv) > 1 and sys.argv[1].endswith(".png") else None
@@ -65,11 +66,9 @@ plates.Opacity = 0.25
 plates.ColorArrayName = [None, ""]
 plates.DiffuseColor = [0.62, 0.66, 0.72]
 
-# In the pipeline browser, but hidden: the contacts lie inside the bodies.
-contacts = block("contacts")
-clumps = block("clumps")
-Hide(contacts, view)
-Hide(clumps, view)
+# In the pipeline browser, but hidden: the contacts lie inside the bodies, and maps hide them.
+for name in ["contacts", "clumps", *MAPS]:
+    Hide(block(name), view)
 
 scene = GetAnimationScene()
 scene.UpdateAnimationUsingDataTimeSteps()
@@ -105,14 +104,18 @@ def write_sidecars(path: str | Path) -> list[Path]:
     return sidecars
 
 
-def write_script(path: Path, state_names: Sequence[str], files: str) -> None:
-    """Write the script that sets up the view; `files` is the name of the file of a block, as `{name}.pvd`. Raises OSError."""
+def write_script(path: Path, state_names: Sequence[str], files: str, maps: Sequence[str] = ()) -> None:
+    """Write the script that sets up the view. Raises OSError.
+
+    `files` is the name of the file of a block, as `{name}.pvd`; `maps`: the blocks of the maps of the plates.
+    """
     colors = [round(channel / 255.0, 4) for color in state_colors(state_names) for channel in rgb(color)]
     text = _SCRIPT.substitute(
         script=path.name,
         states=json.dumps(list(state_names)),
         colors=json.dumps(colors),
         files=files,
+        maps=json.dumps(list(maps)),
         version="5.11" if files.endswith(".pvd") else "5.13",
     )
     write_whole(path, text.encode())

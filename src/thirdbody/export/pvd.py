@@ -2,6 +2,7 @@
 
 spheres.pvd, clumps.pvd, contacts.pvd, plates.pvd   the times and the files of each block
 spheres/0000.vtp, ...                               one file per block and frame, compressed by zlib
+lower_maps.pvd, lower_maps/0000.vti, upper_...      maps of the plates, of a run that has some
 open_in_paraview.py                                 sets up the view
 """
 
@@ -11,12 +12,16 @@ from typing import Any
 import numpy as np
 
 from thirdbody.atomic_files import new_folder
+from thirdbody.export.map_files import BLOCKS_OF_MAPS, write_vti
 from thirdbody.export.paraview import SCRIPT_NAME, write_script
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import BLOCKS, POSITION
 
 PVD_FILES = (*(f"{block}.pvd" for block in BLOCKS), SCRIPT_NAME)
-PVD_PATTERNS = (*PVD_FILES, *(f"{block}/[0-9]*.vtp" for block in BLOCKS))
+PVD_PATTERNS = (
+    *PVD_FILES, *(f"{block}.pvd" for block in BLOCKS_OF_MAPS), *(f"{block}/[0-9]*.vtp" for block in BLOCKS),
+    *(f"{block}/[0-9]*.vti" for block in BLOCKS_OF_MAPS),
+)  # fmt: skip
 CORNERS = 4  # of a plate
 
 
@@ -27,17 +32,21 @@ def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool
     """
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
     width = max(4, len(str(run.frames - 1)))
+    maps = BLOCKS_OF_MAPS if run.map_units else ()
     with new_folder(folder, overwrite, PVD_PATTERNS) as part:
-        for block in BLOCKS:
+        for block in (*BLOCKS, *maps):
             (part / block).mkdir()
-        for number in numbers:
-            for block in BLOCKS:
-                write_vtp(part / block / f"{number:0{width}d}.vtp", run.block(block, number), block)
-        for block in BLOCKS:
-            entries = [(float(run.times[number]), f"{block}/{number:0{width}d}.vtp") for number in numbers]
+            kind = "vti" if block in maps else "vtp"
+            files = {number: f"{block}/{number:0{width}d}.{kind}" for number in numbers}
+            for number, file in files.items():
+                if block in maps:
+                    write_vti(part / file, run, block, number)
+                else:
+                    write_vtp(part / file, run.block(block, number), block)
+            entries = [(float(run.times[number]), file) for number, file in files.items()]
             (part / f"{block}.pvd").write_text(_collection(entries), encoding="utf-8")
-        write_script(part / SCRIPT_NAME, run.state_names, "{name}.pvd")
-    return [folder / name for name in PVD_FILES]
+        write_script(part / SCRIPT_NAME, run.state_names, "{name}.pvd", maps)
+    return [folder / name for name in (*PVD_FILES, *(f"{block}.pvd" for block in maps))]
 
 
 def write_vtp(path: Path, arrays: dict[str, np.ndarray], block: str) -> None:

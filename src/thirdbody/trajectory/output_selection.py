@@ -12,8 +12,9 @@ import numpy as np
 
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import sphere
+from thirdbody.rotations import to_body
 from thirdbody.trajectory.polydata_block import Storage
-from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER, inverse_rotated
+from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER
 from thirdbody.trajectory.schema import Frame
 
 CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
@@ -67,4 +68,4 @@ def local_centers(state: State) -> np.ndarray:
     """Return the centres of the spheres in the axes of their bodies (S, 3) [m], spheres in the order of the scene."""
     of_body = state.body[state.given_spheres]
     arm = state.S[state.given_spheres, sphere.POSITION3] - state.bodies.position[of_body]
-    return inverse_rotated(arm, state.bodies.quaternion[of_body])
+    return to_body(state.bodies.quaternion[of_body], arm)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from thirdbody.errors import InputError
+from thirdbody.rotations import to_world
 from thirdbody.trajectory.block_reader import BlockReader
 from thirdbody.trajectory.named_arrays import Named, unknown_name
 from thirdbody.trajectory.validate import damage_as_fault
@@ -64,18 +65,6 @@ class RebuiltSpheres:
         return len(self._static["radius"])
 
 
-def rotated(vectors: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """Return vectors (n, 3) turned by unit quaternions (n, 4) (w, x, y, z), body to world."""
-    w, u = quaternions[:, :1], quaternions[:, 1:]
-    t = 2.0 * np.cross(u, vectors)
-    return np.asarray(vectors + w * t + np.cross(u, t))
-
-
-def inverse_rotated(vectors: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """Return vectors (n, 3) turned back by unit quaternions (n, 4), world to body."""
-    return rotated(vectors, quaternions * [1.0, -1.0, -1.0, -1.0])
-
-
 def spheres_of(bodies: Mapping[str, np.ndarray], static: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the arrays of the spheres of one frame, as a run holds them that writes them.
 
@@ -93,7 +82,7 @@ def spheres_of(bodies: Mapping[str, np.ndarray], static: Mapping[str, np.ndarray
         `position` (S, 3) [m], `velocity` (S, 3) [m/s], `state`, `state_reason`, and the static arrays without `local_center`.
     """
     row = rows_of(bodies, static["clump"])
-    arm = rotated(static[LOCAL_CENTER], np.asarray(bodies["quaternion"], np.float64)[row])
+    arm = to_world(np.asarray(bodies["quaternion"], np.float64)[row], static[LOCAL_CENTER])
     arrays = {"position": bodies["position"][row] + arm}
     arrays |= {name: values for name, values in static.items() if name != LOCAL_CENTER}
     if "velocity" in bodies and "angular_velocity" in bodies:

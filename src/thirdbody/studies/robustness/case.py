@@ -12,8 +12,8 @@ import numpy as np
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
-from thirdbody.engine.state import rotation_matrices
 from thirdbody.kernels.columns import body, body_extra, run_totals
+from thirdbody.rotations import rotation_matrices
 from thirdbody.scene.model import Scene
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.state import angular_momentum, rotation_matrices
+from thirdbody.engine.state import angular_momentum
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
+from thirdbody.rotations import rotation_matrices
 from thirdbody.scene.model import Contact, Domain, Solver, UpperPlate
 from thirdbody.studies.robustness.between_plates import plain_slide
 from thirdbody.studies.robustness.case import CaseRun, Trial, rotation_of
