@@ -63,16 +63,18 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
 
 
 def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
-    from thirdbody.studies.effects import effects_study, print_effects
+    from thirdbody.studies.effects import EFFECTS_PICTURE, effects_study, print_effects
+    from thirdbody.studies.effects_plot import draw_effects
 
     with new_study_folder(source.folder, overwrite) as work_folder:
         report = effects_study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log)
+        draw_effects(report, work_folder / EFFECTS_PICTURE, (work_folder / EFFECTS_PICTURE).with_suffix(".pdf"))
         _write(work_folder / "effects.json", report)
     if json:
         print_json(report)
     else:
         print_effects(report)
-        print(f"{source.folder / 'effects.json'}")
+        print(f"{source.folder / EFFECTS_PICTURE} (and .pdf), {source.folder / 'effects.json'}")
 
 
 def _write(path: Path, report: dict[str, Any]) -> None:

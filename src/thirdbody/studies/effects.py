@@ -1,4 +1,4 @@
-"""Cost and influence of each effect of a scene: switched off if it is on, on if it is off, against the scene as it is.
+"""Cost and influence of each effect and measure of a scene: off if it is on, on if it is off, against the scene as it is.
 
 Both run alternately in one process, so that a ratio of times is that of two adjacent measurements.
 """
@@ -7,10 +7,10 @@ import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.laws.contract import BodyEffect, Law, SpotInteraction
+from thirdbody.laws.measures import Measure
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.cost import percent
@@ -19,6 +19,9 @@ from thirdbody.studies.nudge import NUDGE
 from thirdbody.studies.reduced_scene import reduce_scene
 from thirdbody.studies.study_setup import save
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE, in_process
+
+EFFECTS_PICTURE = "effects.png"
+"""In the folder of the study."""
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
@@ -33,8 +36,12 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
     "rolling_resistance": ("effects.rolling_resistance", {"coefficient": 0.01}, "coefficient 0.01"),
     "pivoting": ("effects.pivoting", {}, "undamped"),
     "close_spots": ("effects.close_spots", {}, "of a body on a plate"),
+    "elastic_plastic": ("effects.elastic_plastic", {}, "yield strengths as given"),
+    "adhesion": ("effects.adhesion", {"work_of_adhesion": "50 mJ/m2"}, "50 mJ/m2"),
+    "wear": ("measures.wear", {"plates": "1e-14 m3/J"}, "of the plates, without maps"),
+    "flash_temperature": ("measures.flash_temperature", {}, "of all contacts"),
 }
-"""Effects of the catalogue that can be switched on, and the trial values."""
+"""Effects and measures of the catalogue that can be switched on, and the trial values."""
 
 
 def effects_study(
@@ -52,36 +59,63 @@ def effects_study(
     if built.state.world.debris_meets:
         log(f"none: {APART}")
         rows.append(_compared(folder, "none", APART, {"solver.integrator": built.plan.kind}, plugins, repeats, nudge=1))
-    for name, what, changes in candidates(scene, built, plugins, left_out):
-        log(f"{name}: {what}")
-        rows.append(_compared(folder, name, what, changes, plugins, repeats))
+    for trial in candidates(scene, built, plugins, left_out):
+        log(f"{trial.name}: {trial.what}")
+        changes = {"solver.integrator": built.plan.kind, **trial.changes}  # the integrator stays: only the effect is compared
+        rows.append(_compared(folder, trial.name, trial.what, changes, plugins, repeats) | {"named": trial.named})
     return {"scene": str(path), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
             "left_out": left_out}  # fmt: skip
 
 
-def candidates(
-    scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]
-) -> list[tuple[str, str, dict[str, Any]]]:
-    """Return (effect, action, changes to the scene) of every effect; those without a sensible value go to `left_out`."""
+class Trial(NamedTuple):
+    """One comparison: what is switched, how, the changes to the scene, and whether the scene names it."""
+
+    name: str
+    what: str
+    changes: dict[str, Any]
+    named: bool
+
+
+def candidates(scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]) -> list[Trial]:
+    """Return the trial of every effect and measure; those without a sensible value go to `left_out`."""
     from thirdbody.laws.registry import discover
 
+    known, result = discover(tuple(plugins)), []
     on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
-    result: list[tuple[str, str, dict[str, Any]]] = []
-    known: dict[str, Law | BodyEffect | SpotInteraction] = discover(tuple(plugins)).effects
-    for name in known:
+    for name in known.effects:
         if name in on:
-            result.append((name, "switched off", {f"effects.{name}": None}))
-        elif name in TRIED:
-            key, value, words = TRIED[name]
-            result.append((name, f"switched on: {words}", {key: value}))
+            result.append(Trial(name, "switched off", {f"effects.{name}": None}, True))
         else:
-            left_out.append(f"{name}: off, and no value to try is known")
+            _try(name, result, left_out)
     if built.state.world.debris_meets:
-        result.append(("debris-debris contact", "switched off", {"contact.debris_contact": "none"}))
+        result.append(Trial("debris-debris contact", "switched off", {"contact.debris_contact": "none"}, True))
     elif scene.contact.debris_contact == "none":
-        result.append(("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}))
-    # the integrator stays: only the effect is compared
-    return [(name, what, {"solver.integrator": built.plan.kind, **changes}) for name, what, changes in result]
+        result.append(Trial("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}, False))
+    for name, measure in known.measures.items():
+        if name in scene.measures.named:
+            result.append(Trial(name, "switched off", _without(name, scene, known.measures), True))
+        elif lacking := [key for key in measure.materials if any(getattr(m, key) is None for m in built.choice.materials)]:
+            left_out.append(f"{name}: off, and the materials lack {', '.join(lacking)}")
+        else:
+            _try(name, result, left_out)
+    return result
+
+
+def _try(name: str, result: list[Trial], left_out: list[str]) -> None:
+    """Add the trial of an effect or measure that the scene does not name, or the reason why there is none."""
+    if name in TRIED:
+        key, value, words = TRIED[name]
+        result.append(Trial(name, f"switched on: {words}", {key: value}, False))
+    else:
+        left_out.append(f"{name}: off, and no value to try is known")
+
+
+def _without(name: str, scene: Scene, known: Mapping[str, Measure]) -> dict[str, Any]:
+    """Return the changes that remove a measure, with the cells of the maps where no other measure has one."""
+    others = (known[other] for other in scene.measures.named if other != name)
+    mapped = any(amount.map for measure in others for amount in measure.amounts)
+    changes: dict[str, Any] = {f"measures.{name}": None}
+    return changes if mapped or scene.measures.cell is None else changes | {"measures.cell": None}
 
 
 def _compared(
@@ -94,7 +128,8 @@ def _compared(
     if ratios and other["stable"] and own["stable"]:
         first, second = read_outcome(folder_of_runs / "0"), read_outcome(folder_of_runs / "1")
         assert first is not None and second is not None  # both finished
-        row |= {"ratio": statistics.median(ratios), "change": errors(second, first)}
+        seconds = [statistics.median(one["cpu"]) for one in (own, other)]
+        row |= {"ratio": statistics.median(ratios), "seconds": seconds, "change": errors(second, first)}
     return row
 
 

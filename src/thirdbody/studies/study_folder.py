@@ -16,7 +16,7 @@ from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE
 
-RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json")
+RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json", "effects.png", "effects.pdf")
 REPLACED = "replaced"
 """Temporary folder of the old runs, next to the new ones."""
 
