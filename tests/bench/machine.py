@@ -6,6 +6,9 @@ from typing import Any
 
 from thirdbody.jit import cache_dir
 from thirdbody.studies import machine_info as studies
+from thirdbody.studies.machine_info import described
+
+__all__ = ["described", "machine"]
 
 
 def machine() -> dict[str, Any]:

@@ -41,7 +41,7 @@ from typing import Any
 from guards import SCENES as GUARDED
 from guards import measure_guards, print_guards
 from limits import measure_limits, print_limits
-from machine import machine
+from machine import described, machine
 from ours import REPS, STEPS, WARM, tiles
 from rich.console import Console
 from rich.table import Table
@@ -80,7 +80,7 @@ def main() -> None:
     console = screen()
     report: dict[str, Any] = {"machine": machine()}
     head = report["machine"]
-    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
+    console.print(f"{described(head)}, {head['cores']} cores, load {head['load']}")
     if requested.profile:
         report["profile"] = part_profile(requested, console)
     if requested.startup:

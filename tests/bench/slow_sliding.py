@@ -39,7 +39,7 @@ from pathlib import Path
 from typing import Any
 
 from ensemble import EXPLICIT, PATH, Case, time_explicit, time_implicit, warm_up
-from machine import machine
+from machine import described, machine
 from peer import FRACTION, NAME, NS_PER_SPHERE_STEP, Peer, ensemble_of
 from rich.console import Console
 from rich.table import Table
@@ -65,7 +65,7 @@ def main() -> None:
     console = Console() if Console().is_terminal else Console(width=150)
     report: dict[str, Any] = {"machine": machine()}
     head = report["machine"]
-    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
+    console.print(f"{described(head)}, {head['cores']} cores, load {head['load']}")
     part = part_scale if requested.scale else part_layers if requested.layers else part_speeds
     report |= part(requested, console)
     report["load_at_end"] = machine()["load"]

@@ -11,6 +11,7 @@ from thirdbody.palette import LINE_COLORS
 from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
 from thirdbody.studies.cost_table import scatter_words, speed_words, stopped
+from thirdbody.studies.machine_info import described
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -195,7 +196,7 @@ def _texts(figure: Any, axes: Any, built: Study) -> None:
     failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(built).items()]
     lines = [
         f"Recommended: {recommended(built)[1].replace('`', '')}.",
-        f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",
+        f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {described(report)}, one of {report['cores']} cores.",
         *(words[0].upper() + words[1:] + "." for words in (scatter_words(built), speed_words(built)) if words),
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]

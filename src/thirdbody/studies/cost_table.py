@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from thirdbody.report.tables import table
 from thirdbody.studies.cost import Row, Study, efficient, is_chaotic, merit_in_words, percent, recommended, speed_error
+from thirdbody.studies.machine_info import described
 from thirdbody.studies.variant_runs import LEFT_OUT
 from thirdbody.system.terminal import print_line
 
@@ -22,7 +23,7 @@ def print_study(built: Study) -> None:
     print_line(f"{built.title or built.scene}: errors against {built.reference.variant.name}")
     print_line(f"reduced: {'; '.join(built.reduction) or 'nothing'}")
     print(f"budget {built.budget:.3g} s, took {built.elapsed:.3g} s")
-    print(f"on {report['cpu']}, {report['cores']} cores, one used; load before: {report['load']}")
+    print(f"on {described(report)}, {report['cores']} cores, one used; load before: {report['load']}")
     default = built.default
     base = default.seconds if default is not None and default.stable else math.nan
     front = efficient(built)
