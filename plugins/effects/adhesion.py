@@ -28,8 +28,10 @@ from .jkr import (
     JUMPS,
     energy_unit,
     force_of,
+    force_of_a_jump,
     longest_neck,
     neck,
+    neck_since,
     peak_pressure_of,
     squared_radius_rate_of,
     stiffness_of,
@@ -42,8 +44,8 @@ DMT_BELOW, JKR_ABOVE = 0.1, 5.0
 MIN_WORK = 1e-15
 """Smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's."""
 
-BEYOND = 1.0 + 1e-9
-"""Reach over the length of a neck that breaks: contacts are told apart by the law, not by the reach."""
+BEYOND = 2.0
+"""Reach over the length of a neck that breaks: explicit steps that bring bodies to touch, or break the neck, end within it."""
 
 
 class JkrParameters(NamedTuple):
@@ -52,6 +54,7 @@ class JkrParameters(NamedTuple):
     e_star: float  # Pa
     adhesion: float  # w/E*, m
     grip: float  # load of friction beyond the force, over the radius, N/m
+    part_steps: float  # 1 in steps of velocity Verlet: jumps count from where they are within the step
 
 
 class AutoParameters(NamedTuple):
@@ -60,6 +63,7 @@ class AutoParameters(NamedTuple):
     e_star: float
     adhesion: float
     grip: float
+    part_steps: float
     dmt_pull: float  # N/m: over the radius
     dmt_grip: float  # N/m
     neck_from: float  # m
@@ -74,14 +78,20 @@ class DmtParameters(NamedTuple):
 
 @helper
 def with_neck(c, p, h):
-    """Force, area and energy of the neck (`jkr.neck`); what the jumps lose is booked as the neck forms."""
-    n = neck(c.overlap, c.radius, p.adhesion, h[0])
-    lost = n.joined * (1.0 - h[0]) * JUMPS * energy_unit(n, c.radius, p.e_star)
+    """Force, area and energy of the neck (`jkr.neck`); what the jumps lose is booked as the neck forms.
+
+    h: whether there was a neck; what it lost [J]; the overlap before [m], 0 in a contact that was out of reach.
+    """
+    n = neck_since(c.overlap, h[2], c.radius, p.adhesion, h[0])
+    forms, breaks = n.joined * (1.0 - h[0]), h[0] * (1.0 - n.joined)
+    lost = forms * JUMPS * energy_unit(n, c.radius, p.e_star)
+    jumps = p.part_steps > 0.0 and h[2] != 0.0 and forms + breaks > 0.0
+    of_jump = force_of_a_jump(n, c.overlap - h[2], forms, c.radius, p.e_star)
     answer = Normal(
-        force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y, stored_of(n, c.radius, p.e_star), lost,
-        peak_pressure_of(n, c.radius, p.e_star), squared_radius_rate_of(n, c.radius),
+        of_jump if jumps else force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y,
+        stored_of(n, c.radius, p.e_star), lost, peak_pressure_of(n, c.radius, p.e_star), squared_radius_rate_of(n, c.radius),
     )  # fmt: skip
-    return answer, (n.joined, h[1] + lost)
+    return answer, (n.joined, h[1] + lost, c.overlap)
 
 
 @kernel
@@ -98,8 +108,8 @@ def jkr_tangent(c, p, h):
 
 @kernel
 def jkr_grip(c, n, p):
-    """2 (3/2) pi w R while there is a neck, or minus the attraction that remains [N]."""
-    return p.grip * c.radius if n.contact_radius > 0.0 else 0.0
+    """2 (3/2) pi w R while there is a neck [N]; none of the force of the step in which it breaks."""
+    return p.grip * c.radius if n.contact_radius > 0.0 else -n.force
 
 
 @kernel
@@ -118,7 +128,7 @@ def auto(c, p, h):
         necked.peak_pressure if has_neck else p.e_star * (2.0 * overlap / (math.pi * max(a, 1e-300))),
         necked.squared_radius_rate if has_neck else touches * c.radius,
     )
-    return answer, (memory[0] if has_neck else touches, memory[1] if has_neck else 0.0)
+    return answer, (memory[0] if has_neck else touches, memory[1] if has_neck else 0.0, memory[2])
 
 
 @kernel
@@ -133,7 +143,7 @@ def auto_tangent(c, p, h):
 def auto_grip(c, n, p):
     """As `jkr_grip`, or the pull-off force of DMT [N]."""
     grip = (p.grip if c.radius >= p.neck_from else p.dmt_grip) * c.radius
-    return grip if n.contact_radius > 0.0 else 0.0
+    return grip if n.contact_radius > 0.0 else -n.force
 
 
 @kernel
@@ -173,7 +183,12 @@ def with_pull_off(options: Options) -> bool:
 def mix_jkr(pair: Pair, options: Options) -> JkrParameters:
     """Return E*, w/E* and the load of friction of a pair."""
     w, modulus = max(options["work_of_adhesion"], MIN_WORK), e_star(pair.a, pair.b)
-    return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if with_pull_off(options) else 0.0)
+    return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if with_pull_off(options) else 0.0, 0.0)
+
+
+def in_explicit_steps(p: Any) -> Any:
+    """Return the parameters of steps of velocity Verlet."""
+    return p._replace(part_steps=1.0)
 
 
 def neck_from(pair: Pair, options: Options) -> float:
@@ -241,7 +256,8 @@ ADHESION = Law(
     tangent=auto_tangent,
     parameters=AutoParameters,
     mix=mix_auto,
-    history=("joined", "adhesion_work"),
+    in_explicit_steps=in_explicit_steps,
+    history=("joined", "adhesion_work", "overlap"),
     replaces="hertz",
     reach=neck_length_where_necks,
     added_load=auto_grip,
@@ -270,7 +286,7 @@ JKR = replace(
 
 DMT = replace(
     ADHESION, stage="adhesion", kernel=dmt, tangent=dmt_tangent, parameters=DmtParameters, mix=mix_dmt, history=(), replaces="",
-    reach=None, added_load=dmt_grip, variant=None,
+    reach=None, added_load=dmt_grip, variant=None, in_explicit_steps=None,
 )  # fmt: skip
 
 PLUGIN = Plugin(

@@ -74,10 +74,32 @@ def root(excess):
 @helper
 def neck(overlap, radius, adhesion, joined):
     """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1."""
+    return neck_since(overlap, overlap, radius, adhesion, joined)
+
+
+@helper
+def neck_since(overlap, before, radius, adhesion, joined):
+    """As `neck`; y of a neck that breaks is that at the overlap `before` of the step before [m]."""
     scale = cube_root(math.pi / 8.0 * adhesion * radius * radius)
-    excess = LONGEST + overlap * radius / (scale * scale)
-    still = joined if excess > 0.0 else 0.0
-    return Neck(scale, root(max(excess, 0.0)), 1.0 if overlap > 0.0 else still)
+    per_overlap = radius / (scale * scale)
+    still = joined if LONGEST + overlap * per_overlap > 0.0 else 0.0
+    now = 1.0 if overlap > 0.0 else still
+    excess = LONGEST + (overlap if now > 0.0 or joined == 0.0 else before) * per_overlap
+    return Neck(scale, root(max(excess, 0.0)), now)
+
+
+@helper
+def force_of_a_jump(n, moved, forms, radius, e_star):
+    """Force [N] at the end of a step of velocity Verlet in which a neck forms or breaks: the step's work is that of the neck.
+
+    The step books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more: F that is off by f changes the
+    work by f times the overlap `moved` [m] that came in the step. So F = F_1/2 - F_0/2 + W/`moved`, with W [J] from touch to
+    here, or from the last overlap with a neck, F_0, to where it breaks. `forms`: 1, or 0 where it breaks.
+    """
+    whole = Neck(n.scale, n.y, 1.0)
+    half, stored = 0.5 * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
+    jump = JUMPS * energy_unit(n, radius, e_star)
+    return half + (stored + jump) / max(moved, 1e-300) if forms > 0.0 else -stored / min(moved, -1e-300) - half
 
 
 @helper

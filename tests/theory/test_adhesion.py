@@ -40,7 +40,7 @@ def contact(overlap, radius=RADIUS):
 def at(overlap, joined=1.0, radius=RADIUS, **choice):
     """Result of the law and its history at an overlap."""
     chosen, p, _ = law(**choice)
-    return plain(chosen.kernel)(contact(overlap, radius), p, (joined, 0.0))
+    return plain(chosen.kernel)(contact(overlap, radius), p, (joined, 0.0, 0.0))
 
 
 def force(a):
@@ -68,7 +68,7 @@ def test_the_numbers_of_a_steel_ball():
     answer, _ = at(overlap(a))
     assert answer.contact_radius == pytest.approx(a, rel=1e-12)
     assert abs(answer.force) < 1e-11 * PULL_OFF  # round-off of the overlap, times the stiffness
-    assert -chosen.reach(PAIR, values, RADIUS) == pytest.approx(-9.21247e-11, rel=3e-6)
+    assert -0.5 * chosen.reach(PAIR, values, RADIUS) == pytest.approx(-9.21247e-11, rel=3e-6)  # twice the neck that breaks
 
 
 @pytest.mark.parametrize("ratio", [1.00001, 1.01, 1.3, 3.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0), 4.0, 10.0, 300.0])
@@ -77,7 +77,7 @@ def test_the_curve(ratio):
     a = ratio * A_BREAKS
     answer, memory = at(overlap(a))
     noise = 1e-15 / (ratio - 1.0)
-    assert memory == (1.0, 0.0)
+    assert memory == (1.0, 0.0, overlap(a))
     assert answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
     assert answer.force == pytest.approx(force(a), rel=1e-12 + 10.0 * noise, abs=1e-14 * PULL_OFF)
 
@@ -169,23 +169,42 @@ def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, in
     assert lines["adhesion"] == pytest.approx(2.0 * LOST, rel=1e-8)
 
 
-@pytest.mark.parametrize("ratio", [0.9, 1.5])
-def test_a_ball_sticks_below_a_speed_and_loses_that_energy_above_it(make, ratio):
-    """V_s = 1.84 ((w/R)^5/(rho^3 E*^2))^(1/6), above it e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998): 35 mm/s here."""
-    sticking = 1.84 * ((WORK / RADIUS) ** 5 / (7850.0**3 * E_STAR**2)) ** (1.0 / 6.0)
-    mass = make.ball_mass(make.STEEL, RADIUS)
-    assert sticking == pytest.approx(math.sqrt(2.0 * LOST / mass), rel=3e-3)  # three digits of 1.84
-    speed = ratio * math.sqrt(2.0 * LOST / mass)
+def impact(make, ratio, step=2.1e-10, start=1e-10, duration=2e-7):
+    """A ball on a plane at `ratio` times the speed below which it sticks; `start` [m] above it, in steps of 11 pm at 1.5."""
+    speed = ratio * math.sqrt(2.0 * LOST / make.ball_mass(make.STEEL, RADIUS))
     scene = make.scene(
-        [make.ball(RADIUS, (5.0, 5.0, RADIUS + 1e-10), (0.0, 0.0, -speed))], {"ball": make.STEEL}, lower="ball",
+        [make.ball(RADIUS, (5.0, 5.0, RADIUS + start), (0.0, 0.0, -speed))], {"ball": make.STEEL}, lower="ball", time_step=step,
         contact=ContactTable(law="hertz_mindlin", level="frictionless"),
         effects=Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
     )  # fmt: skip
     simulation = build(scene)
-    simulation.integrator.advance_to(time=2e-7)  # some ten contact times
-    rebound = float(make.velocity(simulation)[2])
-    if ratio < 1.0:
-        assert simulation.state.S[0, 2] < RADIUS + 1e-10 and make.touching(simulation).any()
-    else:
-        # jumps of 8/9 and 5/9 of the pull-off force within a step of 11 pm: up to 7 % of what is left of the energy
-        assert rebound / speed == pytest.approx(math.sqrt(1.0 - ratio**-2), rel=0.04)
+    ledger = Ledger(simulation.state)
+    simulation.integrator.advance_to(time=duration)
+    ledger.watch(simulation.state)
+    return float(make.velocity(simulation)[2]) / speed, ledger, simulation
+
+
+def test_a_ball_sticks_below_a_speed(make):
+    """V_s = 1.84 ((w/R)^5/(rho^3 E*^2))^(1/6) (Thornton and Ning 1998): 35 mm/s here."""
+    sticking = 1.84 * ((WORK / RADIUS) ** 5 / (7850.0**3 * E_STAR**2)) ** (1.0 / 6.0)
+    assert sticking == pytest.approx(math.sqrt(2.0 * LOST / make.ball_mass(make.STEEL, RADIUS)), rel=3e-3)  # three digits of 1.84
+    _, _, simulation = impact(make, 0.9)
+    assert simulation.state.S[0, 2] < RADIUS + 1e-10 and make.touching(simulation).any()
+
+
+@pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (1.5, 2e-3), (4.0, 1e-3)])
+def test_the_rebound_above_it(make, ratio, bound):
+    """e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998), wherever in the step the neck forms: jumps count from where they are.
+
+    Without that a jump of 8/9 of the pull-off force is off by up to half a step: 2.9 % at 1.5. Order: 1.5 near the fold, where
+    the force has infinite slope, 2 elsewhere.
+    """
+    starts = [1e-10 + 3.7e-12 * k for k in range(3)]  # thirds of a step
+    expected = math.sqrt(1.0 - ratio**-2)
+    coarse, fine = (
+        max(abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0) for start in starts) for n in (1, 4)
+    )  # fmt: skip
+    assert coarse < bound
+    assert fine < coarse / 4.0
+    _, ledger, simulation = impact(make, ratio)
+    assert ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"]) < 2.0 * bound

@@ -1,13 +1,14 @@
 """Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.pull_off import pull_off_forces
 from thirdbody.assembly.spot_interaction import interaction_table
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
@@ -58,8 +59,18 @@ class CompiledPhysics:
     def limit_friction(self, largest: float) -> None:
         """Recompute the parameters of all pairs with friction coefficients of at most `largest`."""
         pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]
-        rows = [[x for law in self.chain.laws for x in _mixed(law, pair, self.options[law.name])] for pair in pairs]
-        self.physics.pairs[:] = np.array(rows, float).ravel()
+        self._set_parameters([tuple(_mixed(law, pair, self.options[law.name]) for law in self.chain.laws) for pair in pairs])
+
+    def take_explicit_steps(self) -> None:
+        """Give laws whose force jumps the parameters for steps of velocity Verlet."""
+        changed = [law.in_explicit_steps for law in self.chain.laws]
+        if any(changed):
+            self._set_parameters(
+                [tuple(change(p) if change else p for change, p in zip(changed, row, strict=True)) for row in self.rows]
+            )
+
+    def _set_parameters(self, rows: Sequence[tuple[Any, ...]]) -> None:
+        self.physics.pairs[:] = np.array([[x for p in row for x in p] for row in rows], float).ravel()
 
 
 def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
@@ -91,7 +102,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     table = interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller, table)
-        physics = replace(physics, pull_off=_pull_off(chain.laws, pairs, options))
+        physics = replace(physics, pull_off=pull_off_forces(chain.laws, pairs, options))
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
     if measures:
@@ -99,22 +110,6 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     return CompiledPhysics(
         physics, chain, family, level, labeller, effects, interactions, materials, pairs, rows, off, options, measures
     )
-
-
-def _pull_off(laws: Sequence[Law], pairs: Sequence[Pair], options: Mapping[str, Any]) -> Callable[..., Any] | None:
-    """Return the pull-off forces [N] of contacts by their pairs and effective radii [m], or None without adhesion."""
-    law = next((law for law in laws if law.pull_off), None)
-    if law is None or law.pull_off is None:
-        return None
-    rule, values = law.pull_off, options[law.name]
-
-    def forces(kinds: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        result = np.zeros(len(radius))
-        for k, pair in enumerate(pairs):
-            result[kinds == k] = rule(pair, values, radius[kinds == k])
-        return result
-
-    return forces
 
 
 def law_faults(scene: Scene, registry: Registry) -> list[Fault]:
