@@ -132,7 +132,7 @@ def test_restitution_of_an_impact(make, ratio):
     assert ledger.relative_residual(state, lines["residual"]) < 1e-5  # order two, too
     assert lines["plastic"] == pytest.approx((1.0 - restitution(ratio) ** 2) * ledger.start, abs=1e-5 * ledger.start)
     assert lines["friction"] == pytest.approx(0.0, abs=1e-14 * ledger.start)
-    assert state.E[0, body_extra.PLASTIC_WORK] == lines["plastic"] and state.B[0, body.FRICTION_WORK] >= lines["plastic"]
+    assert state.E[0, body_extra.NORMAL_LOSS] == lines["plastic"] and state.B[0, body.FRICTION_WORK] >= lines["plastic"]
 
 
 def test_two_balls_share_the_work(make):
@@ -141,7 +141,7 @@ def test_two_balls_share_the_work(make):
     simulation = make.two_balls(BALL, RADIUS, (speed, 0.0, 0.0), effects=FLOWS, time_step=2e-9)
     energy = make.kinetic(simulation)
     make.leave(simulation, 1e-6)
-    work = simulation.state.E[:, body_extra.PLASTIC_WORK]
+    work = simulation.state.E[:, body_extra.NORMAL_LOSS]
     assert work[0] == work[1] and work.sum() + make.kinetic(simulation) == pytest.approx(energy, rel=1e-4)  # of 500 steps
 
 

@@ -373,7 +373,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
         force_columns=chain.force_columns,
         stored=chain.stored,
         dashpots=chain.dashpots,
-        plastic=chain.plastic,
+        loss_column=chain.loss_column,
         loss=chain.loss,
         pairs=np.ascontiguousarray(parameters.ravel()),
         interaction=interaction,

@@ -80,7 +80,7 @@ class Ledger:
         )
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if state.physics.loss:
-            lines[state.physics.loss] = float(state.E[:, body_extra.PLASTIC_WORK].sum())
+            lines[state.physics.loss] = float(state.E[:, body_extra.NORMAL_LOSS].sum())
             lines["friction"] -= lines[state.physics.loss]
         if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]

@@ -68,7 +68,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
 
 def remote_columns(physics: Physics) -> int:
     """Return the width of F."""
-    return remote_force.WIDTH if physics.loss else remote_force.WIDTH_WITHOUT_PLASTIC_FLOW
+    return remote_force.WIDTH if physics.loss else remote_force.WIDTH_WITHOUT_NORMAL_LOSS
 
 
 def plate_pairs(state: State) -> Candidates:

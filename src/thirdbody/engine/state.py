@@ -72,7 +72,7 @@ class World:
 class Physics:
     """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
 
-    `rolling`: see `kernels.rolling_kinematics`; `force_columns`, `stored`, `dashpots`, `plastic`, `loss` ("": none): `Chain`.
+    `rolling`: see `kernels.rolling_kinematics`; `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none): `Chain`.
     """
 
     law: Callable
@@ -82,7 +82,7 @@ class Physics:
     force_columns: tuple[int, int, int]
     stored: int
     dashpots: int
-    plastic: int
+    loss_column: int
     loss: str
     pairs: Array
     interaction: Array
@@ -297,7 +297,7 @@ def sides_of(partner: Numbers) -> Ints:
 def empty_slots(memory: int, record: int) -> Candidates:
     """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
-    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_PLASTIC_FLOW)), np.zeros((0, record))
+    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_NORMAL_LOSS)), np.zeros((0, record))
     Q = np.zeros((0, surface_contact.WIDTH))
     return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R)
 

@@ -15,7 +15,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
 from thirdbody.kernels.columns import law_input, law_output, patch, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_step import ContactStep
-from thirdbody.kernels.plastic_work import plastic_work_of
+from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, patch_of_partner
 from thirdbody.kernels.signatures import MEASURE
 
@@ -37,8 +37,8 @@ def measure_contact(q, k, dt, context, tile):
     I, O, H = tile.inputs, tile.outputs, context.H  # noqa: E741
     x, y, slip = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE], O[q + law_output.SLIP * TILE]
     lost = O[q + law_output.DISSIPATED * TILE]
-    if context.plastic >= 0:
-        lost -= plastic_work_of(q, context.plastic, tile)
+    if context.loss_column >= 0:
+        lost -= normal_loss_of(q, context.loss_column, tile)
     done = ContactStep(
         O[q + law_output.LOAD * TILE], math.sqrt(x * x + y * y), O[q + law_output.FRICTION_LIMIT * TILE], slip,
         slip / dt if dt > 0.0 else 0.0, lost, O[q + law_output.CONTACT_RADIUS * TILE],

@@ -134,7 +134,7 @@ class FrameMaker:
             "contacts": self._count(contacts),
         }
         if s.physics.loss:
-            lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.PLASTIC_WORK]
+            lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.NORMAL_LOSS]
             arrays["friction_work"] -= lost
         arrays |= {name: values[self.given] for name, values in body_amounts(s).items()}
         if s.physics.pull_off is not None:

@@ -46,8 +46,8 @@ from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, 
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
+from thirdbody.kernels.normal_loss import add_normal_losses
 from thirdbody.kernels.periodic import box_of
-from thirdbody.kernels.plastic_work import add_plastic_work
 from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments, has_moments, has_twist, record_rolling
@@ -348,8 +348,8 @@ def apply_tile(n, c, slots, flat, context, step, tile):
         scatter_plate_tile(n, c, slots, context, tile)
     else:
         scatter_pair_tile(n, slots, context, tile)
-    if context.plastic >= 0:
-        add_plastic_work(n, slots, context, tile)
+    if context.loss_column >= 0:
+        add_normal_losses(n, slots, context, tile)
     store_history(n, slots, context, tile)
     if context.measured > 0:
         measure_tile(n, slots, step.dt, context, tile)

@@ -72,8 +72,8 @@ def end_contacts(n, opened, context, tile):
         B[body_of[context.own[k]], body.FRICTION_WORK] += fraction
         if outer[k] >= 0:
             store_remote_force(outer[k], set4(0.0, 0.0, 0.0, fraction), broadcast(0.0), context.F)
-            if context.plastic >= 0:
-                context.F[outer[k], remote_force.PLASTIC_WORK] = 0.0
+            if context.loss_column >= 0:
+                context.F[outer[k], remote_force.NORMAL_LOSS] = 0.0
         elif is_sphere(partner[k]):
             B[body_of[partner[k]], body.FRICTION_WORK] += fraction
     return total

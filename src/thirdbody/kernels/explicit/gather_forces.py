@@ -52,9 +52,9 @@ def add_remote_forces(first, last, remote_body, F, B, E):
     for f in range(first, last):
         prefetch(B, np.uint64(remote_body[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
         add_force(np.uint64(remote_body[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
-    if F.shape[1] > remote_force.WIDTH_WITHOUT_PLASTIC_FLOW:
+    if F.shape[1] > remote_force.WIDTH_WITHOUT_NORMAL_LOSS:
         for f in range(first, last):
-            E[remote_body[f], body_extra.PLASTIC_WORK] += F[f, remote_force.PLASTIC_WORK]
+            E[remote_body[f], body_extra.NORMAL_LOSS] += F[f, remote_force.NORMAL_LOSS]
 
 
 @njit(**BARE_CHUNK)

@@ -34,7 +34,7 @@ from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, spac
 from thirdbody.kernels.implicit.jacobian import cross
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
 from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.plastic_work import plastic_work_of
+from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.surface_velocity import surface_velocity
@@ -176,9 +176,9 @@ def accept_closed(p, k, context, island, motion, pool, smooth):
     add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
     add_wrench(b_i, 1.0, f, torque, context.B)
     add_wrench(b_j, -1.0, f, back, context.B)
-    if context.plastic >= 0:
+    if context.loss_column >= 0:
         for owner in (b_i, b_j):
-            context.E[owner, body_extra.PLASTIC_WORK] += BODY_FRACTION * plastic_work_of(q, context.plastic, tile)
+            context.E[owner, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
     context.B[b_i, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
     context.B[b_j, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
     write_record(q, k, context, motion, tile)

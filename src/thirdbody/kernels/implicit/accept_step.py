@@ -36,7 +36,7 @@ from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.implicit.step_control import step_ratio
 from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.plastic_work import plastic_work_of
+from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rough_plates import update_by, update_surfaces
 
@@ -113,8 +113,8 @@ def store_contact(q, k, context, active, motion, space):
         measure_contact(q, k, motion.dt, context, tile)
     sums[0, contact_sums.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]
     B[b, body.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
-    if context.plastic >= 0:
-        context.E[b, body_extra.PLASTIC_WORK] += plastic_work_of(q, context.plastic, tile)
+    if context.loss_column >= 0:
+        context.E[b, body_extra.NORMAL_LOSS] += normal_loss_of(q, context.loss_column, tile)
     B[b, body.SLIP_DISTANCE] += tile.outputs[law_output.SLIP * TILE + q]
     side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
     for d in range(3):

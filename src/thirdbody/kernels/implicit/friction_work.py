@@ -27,7 +27,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
 from thirdbody.kernels.implicit.residual import depth_at
-from thirdbody.kernels.plastic_work import friction_work_of
+from thirdbody.kernels.normal_loss import friction_work_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
 
@@ -171,7 +171,7 @@ def energy_scale(context, active, m, space):
     """
     b, B = active.number, context.B
     stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
-    friction = friction_work_of(b, B, context.E, context.plastic)
+    friction = friction_work_of(b, B, context.E, context.loss_column)
     return friction + FLOOR * (stored + kinetic_energy(b, B, active.start[step_start.ARM]))
 
 

@@ -90,7 +90,7 @@ class Chain:
         return len(self.history) - count if count else -1
 
     @property
-    def plastic(self) -> int:
+    def loss_column(self) -> int:
         """Column of the history with the energy that the normal law has dissipated since the contact closed; -1: it does not."""
         history = self.laws[0].history
         return next((history_of(self.laws, 0)[0] + history.index(name) for name in LOSSES if name in history), -1)
@@ -98,7 +98,7 @@ class Chain:
     @property
     def loss(self) -> str:
         """Name of that energy in the ledger."""
-        return LOSSES[self.laws[0].history[self.plastic - history_of(self.laws, 0)[0]]] if self.plastic >= 0 else ""
+        return LOSSES[self.laws[0].history[self.loss_column - history_of(self.laws, 0)[0]]] if self.loss_column >= 0 else ""
 
     @property
     def rolling(self) -> int:

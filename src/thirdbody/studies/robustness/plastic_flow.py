@@ -84,4 +84,4 @@ def yields_and_rolls(trial: Trial) -> None:
 
 def _plastic(run: CaseRun) -> float:
     """Return the plastic work of all bodies since the start [J]."""
-    return float(run.state.E[:, body_extra.PLASTIC_WORK].sum())
+    return float(run.state.E[:, body_extra.NORMAL_LOSS].sum())
