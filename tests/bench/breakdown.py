@@ -22,6 +22,7 @@ from ours import advance
 from passes import Pass, Tables, passes_of
 from rich.console import Console
 from rich.table import Table
+from traffic import moved, print_traffic
 
 from thirdbody.engine import explicit
 from thirdbody.kernels.columns import run_totals
@@ -53,6 +54,7 @@ def profile(simulation: Any, limits: Reported, warm: int, steps: int, segments: 
         "spheres": len(tables.S), "bodies": len(tables.B), "contacts": int(tables.tiles[:, 1].sum()),
         "candidates": tables.slots.count, "passes": rows, "run": run, "sum_ns": total,
         "total_ns": total + sum(run[event]["quiet_ns"] for event in EVENTS),
+        "traffic": moved(simulation.state), "far_GB_s": limits["bandwidth_GB_s"][max(limits["bandwidth_GB_s"])],
     }  # fmt: skip
 
 
@@ -153,6 +155,7 @@ def print_profile(name: str, report: Reported, console: Console) -> None:
             f"{row['operations']:.0f}", f"{row['of_arithmetic']:.0%}",
         )  # fmt: skip
     console.print(table)
+    print_traffic(name, report["traffic"], report["spheres"], report["far_GB_s"], report["run"][LOOP]["quiet_ns"], console)
     print_run(name, report, console)
 
 

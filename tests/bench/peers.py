@@ -97,7 +97,7 @@ def main() -> None:
         report |= part_peers(requested, console)
     report["load_at_end"] = machine()["load"]
     if requested.output:
-        Path(requested.output).write_text(json.dumps(report, indent=1), encoding="utf-8")
+        Path(requested.output).write_text(json.dumps(report, indent=1, default=vars), encoding="utf-8")
 
 
 def arguments() -> argparse.Namespace:
