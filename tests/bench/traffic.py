@@ -48,7 +48,7 @@ def moved(state: Any) -> list[Moved]:
         Moved("spheres of their own", 0 if state.S is state.B else placed, state.S[:1].nbytes, WRITTEN),
         Moved("their places in the body", placed, state.offsets[:1].nbytes, READ),
         Moved("histories of contacts", touching, slots.H[:1].nbytes, WRITTEN),
-        Moved("remote forces written", from_afar, 8 * remote_force.WIDTH_WITHOUT_PLASTIC_FLOW, WRITTEN),
+        Moved("remote forces written", from_afar, 8 * remote_force.WIDTH_WITHOUT_NORMAL_LOSS, WRITTEN),
         Moved("remote forces read", len(slots.remote_body), slots.F[:1].nbytes + 4, READ),
         Moved("lists: owner and partner", slots.count, 8, READ),
         Moved("lists: in contact", slots.count, 4, WRITTEN),
@@ -67,7 +67,8 @@ def print_traffic(name: str, tables: list[Moved], spheres: int, bandwidth: float
     page = Table("table", "rows/sphere", "bytes a row", "bytes/sphere-step", title=f"{name}: bytes that cross the cache")
     for table in tables:
         crossings = "read and written" if table.crossings == WRITTEN else "read"
-        page.add_row(f"{table.name}, {crossings}", f"{table.rows / spheres:.3g}", f"{table.row_bytes}", f"{table.bytes / spheres:.0f}")
+        figures = f"{table.rows / spheres:.3g}", f"{table.row_bytes}", f"{table.bytes / spheres:.0f}"
+        page.add_row(f"{table.name}, {crossings}", *figures)
     page.add_section()
     page.add_row("sum", "", "", f"{total:.0f}")
     page.add_row("at the triad's bandwidth", "", "", f"{total / bandwidth:.1f} ns of {nanoseconds:.1f} ns")
