@@ -139,11 +139,18 @@ def states(
     run: RunPath,
     frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: forecast against fact")] = None,
+    slopes: Annotated[bool, typer.Option("--slopes", help="forecast on rough plates, by linear programmes")] = False,
     json: Json = False,
 ) -> None:
     """Print states and their reasons: fractions of all bodies per frame, or body by body for one frame."""
+    from thirdbody.report.slope_report import slopes_report
     from thirdbody.report.tables import states_report
 
+    if slopes:
+        if out is not None:
+            raise UsageError("--slopes: prints tables, without a picture")
+        slopes_report(run, frame, json)
+        return
     if out is not None:
         from thirdbody.plot.forecast_plot import check_format
         from thirdbody.report.forecast_check import draw_forecast

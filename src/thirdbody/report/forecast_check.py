@@ -28,8 +28,8 @@ def compare_forecast(run: Run) -> dict[str, Any]:
     start = start_of_drag(run)
     if start is None:
         return {}
-    watched = _watched(run, start)
-    forecast, rolled, observed = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
+    watched = watched_frames(run, start)
+    forecast, rolled, observed = run.forecast[start], rolled_within(run, start, watched), watched.any(axis=0)
     known, slides = (forecast != NO_FORECAST) & observed, (forecast & CAN_SLIDE) > 0
     groups = {
         "rolls_as_forecast": known & ~slides & rolled,
@@ -71,13 +71,13 @@ def forecasts(run: Run) -> Forecasts:
     start = start_of_drag(run)
     known = np.zeros(0, int)
     if start is not None:
-        known = np.flatnonzero((run.forecast[start] != NO_FORECAST) & _watched(run, start).any(axis=0))
+        known = np.flatnonzero((run.forecast[start] != NO_FORECAST) & watched_frames(run, start).any(axis=0))
     if start is None or not len(known):
         none = np.zeros(0)
         return Forecasts(known, none, none, none, none.astype(bool), none.astype(str))
     bodies = run.bodies(start)
     slid = _was(run, SLIDING, start) if SLIDING in run.state_names else np.zeros(run.states.shape[1], bool)
-    fact = np.where(_rolled(run, start, _watched(run, start)), ROLLING, np.where(slid, SLIDING, "sticking"))
+    fact = np.where(rolled_within(run, start, watched_frames(run, start)), ROLLING, np.where(slid, SLIDING, "sticking"))
     slides = (run.forecast[start][known] & CAN_SLIDE) > 0
     friction = _friction(run)[bodies["material"][known]]
     return Forecasts(known, friction, bodies["t_min"][known], bodies["t_max"][known], slides, fact[known])
@@ -109,10 +109,10 @@ def start_of_drag(run: Run) -> int | None:
 
 def _was(run: Run, state: str, start: int) -> np.ndarray:
     """Return whether each body (B,) was in the state at some time of its first 40 a of drag."""
-    return ((run.states == run.state_names.index(state)) & _watched(run, start)).any(axis=0)
+    return ((run.states == run.state_names.index(state)) & watched_frames(run, start)).any(axis=0)
 
 
-def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
+def rolled_within(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
     """Return whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
 
     A positive rolled distance reveals rolling between frames: a body that tips onto a better seat does so within a micrometre.
@@ -148,7 +148,7 @@ def _rotated(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
     return rotated
 
 
-def _watched(run: Run, start: int) -> np.ndarray:
+def watched_frames(run: Run, start: int) -> np.ndarray:
     """Return the frames (F, B) after the start of the drag within 40 a of each body, over which its forecast is checked."""
     distance, contacts = run.series["distance"], run.contacts(start)
     radius = np.zeros(run.states.shape[1])
