@@ -54,7 +54,7 @@ ENTRIES = {
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
     "fretting_rig": Entry("plot RUN -o PICTURE --panel loop", "--set debris.0.count=200"),
     "wear_map": Entry("render RUN -o PICTURE --plate lower --color wear_depth --cycles 1000 --width 800 --height 500"),
-    "rough_plates": Entry(f"{RENDER} --zoom 0.35", '--set debris.0.count=500 --set \'domain.size=["150 um", "125 um"]\''),
+    "rough_plates": Entry(),
     "sticky_submicron": Entry(f"{RENDER} --color agglomerate --view side"),
     "dense_layer": Entry(f"{RENDER} --forces --view side"),
     "angular_bed": Entry(f"{RENDER} --forces --view side"),
