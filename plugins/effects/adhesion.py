@@ -30,11 +30,11 @@ from .jkr import (
     force_of,
     force_of_a_jump,
     longest_neck,
-    neck,
     neck_since,
     peak_pressure_of,
     squared_radius_rate_of,
     stiffness_of,
+    stiffness_of_a_jump,
     stored_of,
 )
 
@@ -45,7 +45,7 @@ MIN_WORK = 1e-15
 """Smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's."""
 
 BEYOND = 2.0
-"""Reach over the length of a neck that breaks: explicit steps that bring bodies to touch, or break the neck, end within it."""
+"""Reach over the length of a neck that breaks: steps that bring bodies to touch, or break the neck, end within it."""
 
 
 class JkrParameters(NamedTuple):
@@ -54,7 +54,7 @@ class JkrParameters(NamedTuple):
     e_star: float  # Pa
     adhesion: float  # w/E*, m
     grip: float  # load of friction beyond the force, over the radius, N/m
-    part_steps: float  # 1 in steps of velocity Verlet: jumps count from where they are within the step
+    part_steps: float  # 1 in explicit steps, 2 in implicit ones: jumps count from where they are within the step
 
 
 class AutoParameters(NamedTuple):
@@ -83,15 +83,24 @@ def with_neck(c, p, h):
     h: whether there was a neck; what it lost [J]; the overlap before [m], 0 in a contact that was out of reach.
     """
     n = neck_since(c.overlap, h[2], c.radius, p.adhesion, h[0])
-    forms, breaks = n.joined * (1.0 - h[0]), h[0] * (1.0 - n.joined)
+    forms = n.joined * (1.0 - h[0])
     lost = forms * JUMPS * energy_unit(n, c.radius, p.e_star)
-    jumps = p.part_steps > 0.0 and h[2] != 0.0 and forms + breaks > 0.0
-    of_jump = force_of_a_jump(n, c.overlap - h[2], forms, c.radius, p.e_star)
+    jumps = p.part_steps > 0.0 and h[2] != 0.0 and n.joined != h[0]
+    of_jump = force_of_a_jump(n, c.overlap - h[2], forms, 1.0 if p.part_steps == 1.0 else 0.0, c.radius, p.e_star)
     answer = Normal(
         of_jump if jumps else force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y,
         stored_of(n, c.radius, p.e_star), lost, peak_pressure_of(n, c.radius, p.e_star), squared_radius_rate_of(n, c.radius),
     )  # fmt: skip
     return answer, (n.joined, h[1] + lost, c.overlap)
+
+
+@helper
+def stiffness_with_neck(c, p, h):
+    """dF/dd of `with_neck` [N/m]."""
+    n = neck_since(c.overlap, h[2], c.radius, p.adhesion, h[0])
+    jumps = p.part_steps > 0.0 and h[2] != 0.0 and n.joined != h[0]
+    of_jump = stiffness_of_a_jump(n, c.overlap - h[2], n.joined, c.radius, p.e_star)
+    return of_jump if jumps else stiffness_of(n, p.e_star)
 
 
 @kernel
@@ -103,7 +112,7 @@ def jkr(c, p, h):
 @kernel
 def jkr_tangent(c, p, h):
     """dF/dd [N/m]"""
-    return stiffness_of(neck(c.overlap, c.radius, p.adhesion, h[0]), p.e_star)
+    return stiffness_with_neck(c, p, h)
 
 
 @kernel
@@ -135,7 +144,7 @@ def auto(c, p, h):
 def auto_tangent(c, p, h):
     """dF/dd [N/m]"""
     hertz = 2.0 * p.e_star * math.sqrt(c.radius * max(c.overlap, 0.0))
-    necked = stiffness_of(neck(c.overlap, c.radius, p.adhesion, h[0]), p.e_star)
+    necked = stiffness_with_neck(c, p, h)
     return necked if c.radius >= p.neck_from else hertz
 
 
@@ -186,9 +195,9 @@ def mix_jkr(pair: Pair, options: Options) -> JkrParameters:
     return JkrParameters(modulus, w / modulus, 3.0 * math.pi * w if with_pull_off(options) else 0.0, 0.0)
 
 
-def in_explicit_steps(p: Any) -> Any:
-    """Return the parameters of steps of velocity Verlet."""
-    return p._replace(part_steps=1.0)
+def in_steps(p: Any, integrator: str) -> Any:
+    """Return the parameters in the steps of an integrator."""
+    return p._replace(part_steps={"explicit": 1.0, "implicit": 2.0}[integrator])
 
 
 def neck_from(pair: Pair, options: Options) -> float:
@@ -256,7 +265,7 @@ ADHESION = Law(
     tangent=auto_tangent,
     parameters=AutoParameters,
     mix=mix_auto,
-    in_explicit_steps=in_explicit_steps,
+    in_steps=in_steps,
     history=("joined", "adhesion_work", "overlap"),
     replaces="hertz",
     reach=neck_length_where_necks,
@@ -286,7 +295,7 @@ JKR = replace(
 
 DMT = replace(
     ADHESION, stage="adhesion", kernel=dmt, tangent=dmt_tangent, parameters=DmtParameters, mix=mix_dmt, history=(), replaces="",
-    reach=None, added_load=dmt_grip, variant=None, in_explicit_steps=None,
+    reach=None, added_load=dmt_grip, variant=None, in_steps=None,
 )  # fmt: skip
 
 PLUGIN = Plugin(

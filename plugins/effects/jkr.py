@@ -72,14 +72,11 @@ def root(excess):
 
 
 @helper
-def neck(overlap, radius, adhesion, joined):
-    """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1."""
-    return neck_since(overlap, overlap, radius, adhesion, joined)
-
-
-@helper
 def neck_since(overlap, before, radius, adhesion, joined):
-    """As `neck`; y of a neck that breaks is that at the overlap `before` of the step before [m]."""
+    """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1.
+
+    Where it breaks in this step, y is that of the overlap `before` it [m].
+    """
     scale = cube_root(math.pi / 8.0 * adhesion * radius * radius)
     per_overlap = radius / (scale * scale)
     still = joined if LONGEST + overlap * per_overlap > 0.0 else 0.0
@@ -89,17 +86,25 @@ def neck_since(overlap, before, radius, adhesion, joined):
 
 
 @helper
-def force_of_a_jump(n, moved, forms, radius, e_star):
-    """Force [N] at the end of a step of velocity Verlet in which a neck forms or breaks: the step's work is that of the neck.
+def force_of_a_jump(n, moved, forms, explicit, radius, e_star):
+    """Force [N] at the end of a step in which a neck forms or breaks, with which the work of the step is that of the neck.
 
-    The step books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more: F that is off by f changes the
-    work by f times the overlap `moved` [m] that came in the step. So F = F_1/2 - F_0/2 + W/`moved`, with W [J] from touch to
-    here, or from the last overlap with a neck, F_0, to where it breaks. `forms`: 1, or 0 where it breaks.
+    That work W [J] is from touch to here, or from the last overlap with a neck to where it breaks; `moved` is the overlap that
+    came in the step [m]; `forms`: 1, or 0 where it breaks. An implicit step books its last force: F = W/`moved`. One of velocity
+    Verlet (`explicit` 1, else 0) books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more, so F that is
+    off by f changes the work by f times `moved`: F = W/`moved` + F_1/2 - F_0/2.
     """
     whole = Neck(n.scale, n.y, 1.0)
-    half, stored = 0.5 * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
+    half, stored = 0.5 * explicit * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
     jump = JUMPS * energy_unit(n, radius, e_star)
     return half + (stored + jump) / max(moved, 1e-300) if forms > 0.0 else -stored / min(moved, -1e-300) - half
+
+
+@helper
+def stiffness_of_a_jump(n, moved, forms, radius, e_star):
+    """dF/dd [N/m] of `force_of_a_jump` in an implicit step."""
+    force = force_of_a_jump(n, moved, forms, 0.0, radius, e_star)
+    return (force_of(n, radius, e_star) - force) / max(moved, 1e-300) if forms > 0.0 else -force / min(moved, -1e-300)
 
 
 @helper

@@ -97,6 +97,28 @@ def test_a_neck_forms_at_touch_and_breaks_apart():
     assert at((1.0 - 1e-12) * breaks)[0].force == pytest.approx(-5.0 / 9.0 * PULL_OFF, rel=1e-5)  # root of 1e-12
 
 
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_the_work_of_a_step_with_a_jump(integrator):
+    """Forces at both ends, as the integrator books them, do the work of the neck; an implicit one has its tangent."""
+    chosen, p, _ = law()
+    p = chosen.in_steps(p, integrator)
+    kernel, tangent = plain(chosen.kernel), plain(chosen.tangent)
+    breaks = overlap(A_BREAKS)
+    for before, after, joined in ((-2e-11, 3e-12, 0.0), (-1e-12, 3e-11, 0.0), (0.97 * breaks, 1.2 * breaks, 1.0)):
+        h = (joined, 0.0, before)
+        first, answer = (kernel(contact(d), law()[1], (joined, 0.0, 0.0))[0] for d in (before, after))
+        found, memory = kernel(contact(after), p, h)
+        assert memory[0] == 1.0 - joined and memory[2] == after
+        work = answer.stored + found.dissipated - first.stored
+        booked = found.force if integrator == "implicit" else found.force + 0.5 * (first.force - answer.force)
+        assert booked * (after - before) == pytest.approx(work, rel=1e-9)
+        assert kernel(contact(after), p, (memory[0], 0.0, before))[0].force == pytest.approx(answer.force)  # no jump, no change
+        if integrator == "implicit":
+            step = 1e-6 * (after - before)
+            ahead, behind = (kernel(contact(after + x), p, h)[0].force for x in (step, -step))
+            assert tangent(contact(after), p, h) == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5)
+
+
 def test_the_energy_of_pressing_and_pulling():
     """The neck gives back what it took, less the loop; the stored energy is the integral of the force, zero where it breaks."""
     answer, _ = at(1e-12, 0.0)

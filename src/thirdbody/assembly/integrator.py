@@ -218,8 +218,8 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     # imported here: an explicit run then compiles none of it
     from thirdbody.engine.implicit import Accuracy
 
+    choice.set_parameters("implicit", LARGEST_FRICTION)
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
-        choice.limit_friction(LARGEST_FRICTION)
         maximum = f"{LARGEST_FRICTION:g}"
         warnings.append(f"friction coefficients above {maximum} count as {maximum} in the implicit integrator")
     solver = scene.solver

@@ -56,21 +56,14 @@ class CompiledPhysics:
             raise UsageError(f"the reach of {', '.join(law.name for law in reaching)} must be a finite length, at least 0")
         return max(distances, default=0.0)
 
-    def limit_friction(self, largest: float) -> None:
-        """Recompute the parameters of all pairs with friction coefficients of at most `largest`."""
-        pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]
-        self._set_parameters([tuple(_mixed(law, pair, self.options[law.name]) for law in self.chain.laws) for pair in pairs])
-
-    def take_explicit_steps(self) -> None:
-        """Give laws whose force jumps the parameters for steps of velocity Verlet."""
-        changed = [law.in_explicit_steps for law in self.chain.laws]
-        if any(changed):
-            self._set_parameters(
-                [tuple(change(p) if change else p for change, p in zip(changed, row, strict=True)) for row in self.rows]
-            )
-
-    def _set_parameters(self, rows: Sequence[tuple[Any, ...]]) -> None:
-        self.physics.pairs[:] = np.array([[x for p in row for x in p] for row in rows], float).ravel()
+    def set_parameters(self, integrator: str, largest: float = math.inf) -> None:
+        """Compute the parameters of all pairs for an integrator, with friction coefficients of at most `largest`."""
+        rows = []
+        for pair in self.pairs:
+            limited = replace(pair, friction=min(pair.friction, largest))
+            mixed = [(law, _mixed(law, limited, self.options[law.name])) for law in self.chain.laws]
+            rows.append([x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)])
+        self.physics.pairs[:] = np.array(rows, float).ravel()
 
 
 def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:

@@ -187,7 +187,7 @@ def build(
     # imported here: an implicit run then loads none of it
     from thirdbody.engine.explicit import Explicit
 
-    choice.take_explicit_steps()
+    choice.set_parameters(chosen.kind)
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()
     if fixed is not None and not force:

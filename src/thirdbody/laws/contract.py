@@ -149,8 +149,8 @@ class Law:
     [m]; it must not fall with the radius. `added_load(c, n, p)` is the load [N] that friction feels beyond the sum of the
     normal stages. `pull_off(pair, options, radius)` are the forces [N] that part contacts of effective radii (n,) [m]: bodies
     whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is what `check` says of a
-    pair between these effective radii [m], and whether that is a warning. `in_explicit_steps(p)` returns the parameters of a
-    pair in velocity Verlet, of a law whose force jumps: see `plugins/effects/jkr.py`.
+    pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)` returns the parameters of a
+    pair in explicit or implicit steps, of a law whose force jumps: see `plugins/effects/jkr.py`.
     """
 
     name: str
@@ -172,7 +172,7 @@ class Law:
     added_load: Callable | None = None
     pull_off: Callable[[Pair, Options, Any], Any] | None = None
     remark: Callable[[Pair, Options, float, float], tuple[str, bool]] | None = None
-    in_explicit_steps: Callable[[Any], Any] | None = None
+    in_steps: Callable[[Any, str], Any] | None = None
 
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""

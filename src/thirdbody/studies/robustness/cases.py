@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from thirdbody.studies.robustness import between_plates as plates
 from thirdbody.studies.robustness import free_bodies as free
 from thirdbody.studies.robustness import meeting_bodies as meeting
+from thirdbody.studies.robustness import necks
 from thirdbody.studies.robustness import plastic_flow as plastic
 from thirdbody.studies.robustness import rough_plates as rough
 from thirdbody.studies.robustness.case import Trial
@@ -65,6 +66,16 @@ CASES = (
     Case("fast_impact", "100 V_y: stiffer on the way out than in", plastic.fast_impact, EXPLICIT, LEVELS[:2], False),
     Case("pressed_again", "flows below the old load: lost memory", plastic.pressed_again, BOTH, LEVELS[:2], False),
     Case("yields_and_rolls", "spots flow, part and touch: energy", plastic.yields_and_rolls, BOTH, LEVELS[:2], False),
+    Case(
+        "bounces_until_it_sticks",
+        "pulled off again and again: energy of jumps",
+        necks.bounces_until_it_sticks,
+        BOTH,
+        LEVELS[:2],
+        False,
+    ),
+    Case("both_plates_pull", "both plates pull a ball of 0.2 um apart", necks.both_plates_pull, BOTH, LEVELS[:2], False),
+    Case("tiny_lump_rolls", "necks come and go under a rolling lump: memory", necks.tiny_lump_rolls, BOTH, LEVELS[:2], False),
     Case("turning_pair", "rigid rotation: history must turn along", free.rotating_pair, EXPLICIT, LEVELS, False),
 )
 """In the order of `thirdbody hard`."""
