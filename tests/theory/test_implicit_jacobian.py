@@ -282,13 +282,14 @@ def test_spots_that_interact_have_the_jacobian_of_all_of_them(evaluate):
     assert errors.max() < 1e-4, errors
 
 
-def test_what_the_jacobian_leaves_out_of_the_gradient_force_is_small(evaluate):
-    """Its gradient: U/2 = 0.2 N d times the second derivatives of ln R_eff, about 10, over 1.5 N/d: 3e-3 at d = 0.05."""
+def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(evaluate):
+    """Without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d."""
     rng, errors = np.random.default_rng(9), []
     for _ in range(40):
         given = rough_tables(rng, True, 0.01, False)
         errors.append(jacobian_errors(evaluate, given, STEPS[1:2]).max())
-    assert np.median(errors) < 3e-3, errors
+    # as without it in the median; the one-sided differences of the gradient add 1e-4 of a cell, and more at borders of cells
+    assert np.median(errors) < 1e-6 and max(errors) < 2e-5, errors
 
 
 # -- two bodies that touch --

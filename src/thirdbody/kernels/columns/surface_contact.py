@@ -24,6 +24,9 @@ NORMAL_GRADIENT, NORMAL_GRADIENT6 = table.vector(
     "normal_gradient", 6, "1/m", "change of the normal with the place of the sphere, a symmetric tensor: xx, yy, zz, xy, xz, yz"
 )
 GRADIENT, GRADIENT3 = table.vector("gradient", 3, "1/m", "gradient of the logarithm of the effective radius, world axes")
+GRADIENT_CHANGE, GRADIENT_CHANGE6 = table.vector(
+    "gradient_change", 6, "1/m2", "implicit: its change with the place of the sphere, a symmetric tensor as above"
+)
 SEARCHED, SEARCHED3 = table.vector(
     "searched", 3, "m", "in the first row of a sphere: its centre at the last search for minima, in the coordinates of the plate"
 )

@@ -105,4 +105,4 @@ def opening_loss(k, before, of_mean, context):
     if not (of_mean and has_forces(context)):
         return 0.0
     n, _, _ = unpack_triple(context.H[k, contact_state.LAW + context.dashpots])
-    return max(-0.5 * n * before, 0.0)
+    return max(-0.5 * n * max(before, 0.0), 0.0)

@@ -69,8 +69,10 @@ def weight_of_old(context, m, dt, active, space):
 def opening_work(k, before, context, motion):
     """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
-    Its force falls to zero. `before`: overlap plus reach [m] at the start of the step.
+    Its force falls to zero. `before`: overlap plus reach [m] at the start of the step; -inf where its minimum had ended by then.
     """
+    if before == -math.inf:
+        return 0.0
     S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
     r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(k, context)
     columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)

@@ -13,14 +13,13 @@ s = u + w x r - h z. To first order
     force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike
     effective radius:   d ln R_eff = G.c, which changes N and T_1, T_2 as an overlap of N/(2 dN/dd) d ln R_eff would do
     gradient force:     p = -U/2 G, at the centre of the sphere, with the energy U of the normal spring;
-                        dp = -(N dd + U/2 G.c)/2 G
+                        dp = -(N dd + U/2 G.c)/2 G - U/2 B c, with the derivative B of G (`surface_contact.GRADIENT_CHANGE`)
     arm:                dr = w x a + dd n/2 - A dn
 
 and N, T_1, T_2, M_1, M_2 and the moment M_0 about n follow from the tangents of the laws. This is exact at the start of a step;
-left out is what grows with the rotation in the step, the change of a dashpot's normal velocity as the normal turns, and that of G
-(`surface_contact.GRADIENT`), smaller than W x f by the order of overlap over radius. On planes G = 0 and dn = 0; the turning of
-the frame about its normal is left out there, too: Newton's method takes as many iterations without, and a step costs 6 to 15 %
-less.
+left out is what grows with the rotation in the step, and the change of a dashpot's normal velocity as the normal turns. On planes
+G = 0 and dn = 0; the turning of the frame about its normal is left out there, too: Newton's method takes as many iterations
+without, and a step costs 6 to 15 % less.
 """
 
 from typing import NamedTuple
@@ -84,6 +83,8 @@ class Contact(NamedTuple):
     """Energy of the normal spring [J]."""
     gradient: Vector
     """Gradient of the logarithm of the effective radius [1/m]."""
+    gradient_change: tuple[float, float, float, float, float, float]
+    """Change of that with the displacement of the sphere (`surface_contact.GRADIENT_CHANGE`) [1/m2]."""
     normal_gradient: tuple[float, float, float, float, float, float]
     """Change of the normal with the displacement of the sphere (`surface_contact.NORMAL_GRADIENT`) [1/m]."""
     displacement: Vector
@@ -214,9 +215,9 @@ def is_curved(contact):
 
 
 @njit(**BARE)
-def normal_gradient_at(k, context):
-    """Return the change of the normal with the displacement of candidate k (6,) [1/m]."""
-    Q, t = context.Q, surface_contact.NORMAL_GRADIENT
+def tensor_at(k, t, context):
+    """Return the six columns from t on of candidate k: a symmetric tensor of `surface_contact`."""
+    Q = context.Q
     return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
@@ -244,7 +245,9 @@ def contact_at(q, b, dt, context, rough, space):
         contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
         contact_moment(q, context, tile) if rolling else (0.0, 0.0, 0.0),
         tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
-        gradient_at(k, context) if rough else (0.0, 0.0, 0.0), normal_gradient_at(k, context) if rough else NO_TANGENT,
+        gradient_at(k, context) if rough else (0.0, 0.0, 0.0),
+        tensor_at(k, surface_contact.GRADIENT_CHANGE, context) if rough else NO_TANGENT,
+        tensor_at(k, surface_contact.NORMAL_GRADIENT, context) if rough else NO_TANGENT,
         displacement,
         tangent_at(q, before, context, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT,
         twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), upper,
@@ -343,14 +346,16 @@ def add_gradient_column(column, contact, J):
     (x, y, z), (s_x, s_y, s_z), (g_x, g_y, g_z), c = contact.centre, column.swing, contact.gradient, column.coordinate
     size = -0.5 * contact.energy
     change = -0.5 * contact.normal_force * column.strain[0] + 0.5 * size * dot(contact.gradient, column.moved)
-    J[0, c] += change * g_x
-    J[1, c] += change * g_y
-    J[2, c] += change * g_z
-    J[3, c] += change * (y * g_z - z * g_y) + size * (s_y * g_z - s_z * g_y)
-    J[4, c] += change * (z * g_x - x * g_z) + size * (s_z * g_x - s_x * g_z)
-    J[5, c] += change * (x * g_y - y * g_x) + size * (s_x * g_y - s_y * g_x)
+    b_x, b_y, b_z = product(contact.gradient_change, column.moved)
+    p_x, p_y, p_z = change * g_x + size * b_x, change * g_y + size * b_y, change * g_z + size * b_z
+    J[0, c] += p_x
+    J[1, c] += p_y
+    J[2, c] += p_z
+    J[3, c] += y * p_z - z * p_y + size * (s_y * g_z - s_z * g_y)
+    J[4, c] += z * p_x - x * p_z + size * (s_z * g_x - s_x * g_z)
+    J[5, c] += x * p_y - y * p_x + size * (s_x * g_y - s_y * g_x)
     if contact.upper:
-        J[6, c] -= change * g_z
+        J[6, c] -= p_z
 
 
 @njit(**BARE)

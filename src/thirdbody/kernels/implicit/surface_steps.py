@@ -13,6 +13,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
 from thirdbody.kernels.height_field import has_heights
+from thirdbody.kernels.implicit.gradient_change import write_gradient_change
 from thirdbody.kernels.predicates import BASINS, is_upper
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.surface_minima import (
@@ -69,6 +70,13 @@ def displacement_in(k, x, Q):
     return math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z)
 
 
+@njit(**BARE)
+def is_bent(k, tables):
+    """Return whether the minimum of row k is within reach on a plate whose curvature counts: its force has a gradient."""
+    touches = tables.Q[k, surface_contact.DISTANCE] < tables.S[tables.own[k], sphere.RADIUS] + tables.D[domain.REACH]
+    return touches and tables.D[domain.CURVED + is_upper(tables.partner[k])] != 0.0
+
+
 @njit(**BARE_CHUNK)
 def follow_step(k, field, x, ends, tables):
     """Move all minima of the sphere whose first row is k from the start of the step to where they are for a centre x (3,).
@@ -84,6 +92,8 @@ def follow_step(k, field, x, ends, tables):
             Q[k + a, surface_contact.DISTANCE] = Q[k + a, surface_contact.START_DISTANCE] - path
             continue
         follow(k + a, field, x, guess_of(k + a, field, Q), tables)
+        if not ends and is_bent(k + a, tables):
+            write_gradient_change(k + a, field, x, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k]), Q)
         for b in range(a):
             same = has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field)
             if same and not is_apart(k + b, Q):
