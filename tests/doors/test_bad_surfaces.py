@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
+import sys
+import types
 import zipfile
 from pathlib import Path
 
@@ -51,6 +53,16 @@ def bomb() -> bytes:
     data = bytearray(archive(**{"heights.npy": npy_header((10, 10)), "spacing.npy": b"", "unit.npy": b""}))
     at = data.index(b"PK\x01\x02") + 24
     data[at : at + 4] = (401_000_000).to_bytes(4, "little")
+    return bytes(data)
+
+
+def lying_bomb() -> bytes:
+    """An archive whose first member unpacks to 20 MB, of which its directory says 200 bytes."""
+    data = bytearray(
+        archive(**{"heights.npy": npy_header((1600, 1600)) + bytes(20_480_000), "spacing.npy": b"", "unit.npy": b""})
+    )
+    at = data.index(b"PK\x01\x02") + 24
+    data[at : at + 4] = (200).to_bytes(4, "little")
     return bytes(data)
 
 
@@ -117,6 +129,7 @@ BAD = {
     "1e9 points": ("a.npz", archive(**{"heights.npy": npy_header((10**5, 10**4)), "spacing.npy": b"", "unit.npy": b""}),
                    ["1e+09 points, at most 3e+07"]),
     "bomb": ("a.npz", bomb(), ["401 MB unpacked, at most 400 MB"]),
+    "lying bomb": ("a.npz", lying_bomb(), ["damaged or cut short"]),
     "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}),
                     ["is cut short"]),
     "cut x3p": ("a.x3p", x3p()[:9000], ["damaged or cut short"]),
@@ -217,3 +230,32 @@ def test_the_readers_agree_with_surface_topography(tmp_path: Path):
         scan = read_any_scan(tmp_path / name)
         assert scan.spacing == pytest.approx((1e-6, 2e-6), rel=1e-12)
         assert np.abs(scan.heights - HEIGHTS).max() <= error
+
+
+def test_a_foreign_format_of_a_billion_points_is_refused_before_they_are_read(tmp_path, monkeypatch):
+    """A reader that knows the size before the heights, as those of SurfaceTopography do."""
+    from thirdbody.surfaces.other_formats import read_any_scan
+
+    class Topography:
+        dim, is_uniform, nb_grid_pts, physical_sizes, unit = 2, True, (10**5, 10**4), (1.0, 1.0), "m"
+
+        def heights(self):
+            raise AssertionError("reads the heights")
+
+    class File:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            return None
+
+        def topography(self):
+            return Topography()
+
+    module = types.ModuleType("SurfaceTopography.IO")
+    monkeypatch.setattr(module, "open_topography", lambda _: File(), raising=False)
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", types.ModuleType("SurfaceTopography"))
+    monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", module)
+    (tmp_path / "a.opd").write_bytes(b"x" * 100)
+    with pytest.raises(InputError, match=r"1e\+09 points, at most 3e\+07 are read"):
+        read_any_scan(tmp_path / "a.opd")

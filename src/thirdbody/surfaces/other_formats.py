@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,11 @@ def read_any_scan(path: Path, unit: str | None = None) -> HeightMap:
     try:
         with open_topography(str(path)) as file:
             topography = file.topography()
+            _refuse_many_points(path, math.prod(topography.nb_grid_pts))
             heights, sizes, named = topography.heights(), topography.physical_sizes, topography.unit
             regular = topography.dim == 2 and topography.is_uniform
+    except InputError:
+        raise
     except MemoryError:
         raise InputError(Fault("", "does not fit into memory", str(path))) from None
     except Exception as error:  # forty readers of foreign formats: a damaged file may raise anything
@@ -41,12 +45,16 @@ def read_any_scan(path: Path, unit: str | None = None) -> HeightMap:
         raise InputError(Fault("", f"SurfaceTopography cannot read it ({reason})", str(path))) from None
     if not regular:
         raise InputError(Fault("", "is no height map on a regular grid", str(path)))
-    if heights.size > MAX_POINTS:
-        raise InputError(Fault("", f"has {heights.size:.3g} points, at most {MAX_POINTS:.3g} are read", str(path)))
     scale = _unit(path, named, unit)
     heights = np.ascontiguousarray(np.ma.filled(np.ma.asarray(heights, float), np.nan).T) * scale
     steps = [float(length) * scale / n for length, n in zip(sizes, heights.shape[::-1], strict=True)]
     return checked_map(heights, (steps[0], steps[1]), str(path))
+
+
+def _refuse_many_points(path: Path, points: int) -> None:
+    """Raise InputError for more points than are read, before they take memory."""
+    if points > MAX_POINTS:
+        raise InputError(Fault("", f"has {points:.3g} points, at most {MAX_POINTS:.3g} are read", str(path)))
 
 
 def _unit(path: Path, named: str | None, given: str | None) -> float:
