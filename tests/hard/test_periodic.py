@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from thirdbody.assembly.simulation import build
-from thirdbody.kernels.columns import body
-from thirdbody.scene.model import Domain
+from thirdbody.kernels.columns import body, body_extra
+from thirdbody.scene.model import Domain, Effects
 
 RADIUS, LENGTH, WIDTH, COUNT = 1e-3, 8e-3, 6e-3, 14
 
@@ -24,15 +25,29 @@ def balls(make, shifts):
     ]
 
 
-def world(make, length, shifts):
+EFFECTS = {
+    "none": {},
+    "flow": {"elastic_plastic": {}},
+    "necks": {"adhesion": {"work_of_adhesion": "100 J/m2", "model": "jkr"}},  # of 1.5 um, so that a step resolves them
+}
+
+
+def world(make, length, shifts, effects):
     keys = {"friction": 0.4, "restitution": 0.8, "lower": "ball", "domain": Domain(size=(length, WIDTH), periodic=True)}
-    simulation = build(make.scene(balls(make, shifts), {"ball": make.STEEL}, time_step=1e-7, **keys))
+    named = Effects(named=effects)
+    simulation = build(make.scene(balls(make, shifts), {"ball": make.STEEL}, time_step=1e-7, effects=named, **keys))
     simulation.integrator.advance_to(time=1.2e-4)
     return simulation
 
 
-def test_a_doubled_box_moves_alike(make):
-    one, two = world(make, LENGTH, (0.0,)), world(make, 2.0 * LENGTH, (0.0, LENGTH))
+@pytest.mark.parametrize("name", ["none", *(pytest.param(name, marks=pytest.mark.slow) for name in ("flow", "necks"))])
+def test_a_doubled_box_moves_alike(make, name):
+    one, two = (world(make, k * LENGTH, [LENGTH * i for i in range(k)], EFFECTS[name]) for k in (1, 2))
+    if name != "none":
+        lost = [run.state.E[:, body_extra.NORMAL_LOSS] for run in (one, two)]
+        assert (lost[0] > 0.0).any()
+        # round-off of the work done, amplified as below
+        assert np.abs(lost[1].reshape(2, -1) - lost[0]).max() < 1e-6 * lost[0].max()
     columns = [*range(body.VELOCITY, body.VELOCITY + 3), *range(body.SPIN, body.SPIN + 3)]
     assert np.any(one.state.bodies.friction_work > 0.0), "balls have rubbed on each other"
     crossed = (one.state.bodies.position[:, 0] < 0.0) | (one.state.bodies.position[:, 0] > LENGTH)

@@ -15,6 +15,7 @@ from trajectories import contents
 
 import thirdbody
 from thirdbody.errors import InputError, Interrupted
+from thirdbody.kernels.columns import body_extra
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_loop import WallTimes
@@ -47,6 +48,15 @@ CASES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "fretting": ("fretting", {"solver.duration": "0.5 us", "output.every": "0.1 us"}),
+    "sticky_submicron": (
+        "sticky_submicron",
+        {"debris.0.count": "48", "domain.size": ["1.3 um", "1.1 um"], "solver.distance": "30 nm", "output.every": "10 nm"},
+    ),
+    "yielding_debris": ("yielding_debris", {"debris.0.count": "100", "solver.distance": "2 um", "output.every": "0.5 um"}),
+    "yielding_debris explicit": (
+        "yielding_debris",
+        {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.1 um", "solver.integrator": "explicit"},
+    ),
     "fretting_rig": ("fretting_rig", {"debris.0.count": "600", "solver.duration": "2 ms", "output.every": "1 ms"}),
 }  # fmt: skip
 
@@ -71,7 +81,10 @@ def cut(name: str, folder: Path, watches: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("name", CASES)
+FLOWING = {"yielding_debris", "yielding_debris explicit"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in FLOWING)) for name in CASES])
 def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
     reference = prepare(scene_of(name))
     execute(reference, tmp_path / "whole")
@@ -89,6 +102,9 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
             stopped = True
     assert pieces > 0, "the scene is too short to be stopped"
     whole, joined = contents(tmp_path / "whole"), contents(tmp_path / "cut")
+    if name == "sticky_submicron":
+        necks = reference.state.slots.records.contact_radius > 0.0
+        assert necks.sum() > 20 and reference.state.E[:, body_extra.NORMAL_LOSS].sum() > 0.0
     bed = {"series/inertial_number", "series/accommodation_shear", "profiles/contact_stress"}
     assert whole.keys() == joined.keys() and (bed <= whole.keys() or name != "dense_layer")
     assert [key for key in whole if whole[key] != joined[key]] == []
