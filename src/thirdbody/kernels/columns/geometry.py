@@ -21,6 +21,7 @@ RADIUS = table.scalar("radius", "m", "radius of the owner's sphere")
 PARTNER_RADIUS = table.scalar("partner_radius", "m", "radius of the partner's sphere")
 PARTNER_MASS = table.scalar("partner_mass", "kg", "mass of the partner's body")
 RELIEF = table.scalar("relief", "m", "what the other spots of the body lower the plate; only with an interaction of spots")
+OVERLAP = table.scalar("overlap", "m", "overlap with the undeformed plate, while the laws see the relieved one; likewise")
 SPOT_FORCE = table.scalar("spot_force", "N", "elastic normal force of the spot; likewise")
 PULL, PULL2 = table.vector("pull", 2, "N", "force along the plate towards the other spots; likewise")
 WIDTH = table.width

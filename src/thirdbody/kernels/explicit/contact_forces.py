@@ -52,6 +52,7 @@ from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments, has_moments, has_twist, record_rolling
 from thirdbody.kernels.rough_plates import update_surfaces
+from thirdbody.kernels.spot_loads import solve_bodies
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
 GROUP = 8
@@ -72,7 +73,8 @@ def scratch_sizes(n_history, longest, interaction=False):
     Whole cache lines: loading a vector of eight that straddles two lines costs twice the time.
     """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
-    floats = (4 if interaction else 1) * (longest + -longest % LINE)
+    whole = longest + -longest % LINE
+    floats = close_spots.scratch_of(whole) if interaction else whole
     return fields * TILE + floats, 2 * (longest + SPARE)
 
 
@@ -324,7 +326,7 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
     if flat and close_spots.interact(context):
-        close_spots.restore(n, slots, context, tile)
+        close_spots.restore(n, tile)
         close_spots.add_interaction_energy(n, tile)
     if context.force >= 0:
         book(n, context, tile)
@@ -385,14 +387,14 @@ def contact_forces(group, side, part, context, step, law):
     for t in range(0, o, TILE):
         losses = book_losses(min(TILE, o - t), opened[t:], flat, context, step, box, tile)
         lost, damped = lost + losses[0], damped + losses[1]
-    spots = close_spots.spots_in(gaps, tile)
+    spots = close_spots.spots_in(gaps)
     if flat and close_spots.interact(context):
-        close_spots.solve_bodies(m, slots, context, spots)
+        solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
-        if flat and close_spots.interact(context):
-            close_spots.place_spots(t, m, spots, tile.geometry)
         filled = count + (-count % LINE if context.n_history <= LIGHT else 0)  # padded with the last contact
+        if flat and close_spots.interact(context):
+            close_spots.place_spots(t, count, filled, spots, tile.geometry)
         evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)

@@ -5,16 +5,21 @@ takes dx = dd; here the difference -g W dx is added, times the change of force a
 change of the forces along the plate, smaller by the order of overlap over distance.
 """
 
+import math
+
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.close_spots import ACCURACY, SWEEPS, compliance
-from thirdbody.kernels.columns import contact_tangent, geometry
+from thirdbody.kernels.columns import contact_tangent, geometry, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
-from thirdbody.kernels.predicates import is_upper
+from thirdbody.kernels.predicates import is_lower, is_upper
+from thirdbody.kernels.spot_loads import NEAR, SWEEPS
+
+ACCURACY = 1e-9
+"""Change of a relieved strain over the largest that ends the sweeps: of a tangent, not of a force."""
 
 
 @njit(**BARE)
@@ -40,26 +45,48 @@ def strain_of(q, context, space):
     return -n[0], -n[1], -n[2], -x, -y, -z, n[2] if is_upper(context.partner[k]) else 0.0
 
 
+@njit(**BARE)
+def compliance_between(p, q, context, space):
+    """Return g of two contacts with plates [m/N]; 0 on two sides."""
+    i, j, partner = context.own[space.slots[p]], context.own[space.slots[q]], context.partner
+    low = is_lower(partner[space.slots[p]])
+    if low != is_lower(partner[space.slots[q]]):
+        return 0.0
+    S = context.S
+    apart = math.hypot(S[i, sphere.ARM] - S[j, sphere.ARM], S[i, sphere.ARM + 1] - S[j, sphere.ARM + 1])
+    return context.interaction[0 if low else 1] / max(apart, NEAR * min(S[i, sphere.RADIUS], S[j, sphere.RADIUS]))
+
+
+@njit(**BARE)
+def reduced(x, factor, p, K):
+    """Return the seven strains x less a factor times the relieved strains of contact p."""
+    a = contact_tangent.RELIEVED * TILE + p
+    return (
+        x[0] - factor * K[a], x[1] - factor * K[a + TILE], x[2] - factor * K[a + 2 * TILE], x[3] - factor * K[a + 3 * TILE],
+        x[4] - factor * K[a + 4 * TILE], x[5] - factor * K[a + 5 * TILE], x[6] - factor * K[a + 6 * TILE],
+    )  # fmt: skip
+
+
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
     """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
-    K = space.tile.tangents
+    K, at = space.tile.tangents, contact_tangent.RELIEVED * TILE
     for q in range(m):
         strain = strain_of(q, context, space)
         for c in range(FREEDOMS):
-            K[(contact_tangent.RELIEVED + c) * TILE + q] = strain[c]
+            K[at + c * TILE + q] = strain[c]
     for _ in range(SWEEPS if m > 1 else 0):
         change, size = 0.0, 0.0
         for q in range(m):
             strain = strain_of(q, context, space)
+            for p in range(m):
+                g = compliance_between(p, q, context, space) if p != q else 0.0
+                if g > 0.0:
+                    strain = reduced(strain, g * stiffness_of(p, context, space), p, K)
             for c in range(FREEDOMS):
-                new, at = strain[c], (contact_tangent.RELIEVED + c) * TILE
-                for p in range(m):
-                    if p != q:
-                        g = compliance(space.slots[q], space.slots[p], context)[0]
-                        new -= g * stiffness_of(p, context, space) * K[at + p]
-                change, size = max(change, abs(new - K[at + q])), max(size, abs(new))
-                K[at + q] = new
+                change = max(change, abs(strain[c] - K[at + c * TILE + q]))
+                size = max(size, abs(strain[c]))
+                K[at + c * TILE + q] = strain[c]
         if change < ACCURACY * size:
             break
 

@@ -145,7 +145,7 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
         relieve(m, tile)
     tangents_at(context.tangents)(tile.inputs, tile.tangents, m, context.pairs)
     if interact(context):
-        restore(m, space.slots, context, tile)
+        restore(m, tile)
     for i in range(FREEDOMS):
         for j in range(FREEDOMS):
             J[i, j] = 0.0

@@ -15,7 +15,7 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.close_spots import add_interaction_energy, interact, relieve, restore, solve_spots, spots_of
+from thirdbody.kernels.close_spots import add_interaction_energy, interact, relieve, restore, spots_of
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -44,6 +44,7 @@ from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, ha
 from thirdbody.kernels.rotation import matrix, rotate
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.signatures import EFFECTS, LAW
+from thirdbody.kernels.spot_loads import solve_body
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
 
@@ -163,7 +164,7 @@ def active_contacts(context, active, y, motion, space):
         tile.inputs[at] = active.start[step_start.NOW] / motion.dt
         scale_slip(q, space.before[slots[q] - context.edges[b]], context, tile.inputs)
     if interact(context):
-        solve_spots(np.int64(0), m, slots, context, spots_of(tile))
+        solve_body(m, slots, context, spots_of(tile))
     return m
 
 
@@ -253,7 +254,7 @@ def residual(context, active, m, y, motion, space):
         relieve(m, tile)
     law_at(context.law)(tile.inputs, tile.outputs, m, context.pairs)
     if interact(context):
-        restore(m, space.slots, context, tile)
+        restore(m, tile)
         add_interaction_energy(m, tile)
     for k in range(FREEDOMS):
         r[k] = 0.0
