@@ -53,7 +53,7 @@ def _work(path, speed, depth, c, W, G, spots, opened):
 def _rows(place, depth, radius, stiffness):
     W = np.zeros((len(depth), spot.WIDTH))
     W[:, spot.NUMBER], W[:, spot.X], W[:, spot.Y] = np.arange(len(depth)), place[:, 0], place[:, 1]
-    W[:, spot.RADIUS], W[:, spot.LEAST], W[:, spot.OVERLAP] = radius, radius, depth
+    W[:, spot.RADIUS], W[:, spot.SPHERE_RADIUS], W[:, spot.OVERLAP] = radius, radius, depth
     W[:, spot.SQUARE], W[:, spot.FACTOR] = radius * depth, stiffness / radius
     return W.ravel()
 

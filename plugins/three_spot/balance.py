@@ -193,7 +193,8 @@ class _DragRun:
         self.path, self.planar = document.path, spots.planar
         self.under_load = document.path.load is not None
         grip = Grip(spots.position, gap, up, document.particle.weight, spots.planar)
-        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES})
+        interaction = "close_spots" if document.effects.close_spots is not None else None
+        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES}, interaction)
         self.solver = QuasiStatic(grip, contacts, self.under_load)
         self.radius, self.level = spots.radius, level
         self.observer: Observer | None = None

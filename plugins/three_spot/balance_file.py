@@ -15,6 +15,8 @@
     drag = "24 nm"
     steps = 480
     direction = [-1, 0]
+    [effects]
+    close_spots = {}                  # spots on one side lower the plate under each other
 
 Instead of `spots` a `clump = [{center = ["0 um", "0 um", "0 um"], radius = "5 um"}, ...]` rotated by `quaternion` = [w, x, y, z]:
 every sphere is a candidate of both sides, in the order upper, lower of the first sphere, then of the next.
@@ -174,6 +176,16 @@ class Path(Part):
         return self.direction[0] / size, self.direction[1] / size
 
 
+class CloseSpots(Part):
+    """The effect of this name of a scene; it has no options."""
+
+
+class Effects(Part):
+    """Effects of a balance, absent unless named. Of those of a scene no other belongs to a quasi-static path of Hertz' spots."""
+
+    close_spots: CloseSpots | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Spots:
     """Spots of a particle: place (n, 3) from its centre of mass [m], radius (n,) [m], upper (n,) bool."""
@@ -192,6 +204,7 @@ class BalanceFile(Part):
     friction: Frictions
     particle: Particle
     path: Path
+    effects: Effects = Effects()
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BalanceFile:

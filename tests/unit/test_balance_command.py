@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -179,3 +180,35 @@ def test_the_command_line_knows_it(write, monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 3 and "path.step: unknown key, did you mean 'steps'?" in capsys.readouterr().err
+
+
+def close(given: Path, apart: float) -> None:
+    """Add the effect, and put the lower spots nearer to each other (um)."""
+    text = given.read_text(encoding="utf-8").replace('x = "-2 um"', f'x = "{-0.5 * apart} um"')
+    text = text.replace('x = "1.5 um"', f'x = "{0.5 * apart} um"')
+    given.write_text(text + "[effects]\nclose_spots = {}\n", encoding="utf-8")
+
+
+def test_close_spots_share_the_plate(write):
+    """d_i = (N_i/K_i)^(2/3) + g N_j at every point of the path, with g of the lower plate; the lone upper spot is Hertz'."""
+    path = write()
+    close(path, 1.0)
+    result = balance(path, "mindlin")
+    assert result.stopped is None
+    g = (1.0 - 0.35) / (2.0 * math.pi * 60e9) / 1e-6
+    e_low, e_up = (1.0 / (0.5 * (1.0 - nu) / shear + 0.5 * 0.8 / 120e9) for nu, shear in ((0.35, 60e9), (0.3, 80e9)))
+    for point in result.points[:: len(result.points) // 4]:
+        (above, one, other), turn = point.N, point.phi
+        hertz = [(n / (4.0 / 3.0 * e * math.sqrt(r))) ** (2.0 / 3.0)
+                 for n, e, r in ((above, e_up, 2e-6), (one, e_low, 1e-6), (other, e_low, 1.5e-6))]  # fmt: skip
+        # w down, phi about y: a spot at x sinks by w + x phi
+        sinks = [point.w + x * turn for x in (-0.5e-6, 0.5e-6)]
+        assert [hertz[1] + g * other, hertz[2] + g * one] == pytest.approx(sinks, rel=1e-9)
+        assert g * other > 0.01 * hertz[1]
+
+
+def test_an_effect_that_a_balance_does_not_have_is_a_fault(write):
+    path = write()
+    path.write_text(path.read_text(encoding="utf-8") + "[effects]\npivoting = {}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="pivoting"):
+        balance(path)

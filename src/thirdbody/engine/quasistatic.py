@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.state import Array
 from thirdbody.engine.static_contacts import Answer, Contacts
+from thirdbody.engine.static_kinematics import rows_of
 
 CONVERGED = 1e-12
 """Tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load."""
@@ -109,8 +110,9 @@ class QuasiStatic:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
         self.now: Balance | None = None
         self._freedoms = [0, 2, 4] if grip.planar else list(range(6))
-        self.rows = _rows(grip, self._freedoms, under_load)
+        self.rows = rows_of(grip.position, grip.upper, grip.arm, self._freedoms, under_load)
         self.memory = contacts.virgin()
+        self.bending = contacts.bending(grip.position, grip.upper)
         self.seat_rotation = np.zeros(3)  # rotation vector from the initial orientation to that of first touch
         self.rotation_since_touch = np.zeros(3)  # from there to the orientation of `grip`
         self._closest = float("inf")  # smallest `residual` in the search for the present point
@@ -121,6 +123,10 @@ class QuasiStatic:
         """Return the history variable "law.name" (n,) at the last equilibrium; zeros if no law has it."""
         names = self.contacts.chain.history
         return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
+
+    def relieved(self, overlap: Array) -> Array:
+        """Return the overlaps (n,) [m] that the laws see: what other spots lower the plate is taken off."""
+        return overlap if self.bending is None else self.bending.relieved(overlap)
 
     def move(self, plate: Sequence[float]) -> Balance:
         """Move the upper plate straight to `plate` and return the equilibrium there.
@@ -186,8 +192,9 @@ class QuasiStatic:
         closing = float(trial.y[-1] if self.under_load else plate[0])
         closed = np.zeros(len(trial.overlap)) if self.now is None else self.now.overlap
         stiffness_ratio = self.contacts.stiffness_ratio(
-            closed, trial.overlap, trial.slip * trial.closed_fraction[:, None], self.memory, trial.answer
-        )
+            self.relieved(closed), self.relieved(trial.overlap), trial.slip * trial.closed_fraction[:, None], self.memory,
+            trial.answer,
+        )  # fmt: skip
         self.memory = trial.answer.memory
         if self.now is not None:
             self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
@@ -221,7 +228,7 @@ class QuasiStatic:
 
     def _growth(self, now: Balance) -> float:
         """Return d(log overlap)/d(log load), for contacts that grow in proportion: N/(k d), 2/3 for Hertz."""
-        stiffness = self.contacts.stiffness(now.overlap, np.zeros((len(now.overlap), 2)), self.memory)[0]
+        stiffness = self.contacts.stiffness(self.relieved(now.overlap), np.zeros((len(now.overlap), 2)), self.memory)[0]
         work = float((stiffness * now.overlap).sum())
         return float(now.answer.normal.sum()) / work if work > 0.0 else 1.0
 
@@ -233,7 +240,7 @@ class QuasiStatic:
 
         def pressed(sink: float, closing: float) -> tuple[float, float]:
             overlap = np.where(up, closing - sink, sink) - self.grip.gap
-            normal = self.contacts.evaluate(overlap, np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
+            normal = self.contacts.evaluate(self.relieved(overlap), np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
             return float(normal[up].sum()), float(normal[~up].sum())
 
         if self.under_load:
@@ -259,7 +266,7 @@ class QuasiStatic:
         # a spot that closes within the step slips only during the rest of the step
         touched = (before < 0.0) & (overlap > 0.0)
         fraction = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
-        answer = self.contacts.evaluate(overlap, slip * fraction[:, None], self.memory)
+        answer = self.contacts.evaluate(self.relieved(overlap), slip * fraction[:, None], self.memory)
         force = np.einsum("nm,n->m", self.rows[1], answer.tangential[:, 0])
         force += np.einsum("nm,n->m", self.rows[2], answer.tangential[:, 1])
         force -= np.einsum("nm,n->m", self.rows[0], answer.normal)
@@ -272,18 +279,20 @@ class QuasiStatic:
 
     def jacobian(self, trial: Trial) -> Array:
         """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
-        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.closed_fraction[:, None], self.memory)
+        relieved = self.relieved(trial.overlap)
+        k = self.contacts.stiffness(relieved, trial.slip * trial.closed_fraction[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
         growth = np.where(
             trial.closed_fraction < 1.0, -before / np.where(trial.closed_fraction < 1.0, trial.overlap - before, 1.0) ** 2, 0.0
         )
         d, x, y = self.rows
+        pressed = d if self.bending is None else self.bending.rates(relieved) @ d
         own = trial.slip * growth[:, None]
         t_x = (trial.closed_fraction * k[1])[:, None] * x + (trial.closed_fraction * k[2])[:, None] * y
-        t_x += (k[5] + k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
+        t_x += k[5][:, None] * pressed + (k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
         t_y = (trial.closed_fraction * k[3])[:, None] * x + (trial.closed_fraction * k[4])[:, None] * y
-        t_y += (k[6] + k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
-        return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * d)
+        t_y += k[6][:, None] * pressed + (k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
+        return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * pressed)
 
     def _newton(self, y: Array, plate: Array) -> Trial | None:
         """Run Newton's method with a line search, with damping where that fails; None without solution."""
@@ -362,24 +371,6 @@ class QuasiStatic:
             else:
                 high = middle
         return best
-
-
-def _rows(grip: Grip, freedoms: Sequence[int], under_load: bool) -> Array:
-    """Return the derivatives (3, n, m) of overlap and displacements by the coordinates.
-
-    Coordinates: translation, arm times rotation vector, and under load the closing.
-    """
-    x, y, z = grip.position.T
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    sign = np.where(grip.upper, 1.0, -1.0)
-    overlap = sign * np.array([zero, zero, one, y / grip.arm, -x / grip.arm, zero])
-    along_x = np.array([one, zero, zero, zero, z / grip.arm, -y / grip.arm])
-    along_y = np.array([zero, one, zero, -z / grip.arm, zero, x / grip.arm])
-    rows = np.stack([overlap, along_x, along_y]).transpose(0, 2, 1)[:, :, list(freedoms)]
-    if not under_load:
-        return np.ascontiguousarray(rows)
-    closing = np.stack([np.where(grip.upper, 1.0, 0.0), zero, zero])[:, :, None]
-    return np.concatenate([rows, closing], axis=2)
 
 
 def after(first: Array, then: Array) -> Array:

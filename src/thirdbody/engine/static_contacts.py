@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints
+from thirdbody.engine.static_interaction import SpotBending
 from thirdbody.kernels.columns import law_input, law_output, rolling_input
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import Law, Pair
+from thirdbody.laws.registry import installed_interaction
 
 AT_REST = ("damping", "tangential_damping")
 """Stages without effect in statics."""
@@ -35,12 +37,16 @@ class Contacts:
     """Compiled laws of one particle's contacts.
 
     `kind` (n,): index of each contact's pair in `pairs`; `radius` (n,) [m]. Dashpot laws are omitted in statics. Raises
-    ValueError for a law of the rolling or twisting stage or without tangent.
+    ValueError for a law of the rolling or twisting stage or without tangent. `interaction`: name of the effect by which spots
+    on one plate interact; raises InputError where it is not installed.
     """
 
     def __init__(
-        self, laws: Sequence[Law], pairs: Sequence[Pair], kind: Ints, radius: Array, options: Mapping[str, Any] | None = None
-    ) -> None:
+        self, laws: Sequence[Law], pairs: Sequence[Pair], kind: Ints, radius: Array, options: Mapping[str, Any] | None = None,
+        interaction: str | None = None,
+    ) -> None:  # fmt: skip
+        self.interaction = None if interaction is None else installed_interaction(interaction)
+        self.materials = tuple(pairs)
         chosen = [law for law in laws if law.stage not in AT_REST and law.wanted(pairs)]
         values = {law.name: _options(law, options or {}) for law in chosen}
         chain = compose(law.sized(values[law.name]) for law in chosen)
@@ -65,6 +71,14 @@ class Contacts:
     def virgin(self) -> Array:
         """Return the history (n, width) of virgin contacts."""
         return np.zeros((len(self.radius), len(self.chain.history)))
+
+    def bending(self, position: Array, upper: Array) -> SpotBending | None:
+        """Return how spots at `position` (n, 3) [m] lower the plates under each other; None without an interaction."""
+        if self.interaction is None:
+            return None
+        compliance = np.array([self.interaction.compliance(pair.b, {}) for pair in self.materials])
+        stiffness = np.array([self.interaction.stiffness(pair, {}) for pair in self.materials])
+        return SpotBending(position, upper, self.radius, compliance[self.kind], stiffness[self.kind])
 
     def evaluate(self, overlap: Array, slip: Array, memory: Array) -> Answer:
         """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""

@@ -31,6 +31,10 @@ FIELDS = 4
 """Numbers of `Spots` per contact."""
 
 
+FLOOR = 1e-9
+"""Overlap that laws see of a spot that is relieved wholly, over the whole one: tangents would be infinite at none at all."""
+
+
 class Spots(NamedTuple):
     """Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
 
@@ -85,7 +89,7 @@ def relieve(n, tile):
     for q in range(n):
         overlap = I[q + law_input.OVERLAP * TILE]
         G[q + geometry.OVERLAP * TILE] = overlap
-        I[q + law_input.OVERLAP * TILE] = max(overlap - G[q + geometry.RELIEF * TILE], 0.0)
+        I[q + law_input.OVERLAP * TILE] = max(overlap - G[q + geometry.RELIEF * TILE], FLOOR * overlap)
 
 
 @njit(**BARE)

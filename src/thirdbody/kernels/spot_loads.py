@@ -25,9 +25,6 @@ from thirdbody.kernels.predicates import is_lower
 NEAR = 0.05
 """Least distance of two spots over the smaller radius. A contact area has this radius at an overlap of 0.0025 radii."""
 
-ITERATIONS = 3
-"""Steps of Newton's method."""
-
 STEP = 2e-8
 """Largest last step of a contact radius over the radius: what is left is of the order of its square."""
 
@@ -54,14 +51,14 @@ def gather_spot(e, k, at, context, W):
     W[at + spot.RADIUS], W[at + spot.OVERLAP] = radius, overlap
     W[at + spot.SQUARE] = radius * overlap
     W[at + spot.FACTOR] = context.interaction[2 + context.kind[k]] / radius
-    W[at + spot.LEAST] = S[i, sphere.RADIUS]
+    W[at + spot.SPHERE_RADIUS] = S[i, sphere.RADIUS]
 
 
 @njit(**BARE)
 def compliance(a, b, c, W):
     """Return g of the spots in rows a and b [m/N], and minus its gradient with the place of a [1/N]."""
     x, y = W[a + spot.X] - W[b + spot.X], W[a + spot.Y] - W[b + spot.Y]
-    square, near = x * x + y * y, NEAR * min(W[a + spot.LEAST], W[b + spot.LEAST])
+    square, near = x * x + y * y, NEAR * min(W[a + spot.SPHERE_RADIUS], W[b + spot.SPHERE_RADIUS])
     if square > near * near:
         inverse = 1.0 / math.sqrt(square)
         slope = c * inverse * inverse * inverse
@@ -132,9 +129,9 @@ def place_group(t, first, n, c, L, W):
         a, at = first + p * spot.WIDTH, t + p * LANES
         on = p < n
         L[at + lane.X * LANES], L[at + lane.Y * LANES] = W[a + spot.X] if on else FAR, W[a + spot.Y] if on else FAR
-        L[at + lane.RADIUS * LANES], L[at + lane.LEAST * LANES] = (
+        L[at + lane.RADIUS * LANES], L[at + lane.SPHERE_RADIUS * LANES] = (
             W[a + spot.RADIUS] if on else 1.0,
-            W[a + spot.LEAST] if on else 0.0,
+            W[a + spot.SPHERE_RADIUS] if on else 0.0,
         )
         L[at + lane.FACTOR * LANES], L[at + lane.SQUARE * LANES] = (
             W[a + spot.FACTOR] if on else 0.0,
@@ -147,7 +144,7 @@ def lane_compliance(t, p, q, L):
     """Return g of spots p and q in lane t [m/N], and minus its gradient with the place of p [1/N]."""
     x = L[t + (lane.X + p) * LANES] - L[t + (lane.X + q) * LANES]
     y = L[t + (lane.Y + p) * LANES] - L[t + (lane.Y + q) * LANES]
-    near = NEAR * min(L[t + (lane.LEAST + p) * LANES], L[t + (lane.LEAST + q) * LANES])
+    near = NEAR * min(L[t + (lane.SPHERE_RADIUS + p) * LANES], L[t + (lane.SPHERE_RADIUS + q) * LANES])
     square = x * x + y * y
     inverse = 1.0 / math.sqrt(max(square, near * near))
     g = L[t + lane.COMPLIANCE * LANES] * inverse
@@ -155,13 +152,37 @@ def lane_compliance(t, p, q, L):
     return g, slope * x, slope * y
 
 
+@njit(**BARE)
+def newton_step(radii, compliances, one, two, three):
+    """Return the contact radii of three spots after a step of Newton's method, and the steps.
+
+    `compliances`: g of the pairs 1 2, 1 3 and 2 3; `one`, `two`, `three`: radius, force over a^3 and a^2 alone of each spot.
+    """
+    (u1, u2, u3), (g, h, k), (r1, q1, y1), (r2, q2, y2), (r3, q3, y3) = radii, compliances, one, two, three
+    n1, n2, n3 = q1 * u1 * u1, q2 * u2 * u2, q3 * u3 * u3
+    e1 = u1 * u1 + r1 * (g * n2 * u2 + h * n3 * u3) - y1
+    e2 = u2 * u2 + r2 * (g * n1 * u1 + k * n3 * u3) - y2
+    e3 = u3 * u3 + r3 * (h * n1 * u1 + k * n2 * u2) - y3
+    m11, m12, m13 = 2.0 * u1, 3.0 * r1 * g * n2, 3.0 * r1 * h * n3
+    m21, m22, m23 = 3.0 * r2 * g * n1, 2.0 * u2, 3.0 * r2 * k * n3
+    m31, m32, m33 = 3.0 * r3 * h * n1, 3.0 * r3 * k * n2, 2.0 * u3
+    c11, c12, c13 = m22 * m33 - m23 * m32, m13 * m32 - m12 * m33, m12 * m23 - m13 * m22
+    c21, c22, c23 = m23 * m31 - m21 * m33, m11 * m33 - m13 * m31, m13 * m21 - m11 * m23
+    c31, c32, c33 = m21 * m32 - m22 * m31, m12 * m31 - m11 * m32, m11 * m22 - m12 * m21
+    inverse = 1.0 / (m11 * c11 + m12 * c21 + m13 * c31)
+    d1 = (c11 * e1 + c12 * e2 + c13 * e3) * inverse
+    d2 = (c21 * e1 + c22 * e2 + c23 * e3) * inverse
+    d3 = (c31 * e1 + c32 * e2 + c33 * e3) * inverse
+    return (u1 - d1, u2 - d2, u3 - d3), (d1, d2, d3)
+
+
 @njit(**BARE_CHUNK)
-def solve_lanes(count, L):
-    """Solve the groups in lanes 0 to `count` by Newton's method, as many at once as the processor's vectors hold.
+def solve_lanes(L):
+    """Solve the groups in all lanes by Newton's method, at once in the processor's vectors; unused lanes hold anything.
 
     All make the same number of steps, so that the bits of one do not depend on the others.
     """
-    for t in range(count):
+    for t in range(LANES):
         g, g_x, g_y = lane_compliance(t, 0, 1, L)
         h, h_x, h_y = lane_compliance(t, 0, 2, L)
         k, k_x, k_y = lane_compliance(t, 1, 2, L)
@@ -175,25 +196,12 @@ def solve_lanes(count, L):
         u1 = math.sqrt(y1 - r1 * (g * t2 + h * t3))
         u2 = math.sqrt(y2 - r2 * (g * t1 + k * t3))
         u3 = math.sqrt(y3 - r3 * (h * t1 + k * t2))
-        d1 = d2 = d3 = 0.0
-        for _ in range(ITERATIONS):
-            n1, n2, n3 = q1 * u1 * u1, q2 * u2 * u2, q3 * u3 * u3
-            e1 = u1 * u1 + r1 * (g * n2 * u2 + h * n3 * u3) - y1
-            e2 = u2 * u2 + r2 * (g * n1 * u1 + k * n3 * u3) - y2
-            e3 = u3 * u3 + r3 * (h * n1 * u1 + k * n2 * u2) - y3
-            m11, m12, m13 = 2.0 * u1, 3.0 * r1 * g * n2, 3.0 * r1 * h * n3
-            m21, m22, m23 = 3.0 * r2 * g * n1, 2.0 * u2, 3.0 * r2 * k * n3
-            m31, m32, m33 = 3.0 * r3 * h * n1, 3.0 * r3 * k * n2, 2.0 * u3
-            c11, c12, c13 = m22 * m33 - m23 * m32, m13 * m32 - m12 * m33, m12 * m23 - m13 * m22
-            c21, c22, c23 = m23 * m31 - m21 * m33, m11 * m33 - m13 * m31, m13 * m21 - m11 * m23
-            c31, c32, c33 = m21 * m32 - m22 * m31, m12 * m31 - m11 * m32, m11 * m22 - m12 * m21
-            inverse = 1.0 / (m11 * c11 + m12 * c21 + m13 * c31)
-            d1 = (c11 * e1 + c12 * e2 + c13 * e3) * inverse
-            d2 = (c21 * e1 + c22 * e2 + c23 * e3) * inverse
-            d3 = (c31 * e1 + c32 * e2 + c33 * e3) * inverse
-            u1, u2, u3 = u1 - d1, u2 - d2, u3 - d3
+        c1, c2, c3 = (r1, q1, y1), (r2, q2, y2), (r3, q3, y3)
+        (u1, u2, u3), _ = newton_step((u1, u2, u3), (g, h, k), c1, c2, c3)
+        (u1, u2, u3), _ = newton_step((u1, u2, u3), (g, h, k), c1, c2, c3)
+        (u1, u2, u3), (d1, d2, d3) = newton_step((u1, u2, u3), (g, h, k), c1, c2, c3)
         worst = max(abs(d1) - STEP * u1, abs(d2) - STEP * u2, abs(d3) - STEP * u3)
-        L[t + lane.FOUND * LANES] = 1.0 if worst < 0.0 else 0.0  # a NaN compares as false
+        L[t + lane.CONVERGED * LANES] = 1.0 if worst < 0.0 else 0.0  # a NaN compares as false
         f1, f2, f3 = q1 * u1 * u1 * u1, q2 * u2 * u2 * u2, q3 * u3 * u3 * u3
         L[t + lane.FORCE * LANES], L[t + (lane.FORCE + 1) * LANES], L[t + (lane.FORCE + 2) * LANES] = f1, f2, f3
         L[t + lane.RELIEF * LANES] = g * f2 + h * f3
@@ -210,10 +218,10 @@ def solve_lanes(count, L):
 @njit(**BARE_CHUNK)
 def finish_lanes(count, L, W, G, spots):
     """Solve the groups in lanes 0 to `count` and write their results; by sweeps where Newton's method did not converge."""
-    solve_lanes(count, L)
+    solve_lanes(L)
     for t in range(count):
         first, n = int(L[t + lane.ROW * LANES]), int(L[t + lane.COUNT * LANES])
-        if L[t + lane.FOUND * LANES] > 0.0:
+        if L[t + lane.CONVERGED * LANES] > 0.0:
             for p in range(n):
                 at = t + p * LANES
                 pull = L[at + lane.PULL_X * LANES], L[at + lane.PULL_Y * LANES]

@@ -12,7 +12,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
-from thirdbody.errors import OutputError, UsageError
+from thirdbody.errors import Fault, InputError, OutputError, UsageError
 from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin, SpotInteraction
 from thirdbody.laws.measures import Measure
 from thirdbody.system.module_import import import_file, import_lock
@@ -72,6 +72,14 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     plugins += [load_file(Path(file)) for file in files]
     _refuse_doubles(plugins)
     return Registry(tuple(plugins), MappingProxyType(failures))
+
+
+def installed_interaction(name: str) -> SpotInteraction:
+    """Return the interaction of spots of this name. Raises InputError where no plug-in has it."""
+    effect = discover().effects.get(name)
+    if not isinstance(effect, SpotInteraction):
+        raise InputError([Fault(f"effects.{name}", "no interaction of spots of this name is installed")])
+    return effect
 
 
 def _plugin(result: object) -> Plugin:

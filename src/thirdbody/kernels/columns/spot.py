@@ -11,5 +11,5 @@ RADIUS = table.scalar("radius", "m", "effective radius")
 OVERLAP = table.scalar("overlap", "m", "overlap with the undeformed plate")
 SQUARE = table.scalar("square", "m2", "square of the contact radius that it would have alone")
 FACTOR = table.scalar("factor", "N/m3", "force over the cube of the contact radius")
-LEAST = table.scalar("least", "m", "radius of its sphere")
+SPHERE_RADIUS = table.scalar("sphere_radius", "m", "radius of its sphere")
 WIDTH = table.width

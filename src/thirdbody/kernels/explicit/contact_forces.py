@@ -74,8 +74,7 @@ def scratch_sizes(n_history, longest, interaction=False):
     """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     whole = longest + -longest % LINE
-    floats = close_spots.scratch_of(whole) if interaction else whole
-    return fields * TILE + floats, 2 * (longest + SPARE)
+    return fields * TILE + (close_spots.scratch_of(whole) if interaction else whole), 2 * (longest + SPARE)
 
 
 @njit(**BARE)
