@@ -9,6 +9,7 @@ from thirdbody.studies.robustness import meeting_bodies as meeting
 from thirdbody.studies.robustness import necks
 from thirdbody.studies.robustness import plastic_flow as plastic
 from thirdbody.studies.robustness import rough_plates as rough
+from thirdbody.studies.robustness import spot_effects as spots
 from thirdbody.studies.robustness.case import Trial
 
 LEVELS = ("coulomb", "mindlin", "mdr", "exact")
@@ -76,6 +77,8 @@ CASES = (
     ),
     Case("both_plates_pull", "both plates pull a ball of 0.2 um apart", necks.both_plates_pull, BOTH, LEVELS[:2], False),
     Case("tiny_lump_rolls", "necks come and go under a rolling lump: memory", necks.tiny_lump_rolls, BOTH, LEVELS[:2], False),
+    Case("pinched_spin", "spin about the normal: nothing brakes it", spots.pinched_spin, BOTH, LEVELS[:2], False),
+    Case("crowded_spots", "spots relieved wholly by others come and go", spots.crowded_spots, BOTH, LEVELS[:2], False),
     Case("turning_pair", "rigid rotation: history must turn along", free.rotating_pair, EXPLICIT, LEVELS, False),
 )
 """In the order of `thirdbody hard`."""
