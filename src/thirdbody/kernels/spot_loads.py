@@ -5,10 +5,10 @@ Written with the contact radius a = (R (d - relief))^(1/2) of each spot, N = Q a
     a_i^2 + R_i sum_j g_ij Q_j a_j^3 = R_i d_i
 
 Two and three spots are solved by Newton's method from a start that is right to the second order in relief over overlap: two steps
-reach rounding at ten contact radii, three at three. They wait in lanes until there are enough for the processor's vectors (an explicit step of clumps
-takes 2.5 times as long as without by sweeps, 1.5 one by one, 1.2 to 1.3 so). More spots, and those of which one is relieved wholly,
-are solved by sweeps that minimise the convex energy by one force after the other, which converge from any start. Nothing is kept
-from step to step: forces are a function of the positions alone.
+reach rounding at ten contact radii, three at three. They wait in lanes until there are enough for the processor's vectors: an
+explicit step of clumps takes 1.2 to 1.3 times as long as without the effect, 1.5 one by one, 2.5 by sweeps. More spots, and those
+of which one is relieved wholly, are solved by sweeps that minimise the convex energy by one force after the other, which converge
+from any start. Nothing is kept from step to step: forces are a function of the positions alone.
 """
 
 import math

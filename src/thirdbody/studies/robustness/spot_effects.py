@@ -46,7 +46,7 @@ def crowded_spots(trial: Trial) -> None:
         sets.add(tuple(run.loaded()))
         memory.append(run.largest_history())
 
-    run.follow([1e-7 * k for k in range(1, 21)], at_stop=at_stop)
+    run.follow([2.5e-7 * k for k in range(1, 21)], at_stop=at_stop)
     trial.check_true("spots came and went", len(sets) > 1)
     trial.check("memory of open spots", max(memory), 0.0)
     trial.check_true("it is dragged along", float(np.abs(run.state.bodies.velocity[0, 1])) > 0.1 * SPEED)
