@@ -15,6 +15,8 @@ from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.quantity import duration, file_size
 from thirdbody.report import scene_check as check
+from thirdbody.report.active_components import part_warnings
+from thirdbody.report.heat_check import expected_heat
 from thirdbody.runner.run_warnings import run_warnings
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import Scene
@@ -105,6 +107,23 @@ def test_a_foundation_is_warned_of_every_pair_that_it_presses():
     path = Path(__file__).resolve().parents[2] / "scenes" / "mixed_population.toml"
     warnings = "\n".join(build(Scene.load(path)).warnings)
     assert "steel/bronze: expected peak pressure" in warnings and "steel/alumina: expected peak pressure" in warnings
+
+
+def test_hot_spots_are_warned_of_unless_a_measure_tells_how_hot():
+    """T = mu F v/(4 a 2 k) with the radius a of Hertz, a^3 = 3 F R/(4 E*); rounding of the overlap in between. 107 K here."""
+    glass = 'thermal_conductivity = "1 W/m/K"\nheat_capacity = "460 J/kg/K"\ndensity ='
+    hot = scene(("1 mm/s", "20 m/s"), ("density =", glass))
+    built = build(hot)
+    heat, radius = expected_heat(built), float(built.state.spheres.radius[0])
+    a = (3.0 * 1e-5 * radius / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
+    assert heat.excess == pytest.approx(0.3 * 1e-5 * 20.0 / (4.0 * a * 2.0), rel=1e-9) and heat.excess > 100.0
+    assert heat.peclet == pytest.approx(0.5 * 20.0 * a * 7850.0 * 460.0 / 1.0, rel=1e-9) and not heat.assumed
+    told = [warning for warning in part_warnings(built) if "friction heats a spot of steel/steel by some 107 K" in warning]
+    assert len(told) == 1 and "measures.flash_temperature" in told[0]
+    measured = build(hot.with_settings({"measures.flash_temperature": True}))
+    assert not any("friction heats" in warning for warning in part_warnings(measured))
+    slow = expected_heat(build(scene()))
+    assert slow.assumed and slow.excess < 1e-3
 
 
 def test_a_usual_scene_has_no_warning():
