@@ -53,6 +53,7 @@ def effects_study(
     scene = scene.with_settings(settings) if settings else scene
     log("building the scene and estimating its time")
     scene, built, reduction = reduce_scene(scene, plugins, SECONDS)
+    reduction = [f"{key} = {value}" for key, value in settings.items()] + reduction
     save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []

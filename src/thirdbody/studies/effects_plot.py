@@ -82,11 +82,15 @@ def _times(axes: Any, rows: list[dict[str, Any]]) -> None:
         axes.plot([middle], [y], "o", color=color, markersize=5.5, zorder=3)
         axes.annotate(f"{middle:.2f}", (middle, y), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=7, color=INK)
     axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter("{x:g}")
-    axes.tick_params(axis="x", which="minor", labelsize=6)
     axes.margins(x=0.1)
-    axes.set_xlabel("time with it over time without (median of pairs)", fontsize=9)
+    low, high = axes.get_xlim()
+    ticks = [
+        step * 10.0**power for power in range(-3, 4) for step in ((1, 2, 5) if high / low > 4.0 else (0.8, 1, 1.2, 1.5, 2, 3, 5))
+    ]
+    axes.set_xticks([tick for tick in ticks if low <= tick <= high])
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+    axes.set_xlabel("time with it over time without, pairs", fontsize=9)
 
 
 def _changes(axes: Any, rows: list[dict[str, Any]]) -> None:
@@ -98,7 +102,7 @@ def _changes(axes: Any, rows: list[dict[str, Any]]) -> None:
                       markeredgecolor="white", markeredgewidth=0.6, linestyle="none", clip_on=False, zorder=3)  # fmt: skip
     axes.set_xscale("log")
     axes.set_xlim(left=NOTHING)
-    axes.set_xlabel(f"what changes, relative ({NOTHING:g} and less at the edge)", fontsize=9)
+    axes.set_xlabel(f"relative change ({NOTHING:g} and less at the edge)", fontsize=9)
 
 
 def _texts(figure: Any, axes: Any, report: dict[str, Any], rows: list[dict[str, Any]]) -> None:
@@ -107,10 +111,10 @@ def _texts(figure: Any, axes: Any, report: dict[str, Any], rows: list[dict[str, 
     failed = [f"{row['effect']} ({row['message'].splitlines()[0]})" for row in report["effects"] if "ratio" not in row]
     lines = [
         f"Computed: {'; '.join(report['reduction']) or 'the whole scene'}; {seconds:.2g} s of one core, {machine['cpu']}.",
-        *([f"Failed: {'; '.join(failed)}."] if failed else []),
+        *(f"Failed: {textwrap.shorten(words, 130, placeholder=' ...')}" for words in failed),
     ]
     figure.suptitle(f"What effects cost and change: {report['title'] or report['scene']}", fontsize=12, fontweight="bold", x=0.01,
                     ha="left", color=INK)  # fmt: skip
-    text = "\n".join(line for one in lines for line in textwrap.wrap(one, 118))
+    text = "\n".join(line for one in lines for line in textwrap.wrap(one, 90))
     axes.set_title(text, loc="left", fontsize=8, color=SOFT_INK)
     figure.legend(fontsize=8, frameon=False, loc="outside lower right", ncols=4)
