@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -190,7 +191,7 @@ def test_bits_of_threads_and_pieces(runs, case, tmp_path):
     assert [name for name in first if first[name] != second[name]] == []
 
 
-def test_a_run_with_measures_is_not_cut_into_parts(tmp_path):
+def test_an_explicit_run_with_measures_is_not_cut_into_parts(tmp_path):
     with pytest.raises(UsageError, match="measures"):
         thirdbody.run(scene("explicit", MEASURES % "", ALONE), out=tmp_path / "run", progress=False, parts=2)
 
@@ -251,3 +252,20 @@ def test_tables_of_a_run_have_units(runs, tmp_path: Path):
     assert blocks["upper_maps"].cell_data["wear_depth"].sum() == pytest.approx(run.maps("upper")["wear_depth"].sum(), rel=1e-14)
     summary = run.summary()["measures"]
     assert summary["plate_wear_lower"] == pytest.approx(run.bodies(-1)["plate_wear_lower"].sum(), rel=1e-14)
+
+
+def test_a_measure_of_ones_own_is_one_file(tmp_path: Path, command):
+    """The measure of the page on plug-ins, loaded by its path: both flakes rub, and the map of the plate has it all."""
+    page = (Path(__file__).parents[2] / "plugins" / "README.md").read_text(encoding="utf-8")
+    (code,) = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "Measure(" in block]
+    (tmp_path / "rubbed.py").write_text(code, encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(scene("explicit", '[measures]\ncell = "0.5 um"\n').to_toml(), encoding="utf-8")
+    settings = ["--set", "solver.distance=0.1 um", "--set", "measures.rubbed.threshold=100 MPa"]
+    given = ["run", "scene.toml", "-q", "-o", "out", *settings]
+    assert command(*given, "--plugin", "rubbed.py").code == 0
+    with thirdbody.open(tmp_path / "out") as run:
+        bodies, map_ = run.bodies(-1), run.maps("upper")["rubbed_distance"]
+        assert np.all(bodies["rubbed_upper"] > 0.0) and np.all(bodies["severity"] > 0.0)
+        assert map_.sum() * 0.25e-12 == pytest.approx(bodies["rubbed_upper"].sum(), rel=1e-12)
+    refused = command(*given, "--overwrite")
+    assert refused.code != 0 and "rubbed" in refused.err

@@ -115,4 +115,7 @@ class Study:
     repeats: Annotated[int, typer.Option("--repeats", min=2, max=1000, help="runs of each variant that are timed")] = 3
     budget: Annotated[str, typer.Option("--budget", help="wall time for all variants, to which the scene is reduced")] = "7 min"
     effects: Annotated[bool, typer.Option("--effects", help="cost and influence of each effect instead of accuracy")] = False
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="EFFECT", help="with --effects: no other; may be repeated")
+    ] = None
     verify: Annotated[bool, typer.Option("--verify", help="add an oblique impact: errors and orders of convergence")] = False

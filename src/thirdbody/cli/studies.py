@@ -41,9 +41,12 @@ def cost(
         raise UsageError(f"--budget: {error}") from None
     if not 0.0 < seconds <= LONGEST:
         raise UsageError(f"--budget {study.budget}: must be above 0 s and at most {LONGEST / 86400.0:g} days")
+    only = tuple(study.only or ())
+    if only and not study.effects:
+        raise UsageError("--only: goes with --effects")
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
-    cost_command(source, StudyOptions(study.repeats, study.effects, study.verify, seconds), overwrite, json, log)
+    cost_command(source, StudyOptions(study.repeats, study.effects, study.verify, seconds, only), overwrite, json, log)
 
 
 def hard(

@@ -15,12 +15,16 @@ from thirdbody.studies.time_budget import BUDGET
 
 
 class StudyOptions(NamedTuple):
-    """Number of timed runs of each variant; study of effects instead of accuracy; with an oblique impact; wall time [s]."""
+    """Number of timed runs of each variant; study of effects instead of accuracy; with an oblique impact; wall time [s].
+
+    `only`: effects that are studied; all without any.
+    """
 
     repeats: int
     effects: bool = False
     verify: bool = False
     budget: float = BUDGET
+    only: tuple[str, ...] = ()
 
 
 def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, log: Callable[[str], None]) -> None:
@@ -67,7 +71,7 @@ def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: 
     from thirdbody.studies.effects_plot import draw_effects
 
     with new_study_folder(source.folder, overwrite) as work_folder:
-        report = effects_study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log)
+        report = effects_study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, options.only)
         draw_effects(report, work_folder / EFFECTS_PICTURE, (work_folder / EFFECTS_PICTURE).with_suffix(".pdf"))
         _write(work_folder / "effects.json", report)
     if json:

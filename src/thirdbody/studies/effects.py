@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from thirdbody.assembly.simulation import Simulation
+from thirdbody.errors import UsageError, nearest
 from thirdbody.laws.measures import Measure
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
@@ -46,9 +47,12 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
 
 def effects_study(
     path: Path, folder: Path, settings: Mapping[str, Any], plugins: Sequence[str | Path], repeats: int,
-    log: Callable[[str], None],
+    log: Callable[[str], None], only: Sequence[str] = (),
 ) -> dict[str, Any]:  # fmt: skip
-    """Return paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for an invalid scene."""
+    """Return paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for an invalid scene.
+
+    `only`: names of effects, and no others are studied; all without any.
+    """
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     log("building the scene and estimating its time")
@@ -57,10 +61,14 @@ def effects_study(
     save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
+    trials = candidates(scene, built, plugins, left_out)
+    for name in only:
+        if name not in (names := [trial.name for trial in trials]):
+            raise UsageError(f"--only {name}: cannot be studied in this scene; {nearest(name, names)}")
     if built.state.world.debris_meets:
         log(f"none: {APART}")
         rows.append(_compared(folder, "none", APART, {"solver.integrator": built.plan.kind}, plugins, repeats, nudge=1))
-    for trial in candidates(scene, built, plugins, left_out):
+    for trial in [trial for trial in trials if not only or trial.name in only]:
         log(f"{trial.name}: {trial.what}")
         changes = {"solver.integrator": built.plan.kind, **trial.changes}  # the integrator stays: only the effect is compared
         rows.append(_compared(folder, trial.name, trial.what, changes, plugins, repeats) | {"named": trial.named})
