@@ -64,7 +64,9 @@ def can_slide(support: Support, drag: np.ndarray, side: bool, reach: np.ndarray)
     # on the body: along the motion of the plate above, against its own motion over the plate below
     limits = n + support.friction[:, None] * (tangents if side else -tangents)
     stay = ~chosen | sliding
-    loaded = Support(*(part[stay] for part in support[:4]), support.load, support.weight)
+    loaded = support._replace(
+        arms=support.arms[stay], normals=n[stay], friction=support.friction[stay], above=support.above[stay]
+    )
     return _verdict(loaded, limits[sliding], sliding[stay], drag)
 
 
