@@ -8,9 +8,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
+from thirdbody.kernels.close_spots import interact
 from thirdbody.kernels.columns import (
     body,
     body_extra,
+    geometry,
     height_field,
     law_input,
     law_output,
@@ -251,6 +253,8 @@ def limit_slip_reversal(context, active, m, fraction, space):
         t_y = O[law_output.TANGENTIAL_Y * TILE + q]
         if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
             continue
+        if interact(context) and G[geometry.RELIEF * TILE + q] >= I[law_input.OVERLAP * TILE + q]:
+            continue  # relieved wholly: it holds nothing
         k, (_, e, g) = space.slots[q], frame_of(q, G)
         s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
         point = contact_point(q, context.own[k], context.S, G)
