@@ -24,7 +24,7 @@ from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
 from thirdbody.engine.plate_copies import own_patches
 from thirdbody.engine.state import Array, Numbers, State
-from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
+from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
@@ -145,7 +145,7 @@ class Implicit:
         self._tangent, self._pack, self._surface_updates = address(tangents, LAW), Packer(KINDS), surface_updates(state)
         self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
-        self._reported, self._limit = self.memory.copy(), ""  # counters and text of the last `describe_limit`
+        self._reported, self._limit = causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
@@ -239,7 +239,7 @@ class Implicit:
     def restrict(self, first: int, last: int) -> None:
         """Keep the rows of bodies `first` to `last` - 1 before the first step; the state is restricted by `engine.parts`."""
         self.totals, self.memory = self.totals[first:last].copy(), self.memory[first:last].copy()
-        self._reported = self.memory.copy()
+        self._reported = causes(self.memory).copy()
 
     def sum_up(self) -> None:
         """Update the totals of the run from those of its bodies, at a stop that all bodies have reached."""
@@ -362,8 +362,8 @@ class Implicit:
 
     def describe_limit(self) -> str:
         """Return, as text, the most frequent step limit since the last call; empty before the first step."""
-        before, self._reported = self._reported, self.memory.copy()
-        self._limit = in_words(self.memory - before, self.state.order) or self._limit
+        before, self._reported = self._reported, causes(self.memory).copy()
+        self._limit = in_words(self._reported - before, self.state.order) or self._limit
         return self._limit
 
     def mean_time(self) -> float:

@@ -7,14 +7,14 @@ from thirdbody.kernels.columns import step_memory
 from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
 
 
-def _counts(memory: Array) -> Array:
-    """Return the number of steps limited by each cause, over all bodies."""
-    return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)].sum(axis=0)
+def causes(memory: Array) -> Array:
+    """Return the number of steps of each body limited by each cause: a view of these columns."""
+    return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)]
 
 
 def limited_by(memory: Array) -> dict[str, int]:
     """Return the number of steps limited by each cause, most frequent first, without zeros."""
-    counts = _counts(memory)
+    counts = causes(memory).sum(axis=0)
     return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
 
 
@@ -25,13 +25,16 @@ def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
     return {"body": int(order[body]), "steps": int(steps[body])}
 
 
-def in_words(memory: Array, order: np.ndarray) -> str:
-    """Return as text the most frequent cause, its fraction, the body most affected; "" without steps."""
-    counts = _counts(memory)
+def in_words(steps: Array, order: np.ndarray) -> str:
+    """Return as text the most frequent cause, its fraction, the body most affected; "" without steps.
+
+    `steps`: those of each body limited by each cause (`causes`).
+    """
+    counts = steps.sum(axis=0)
     if not counts.sum() > 0.0:
         return ""
     k = int(np.argmax(counts))
     fraction = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
-    if len(memory) == 1 or k >= OF_A_BODY:
+    if len(steps) == 1 or k >= OF_A_BODY:
         return fraction
-    return f"{fraction}, most of them of body {order[int(np.argmax(memory[:, step_memory.LIMITED + k]))]}"
+    return f"{fraction}, most of them of body {order[int(np.argmax(steps[:, k]))]}"

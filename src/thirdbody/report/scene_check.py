@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
 
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
@@ -156,12 +158,25 @@ def _unmeasured(cost: FrameCost) -> list[str]:
 
 
 def memory_of(built: Simulation) -> int:
-    """Return the bytes of the tables of a simulation."""
-    state, slots = built.state, built.state.slots
-    spheres = 0 if state.S is state.B else state.S.nbytes
-    arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence,
-              state.lower_surface, state.upper_surface)  # fmt: skip
-    return int(spheres + sum(array.nbytes for array in arrays))
+    """Return the bytes of all tables of a simulation: of its state, its candidates and its integrator; a table counts once."""
+    tables = [_whole(each) for owner in (built.state, built.integrator) for each in _tables(owner)]
+    return sum({id(each): each.nbytes for each in tables}.values())
+
+
+def _tables(owner: object) -> Iterator[np.ndarray]:
+    """Yield the arrays that an object holds: as attributes, in tuples, and in lists of candidates."""
+    from thirdbody.engine.state import Candidates
+
+    for value in owner if isinstance(owner, tuple) else vars(owner).values():
+        if isinstance(value, np.ndarray):
+            yield value
+        elif isinstance(value, tuple | Candidates):
+            yield from _tables(value)
+
+
+def _whole(array: np.ndarray) -> np.ndarray:
+    """Return the array whose memory a view shows."""
+    return _whole(array.base) if isinstance(array.base, np.ndarray) else array
 
 
 def print_check(report: dict[str, Any]) -> None:
@@ -188,7 +203,8 @@ def _print_costs(report: dict[str, Any]) -> None:
     wall_time = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
     framing = report["estimated_frame_time"]
     frames = f"{report['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
-    print(f"estimated: {wall_time}, {file_size(report['memory'])} of memory, {frames}, {file_size(report['disk'])} on disk")
+    memory = f"{file_size(report['memory'])} of memory ({file_size(report['memory'] / report['bodies'])} a body)"
+    print(f"estimated: {wall_time}, {memory}, {frames}, {file_size(report['disk'])} on disk")
 
 
 def _print_laws(report: dict[str, Any]) -> None:
