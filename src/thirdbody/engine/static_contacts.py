@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thirdbody.engine.state import Array, Ints
 from thirdbody.engine.static_interaction import SpotBending
@@ -72,7 +73,7 @@ class Contacts:
         """Return the history (n, width) of virgin contacts."""
         return np.zeros((len(self.radius), len(self.chain.history)))
 
-    def bending(self, position: Array, upper: Array) -> SpotBending | None:
+    def bending(self, position: Array, upper: NDArray[np.bool_]) -> SpotBending | None:
         """Return how spots at `position` (n, 3) [m] lower the plates under each other; None without an interaction."""
         if self.interaction is None:
             return None

@@ -4,6 +4,7 @@ Kinematics is linear there, so distances of spots stay as they are and no force 
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thirdbody.engine.state import Array
 from thirdbody.kernels.spot_loads import NEAR
@@ -15,7 +16,7 @@ ITERATIONS = 60
 class SpotBending:
     """Spots of a particle that lower the plate under each other: `bend` (n, n) [m/N], `stiffness` (n,) [N/m^(3/2)]."""
 
-    def __init__(self, position: Array, upper: Array, radius: Array, compliance: Array, stiffness: Array) -> None:
+    def __init__(self, position: Array, upper: NDArray[np.bool_], radius: Array, compliance: Array, stiffness: Array) -> None:
         """`compliance` (n,): of the plate of each spot [m2/N]; `stiffness` (n,): force over (R d^3)^(1/2) [Pa]."""
         apart = np.hypot(*(position[:, None, :2] - position[None, :, :2]).transpose(2, 0, 1))
         apart = np.maximum(apart, NEAR * np.minimum(radius[:, None], radius[None]))
