@@ -109,7 +109,7 @@ def test_a_foundation_is_warned_of_every_pair_that_it_presses():
     assert "steel/bronze: expected peak pressure" in warnings and "steel/alumina: expected peak pressure" in warnings
 
 
-def test_hot_spots_are_warned_of_unless_a_measure_tells_how_hot():
+def test_hot_spots_are_warned_of_unless_a_measure_has_them():
     """T = mu F v/(4 a 2 k) with the radius a of Hertz, a^3 = 3 F R/(4 E*); rounding of the overlap in between. 107 K here."""
     glass = 'thermal_conductivity = "1 W/m/K"\nheat_capacity = "460 J/kg/K"\ndensity ='
     hot = scene(("1 mm/s", "20 m/s"), ("density =", glass))
@@ -118,8 +118,8 @@ def test_hot_spots_are_warned_of_unless_a_measure_tells_how_hot():
     a = (3.0 * 1e-5 * radius / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
     assert heat.excess == pytest.approx(0.3 * 1e-5 * 20.0 / (4.0 * a * 2.0), rel=1e-9) and heat.excess > 100.0
     assert heat.peclet == pytest.approx(0.5 * 20.0 * a * 7850.0 * 460.0 / 1.0, rel=1e-9) and not heat.assumed
-    told = [warning for warning in part_warnings(built) if "friction heats a spot of steel/steel by some 107 K" in warning]
-    assert len(told) == 1 and "measures.flash_temperature" in told[0]
+    hot_spots = [warning for warning in part_warnings(built) if "friction heats a spot of steel/steel by some 107 K" in warning]
+    assert len(hot_spots) == 1 and "measures.flash_temperature" in hot_spots[0]
     measured = build(hot.with_settings({"measures.flash_temperature": True}))
     assert not any("friction heats" in warning for warning in part_warnings(measured))
     slow = expected_heat(build(scene()))

@@ -44,15 +44,15 @@ def expected_heat(built: Simulation) -> Heat | None:
     radius = np.full(len(pairs), float(np.median(built.state.spheres.radius)))
     loads = response(built.state.physics, shared * radius, radius, np.arange(len(pairs))).force
     a = math.sqrt(shared) * float(radius[0])
-    found = []
+    heats = []
     for pair, load in zip(pairs, loads, strict=True):
         both = sum(m.thermal_conductivity or CONDUCTIVITY for m in (pair.a, pair.b))
         assumed = any(m.thermal_conductivity is None or m.heat_capacity is None for m in (pair.a, pair.b))
         peclet = 0.5 * speed * a / min(_diffusivity(pair.a), _diffusivity(pair.b))
-        found.append(
+        heats.append(
             Heat(pair.friction * float(load) * speed / (4.0 * a * both), peclet, f"{pair.a.name}/{pair.b.name}", assumed)
         )
-    return max(found)
+    return max(heats)
 
 
 def heat_warnings(built: Simulation) -> list[str]:
