@@ -63,7 +63,9 @@ class CompiledPhysics:
             limited = replace(pair, friction=min(pair.friction, largest))
             mixed = [(law, _mixed(law, limited, self.options[law.name])) for law in self.chain.laws]
             rows.append([x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)])
-        self.physics.pairs[:] = np.array(rows, float).ravel()
+        parameters = np.array(rows, float).ravel()
+        if parameters.size > 0:  # else a scene without pairs, whose table holds zeros
+            self.physics.pairs[:] = parameters
 
 
 def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
