@@ -85,7 +85,11 @@ def test_states_of_explicit_parts_are_those_of_the_whole(changes: dict[str, obje
             assert expected.arrays[name].tobytes() == parts.arrays[name].tobytes(), name
 
 
-@pytest.mark.parametrize("changes", [{}, EXPLICIT], ids=["implicit", "explicit"])
+MEASURED = {"measures.wear": {"law": "energy", "plates": "1e-15 m3/J"}, "measures.cell": "150 um"}
+"""Two cells of each plate, with bodies of both parts: their sums depend on the order of deposits."""
+
+
+@pytest.mark.parametrize("changes", [{}, EXPLICIT, MEASURED], ids=["implicit", "explicit", "implicit, with maps"])
 def test_run_in_parts_has_the_bits_of_the_whole_run(changes: dict[str, object], tmp_path: Path) -> None:
     """Parts in processes of their own; nothing of them is left at the end."""
     given = scene(**changes)
@@ -117,13 +121,14 @@ def test_ranges_cover_all_bodies_once() -> None:
     ("changes", "why"),
     [
         ({"contact.debris_contact": "auto"}, "its bodies may meet each other"),
+        (EXPLICIT | MEASURED, "an explicit run adds up its measures at each search"),
         ({"plates.upper.support": "rigid"}, "all bodies carry one plate together"),
         ({"plates.upper.support": "foundation", "plates.upper.stiffness": "1 N/mm"}, "one foundation together"),
     ],
 )
 def test_scenes_that_cannot_be_cut_are_refused(changes: dict[str, object], why: str, tmp_path: Path) -> None:
     """One message, and nothing is written."""
-    given = scene(**changes, **{"solver.integrator": "auto"})
+    given = scene(**{"solver.integrator": "auto", **changes})
     with pytest.raises(UsageError, match=why):
         thirdbody.run(given, tmp_path / "run", 1, False, parts=2)
     assert not (tmp_path / "run").exists()

@@ -216,7 +216,7 @@ class Implicit:
 
     def _collect(self) -> None:
         """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
-        update_measures(self.state)
+        update_measures(self.state, self.totals[:, run_totals.STEPS])
 
     def _until(self, until: float) -> float:
         """Return the time [s], at most `until`, to which all bodies are advanced next."""

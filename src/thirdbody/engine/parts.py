@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thirdbody.engine.kept_deposits import ROWS, STEPS, KeptDeposits, joined_maps
 from thirdbody.engine.snapshot import Snapshot, restore, snapshot
 from thirdbody.engine.state import State, sides_of, table
+from thirdbody.kernels.columns import run_totals
 from thirdbody.kernels.columns.sides import UPPER
 from thirdbody.kernels.predicates import BASINS
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 
-OF_BODIES = ("B", "E", "M", "X0", "integrator_totals", "integrator_memory")
+OF_BODIES = ("B", "E", "M", "X0", "W", "integrator_totals", "integrator_memory")
 """Arrays of a snapshot with a row per body."""
 
 LEDGERS = "integrator_ledgers"
@@ -77,7 +79,14 @@ def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part
         setattr(state, name, table(*rows.shape) if name in ("B", "E", "S") else np.empty_like(rows))
         getattr(state, name)[:] = rows  # the integrator may list its candidates
     state.S = state.B if united else state.S
+    state.W = begun.arrays.get("W", state.W).copy()
     integrator.restrict(part.first, part.last)
+    if len(state.maps):
+        from thirdbody.engine.implicit import BATCH, Implicit  # explicit runs with measures are not cut
+
+        assert isinstance(integrator, Implicit)
+        state.kept = KeptDeposits(part.first, BATCH, integrator.totals[:, run_totals.STEPS], len(state.maps))
+        begun.arrays |= state.kept.arrays()
     restore(begun, state, integrator, ledger)
 
 
@@ -132,5 +141,8 @@ def join(parts: Sequence[Snapshot], cuts: Sequence[Range], state: State) -> Snap
     )
     for name in ("slots_Q", "slots_H", "slots_R"):
         arrays[name] = np.concatenate([part.arrays[name] for part in parts])
+    if ROWS in arrays:
+        del arrays[ROWS], arrays[STEPS]
+        arrays["maps"] = joined_maps(state.maps, [part.arrays[ROWS] for part in parts], state.world.size)
     searches, plates = (([part.notes[name] for part in parts]) for name in ("searches", "plates"))
     return Snapshot(arrays, first.notes | {"searches": max(searches), "plates": sum(plates)})

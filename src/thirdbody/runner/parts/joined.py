@@ -38,6 +38,10 @@ LEAVE = 30.0
 """Longest wait [s] for the parts to write their checkpoints when a run is interrupted."""
 
 
+EXPLICIT_MEASURES = "an explicit run adds up its measures at each search, which the fastest of all bodies makes due"
+"""Why a run with measures and the explicit integrator is not cut: the last digits of its sums would be others."""
+
+
 @dataclass(frozen=True)
 class Partition:
     """How a run is cut: number of parts, where they are computed, and the files of plug-ins that they need."""
@@ -177,8 +181,9 @@ def cut(simulation: Simulation, number: int, workers: Workers, plugins: Iterable
         raise UsageError(f"parts = {number}: must be at least 1")
     if number == 1:
         return
-    measured = "its measures sum over all bodies" if simulation.choice.measures else ""
-    if why := measured or coupling(simulation.state, simulation.integrator.divisible):
+    explicit = simulation.integrator.divisible
+    measured = EXPLICIT_MEASURES if explicit and simulation.choice.measures else ""
+    if why := measured or coupling(simulation.state, explicit):
         raise UsageError(f"parts = {number}: this scene cannot be cut into parts: {why}")
     simulation.integrator = Joined(simulation, Partition(number, workers, tuple(plugins)))  # type: ignore[assignment]
 
