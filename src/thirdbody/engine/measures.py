@@ -98,10 +98,10 @@ def update_measures(state: State, steps: Array | None = None) -> None:
     if state.physics.measures is None:
         return
     deposits = collect_measures(state)
-    if state.kept is None or steps is None:
+    if state.part_deposits is None or steps is None:
         deposit_on_maps(state, deposits)
     else:
-        state.kept.keep(deposits, steps)
+        state.part_deposits.keep(deposits, steps)
 
 
 def body_amounts(state: State) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.engine.kept_deposits import ROWS, STEPS, KeptDeposits, joined_maps
+from thirdbody.engine.part_deposits import ROWS, STEPS, PartDeposits, joined_maps
 from thirdbody.engine.snapshot import Snapshot, restore, snapshot
 from thirdbody.engine.state import State, sides_of, table
 from thirdbody.kernels.columns import run_totals
@@ -85,8 +85,8 @@ def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part
         from thirdbody.engine.implicit import BATCH, Implicit  # explicit runs with measures are not cut
 
         assert isinstance(integrator, Implicit)
-        state.kept = KeptDeposits(part.first, BATCH, integrator.totals[:, run_totals.STEPS], len(state.maps))
-        begun.arrays |= state.kept.arrays()
+        state.part_deposits = PartDeposits(part.first, BATCH, integrator.totals[:, run_totals.STEPS], len(state.maps))
+        begun.arrays |= state.part_deposits.arrays()
     restore(begun, state, integrator, ledger)
 
 

@@ -42,7 +42,7 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
-    arrays |= state.kept.arrays() if state.kept else {}
+    arrays |= state.part_deposits.arrays() if state.part_deposits else {}
     saved, notes = integrator.export_state()
     arrays |= {f"integrator_{name}": array for name, array in saved.items()}
     arrays |= {name: array for name, array in getattr(integrator, "earlier", {}).items() if name in arrays}
@@ -61,8 +61,8 @@ def restore(captured: Snapshot, state: State, integrator: Explicit | Implicit, l
     for name, array in fixed.items():
         array[:] = captured.arrays[name]
     state.slots = slots
-    if state.kept:
-        state.kept.restore(captured.arrays)
+    if state.part_deposits:
+        state.part_deposits.restore(captured.arrays)
     integrator.restore({name: captured.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
     ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
 
@@ -80,7 +80,7 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
 def _fixed(state: State) -> dict[str, Array]:
     """Return the tables `FIXED` by name."""
     measured = {"W": state.W} if state.physics.measures else {}
-    measured |= {"maps": state.maps} if measured and state.kept is None else {}
+    measured |= {"maps": state.maps} if measured and state.part_deposits is None else {}
     return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B} | measured
 
 

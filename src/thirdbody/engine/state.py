@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.engine.kept_deposits import KeptDeposits
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
+from thirdbody.engine.part_deposits import PartDeposits
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
@@ -206,7 +206,7 @@ class State:
     slots: Candidates
     skin: float
     order: Ints
-    kept: KeptDeposits | None = None  # deposits of a part of a run, for the maps of the whole
+    part_deposits: PartDeposits | None = None  # deposits of a part of a run, for the maps of the whole
     W: Array = field(default_factory=nothing_measured)
     maps: Array = field(default_factory=no_maps)
     dt: float = 0.0

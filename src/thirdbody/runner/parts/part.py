@@ -107,8 +107,8 @@ class Part:
                 integrator.advance_to(end, distance, self._between, self._between)
             if is_output and not files.state_file(self.own, self.reached).exists():
                 files.write_state(self.own, self.reached, self._snapshot())
-            if is_output and self.simulation.state.kept:
-                self.simulation.state.kept.clear(integrator.totals[:, run_totals.STEPS])  # type: ignore[union-attr]
+            if is_output and self.simulation.state.part_deposits:
+                self.simulation.state.part_deposits.clear(integrator.totals[:, run_totals.STEPS])  # type: ignore[union-attr]
             self.reached += 1
             self._between()
         self._save()

@@ -13,11 +13,11 @@ import numpy as np
 
 Array = np.ndarray
 
-ROWS, STEPS = "kept_rows", "kept_steps"
+ROWS, STEPS = "deposit_rows", "deposit_steps"
 """Names in a snapshot: deposits, each behind its batch and step; steps of the bodies up to the last output."""
 
 
-class KeptDeposits:
+class PartDeposits:
     """Deposits since the last output. `first`: number of the first body; `steps` (n,): steps of bodies so far."""
 
     def __init__(self, first: int, batch: int, steps: Array, maps: int) -> None:
