@@ -211,7 +211,7 @@ def gaps_of(k: Tables) -> list[Pass]:
              flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
              [(first_body.plane_overlap, flat), (narrow_phase.pair_overlaps, paired)]),
         Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
-             24 * slots.count, k.closed.nbytes, []),
+             18 * slots.count, k.closed.nbytes, []),
     ]  # fmt: skip
 
 
@@ -305,7 +305,7 @@ def gather_of(k: Tables) -> Pass:
         len(k.moves),
         n,
         "bodies",
-        8 * len(k.moves) + (4 + 8 * 24) * remote,
+        8 * len(k.moves) + (8 + 8 * 32) * remote,
         k.B.nbytes + k.F.nbytes,
         [(gather_forces.add_remote_forces, remote)],
     )

@@ -2,7 +2,8 @@
 
 A step passes through the bodies group by group, and what a group needs stays in the near cache until it is done. So a row of a
 table counts once a step, whatever number of passes use it, and as a whole: it is one or more cache lines. Tiles of contacts and
-the gaps of a group never leave the cache and do not count. Over the bandwidth of a triad, the sum is the least time of a step
+the gaps of a group never leave the cache and do not count; a row of remote forces that is used again within a step counts once.
+Over the bandwidth of a triad, the sum is the least time of a step
 whose tables fit into no near cache.
 """
 
@@ -15,7 +16,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from thirdbody.kernels.columns import body, body_extra, remote_force
+from thirdbody.engine.remote_rows import remote_rows
+from thirdbody.kernels.columns import body, body_extra
 
 READ, WRITTEN = 1, 2
 """Times that a row crosses the border of the cache; one that is written is read first."""
@@ -41,17 +43,17 @@ def moved(state: Any) -> list[Moved]:
     slots = state.slots
     closed, spheres = slots.closed == 1, state.B[:, body.SPHERE_INERTIA] != 0.0
     clumps, placed = int((~spheres).sum()), int(np.diff(slots.beginning)[~spheres].sum())
-    touching, from_afar = int(closed.sum()), int((closed & (slots.outer >= 0)).sum())
+    touching, rows = int(closed.sum()), len(np.unique(remote_rows(slots, state.body, 1)))
     tables = [
         Moved("bodies", state.n_bodies, 8 * body.WIDTH, WRITTEN),
         Moved("bodies of several spheres", clumps, 8 * body_extra.WIDTH_WITHOUT_EFFECTS, WRITTEN),
         Moved("spheres of their own", 0 if state.S is state.B else placed, state.S[:1].nbytes, WRITTEN),
         Moved("their places in the body", placed, state.offsets[:1].nbytes, READ),
         Moved("histories of contacts", touching, slots.H[:1].nbytes, WRITTEN),
-        Moved("remote forces written", from_afar, 8 * remote_force.WIDTH_WITHOUT_NORMAL_LOSS, WRITTEN),
-        Moved("remote forces read", len(slots.remote_body), slots.F[:1].nbytes + 4, READ),
+        Moved("remote forces", rows, slots.F[:1].nbytes, WRITTEN),
+        Moved("lists: rows and bodies of remote forces", len(slots.remote_body), 8, READ),
         Moved("lists: owner and partner", slots.count, 8, READ),
-        Moved("lists: in contact", slots.count, 4, WRITTEN),
+        Moved("lists: in contact", slots.count, slots.closed.itemsize, WRITTEN),
         Moved("lists: material, row of the remote force", touching, 8, READ),
         Moved("lists: body of a sphere", 0 if state.S is state.B else 2 * touching, 8, READ),
     ]

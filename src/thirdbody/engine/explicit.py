@@ -12,7 +12,8 @@ from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
-from thirdbody.engine.state import Array, Candidates, State, refresh_spheres, table, unite
+from thirdbody.engine.remote_rows import remote_rows
+from thirdbody.engine.state import Array, Candidates, Numbers, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
@@ -155,7 +156,18 @@ class Explicit:
         self.sums = np.zeros((2 * -(-chunks // contact_pass.GROUP), contact_sums.WIDTH))
         self.moved = np.zeros(len(self.sums) // 2, np.int32)
         self.moves = np.zeros((chunks, chunk_motion.WIDTH))
+        self.rows_of_parts: dict[int, tuple[Numbers, Numbers]] = {}
         self._scratch(numba.get_num_threads())
+
+    def _remote_rows(self, threads: int) -> tuple[Numbers, Numbers]:
+        """Return the rows of F by candidate (-1: none) and by remote force, on so many threads."""
+        slots, parts = self.state.slots, step_loop.parts_of.py_func(len(self.moved), threads)
+        if parts not in self.rows_of_parts:
+            rows = remote_rows(slots, self.state.body, parts)
+            outer = slots.outer.copy()
+            outer[outer >= 0] = rows[outer[outer >= 0]]
+            self.rows_of_parts[parts] = outer, rows
+        return self.rows_of_parts[parts]
 
     def _scratch(self, threads: int) -> None:
         """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
@@ -175,7 +187,7 @@ class Explicit:
         threads = self.pace.threads(numba.get_num_threads(), began)
         if len(self.scratch) < step_loop.PARTS_PER_THREAD * threads:
             self._scratch(threads)
-        answer = step_loop.advance(budget, time, distance, dt, threads, self._context())
+        answer = step_loop.advance(budget, time, distance, dt, threads, self._context(threads))
         self.sum_up()
         now, busy = clocks()
         done = int(s.A[run_totals.STEPS] - before)
@@ -184,13 +196,14 @@ class Explicit:
         refresh_spheres(s)  # the kernel updates only spheres with candidates
         return answer
 
-    def _context(self) -> Array:
-        """Return the packed kernel arguments."""
+    def _context(self, threads: int = 1) -> Array:
+        """Return the packed kernel arguments for so many threads."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
+        outer, rows = self._remote_rows(threads)
         given = Context(  # type: ignore[call-arg]
-            slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
-            slots.beginning, slots.remote_body, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
-            s.S, s.B, s.E, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
+            slots.own, slots.partner, slots.kind, outer, slots.edges, slots.incidence, slots.near, slots.beginning,
+            slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0,
+            s.patch, s.S, s.B, s.E, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots, physics.loss_column,

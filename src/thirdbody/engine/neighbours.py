@@ -57,12 +57,12 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
     flat, paired = np.searchsorted(owner_body[:n_plates], chunks), n_plates + np.searchsorted(owner_body[n_plates:], chunks)
     cuts = flat, paired, np.searchsorted(remote_body // BODIES * BODIES, chunks)
     return Candidates(
-        own=own, partner=partner, kind=kinds_of(state, own, partner), closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int32),
+        own=own, partner=partner, kind=kinds_of(state, own, partner), closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int8),
         outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)), edges=spheres[state.start], incidence=incidence,
         near=np.flatnonzero(can_touch).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
         cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q, H=H,
-        F=np.zeros((len(remote_body), remote_columns(state.physics))), R=R,
+        F=table(len(remote_body), remote_columns(state.physics)), R=R,
     )  # fmt: skip
 
 

@@ -117,10 +117,10 @@ class Candidates:
     """Sorted candidate contacts, those with plates first.
 
     Q: closest points of rough plates, one row per candidate with a plate, or no rows. H: history, one row per candidate.
-    R: record of the last observed step, or no rows. F: remote forces. `closed` (n,): 1: in contact; 2: in contact one step ago.
+    R: record of the last observed step, or no rows. F: remote forces. `closed` (n,): 1: in contact, else 0.
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
     `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): row of F for the force on the partner's body, number `remote_body`; -1: both bodies are in one group.
+    `outer` (n,): number of the remote force on the partner's body, `remote_body`; -1: both bodies are in one group.
     `cuts` (3, chunks + 1): see `kernels.rigid_body`. `lowest` (groups,): first group whose contacts act on bodies of the group.
     `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
     """
@@ -128,7 +128,7 @@ class Candidates:
     own: Numbers
     partner: Numbers
     kind: Numbers
-    closed: Numbers
+    closed: NDArray[np.int8]
     outer: Numbers
     edges: Numbers
     incidence: Numbers
@@ -301,7 +301,9 @@ def empty_slots(memory: int, record: int) -> Candidates:
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_NORMAL_LOSS)), np.zeros((0, record))
     Q = np.zeros((0, surface_contact.WIDTH))
-    return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R)
+    return Candidates(
+        none, none, none, none.astype(np.int8), none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R
+    )  # fmt: skip
 
 
 def memory_columns(physics: Physics) -> int:

@@ -26,6 +26,7 @@ _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _SPLIT = ir.IntType(32)
 _BITS = ir.VectorType(ir.IntType(64), LANES)
 _SHORTS = ir.VectorType(_SPLIT, LANES)
+_BYTES = ir.VectorType(ir.IntType(8), LANES)
 _POSITIONS = [_SHORTS([*(q for q in range(LANES) if bits >> q & 1), *[0] * (LANES - bits.bit_count())]) for bits in range(16)]
 
 
@@ -295,19 +296,16 @@ def flush_below(typing: Any, v: Any, minimum: Any) -> Any:
 def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
     """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7).
 
-    The latter are not positive though `closed[k:k + 4]` was not 0. Updates `closed`: 1 where v is positive; 2 where it is not but
-    `closed` was 1; else 0.
+    The latter are not positive though `closed[k:k + 4]`, bytes, was not 0. Sets `closed` to 1 where v is positive, else to 0.
     """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = _number(context, builder, sig.args[1], args[1], _index(context, builder, sig, args, range(2, 3)))
-        pointer = builder.bitcast(pointer, _SHORTS.as_pointer())
-        was, none, one = builder.load(pointer, align=4), _SHORTS([0] * LANES), _SHORTS([1] * LANES)
-        on = builder.fcmp_ordered(">", args[0], _VECTOR([0.0] * LANES))
-        before = builder.shl(builder.and_(was, one), one)
-        builder.store(builder.select(on, one, before), pointer, align=4)
-        initial_gap = builder.and_(builder.icmp_unsigned("!=", was, none), builder.not_(on))
-        bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, initial_gap)]
+        pointer = builder.bitcast(pointer, _BYTES.as_pointer())
+        was, on = builder.load(pointer, align=1), builder.fcmp_ordered(">", args[0], _VECTOR([0.0] * LANES))
+        builder.store(builder.zext(on, _BYTES), pointer, align=1)
+        opened = builder.and_(builder.icmp_unsigned("!=", was, _BYTES([0] * LANES)), builder.not_(on))
+        bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, opened)]
         return builder.or_(bits[0], builder.shl(bits[1], ir.IntType(64)(LANES)))
 
     return types.int64(v, closed, k), make

@@ -74,9 +74,9 @@ def pair_overlaps(first, last, context, box, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates within reach, and those that ceased to within the last two steps.
+    """List the candidates within reach, and those that were until the last step.
 
-    Returns both numbers. `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is
+    Returns both numbers. `closed`: 1 for those within reach, else 0. The list of the active ones is
     padded with the last of them as far as it is read ahead; all else after the ends of the lists is undefined.
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
@@ -88,9 +88,9 @@ def compact_active(first, last, g, closed, touching, opened):
     for k in range(fours, last):
         on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
         touching[m], opened[o] = k, k
-        closed[k] = on + 2 * (was & 1) * (1 - on)
+        closed[k] = on
         m += on
-        o += np.int64(was != 0) * (1 - on)
+        o += was * (1 - on)
     for e in range(m, m + SPARE - 1):
         touching[e] = touching[max(m - 1, 0)]
     return m, o
@@ -113,9 +113,9 @@ def compact_rough(first, last, context, reach, touching, opened):
                 on = np.int64(minima & 1 != 0 and first_body.surface_overlap(e, context) + reach > 0.0)
                 was = np.int64(closed[e])
                 touching[m], opened[o] = e, e
-                closed[e] = on + 2 * (was & 1) * (1 - on)
+                closed[e] = on
                 m += on
-                o += np.int64(was != 0) * (1 - on)
+                o += was * (1 - on)
             rows, minima, e = rows >> 1, minima >> 1, e + 1
         k += 1 if flat else BASINS
     for e in range(m, m + SPARE - 1):

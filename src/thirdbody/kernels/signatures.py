@@ -30,7 +30,8 @@ MEASURE = types.void(types.NamedUniTuple(types.float64, len(ContactStep._fields)
 _S2 = types.Array(types.int32, 2, "C")
 KINDS: Kinds = {
     # candidates and their schedule (`engine.state`)
-    **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "remote_body"), _S1),
+    **dict.fromkeys(("own", "partner", "kind", "outer", "edges", "incidence", "near", "beginning"), _S1),
+    "remote_body": _S1, "remote_row": _S1, "closed": types.Array(types.int8, 1, "C"),
     "cuts": _S2, "lowest": _S1, "needs": _S1,
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,

@@ -1,4 +1,4 @@
-"""Forces of contacts between two groups on their partners, in this step; zero for open contacts."""
+"""Forces of contacts between two groups on their partners, in this step; zero for open contacts, and once they are added."""
 
 from thirdbody.kernels.columns.table import Table
 

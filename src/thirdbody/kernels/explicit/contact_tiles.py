@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import broadcast, set4, store
+from thirdbody.jit.simd import store
 from thirdbody.kernels.columns import body, law_output, remote_force
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import (
@@ -56,8 +56,7 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
 def end_contacts(n, opened, context, tile):
     """End the contacts opened[:n] that were closed; return the energy that they lost [J].
 
-    The loss is in the tile if `contact_dissipation` books it, else in the history (`contact_history.spring_energy`). A contact
-    that opened one step ago stores no energy, but its remote force row must be cleared.
+    The loss is in the tile if `contact_dissipation` books it, else in the history (`contact_history.spring_energy`).
     """
     partner, body_of, outer, B = context.partner, context.body, context.outer, context.B
     total = 0.0
@@ -71,9 +70,7 @@ def end_contacts(n, opened, context, tile):
         fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
         B[body_of[context.own[k]], body.FRICTION_WORK] += fraction
         if outer[k] >= 0:
-            store_remote_force(outer[k], set4(0.0, 0.0, 0.0, fraction), broadcast(0.0), context.F)
-            if context.loss_column >= 0:
-                context.F[outer[k], remote_force.NORMAL_LOSS] = 0.0
+            context.F[outer[k], remote_force.FRICTION_WORK] = fraction
         elif is_sphere(partner[k]):
             B[body_of[partner[k]], body.FRICTION_WORK] += fraction
     return total

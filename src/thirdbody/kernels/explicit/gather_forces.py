@@ -47,14 +47,20 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 
 @njit(**BARE)
-def add_remote_forces(first, last, remote_body, F, B, E):
-    """Add the remote forces, rows first to last of F, to their partners, in that order."""
+def add_remote_forces(first, last, context):
+    """Add the remote forces first to last to their partners, in that order, and clear their rows of F for the next contacts."""
+    B, E, F, remote_body, none = context.B, context.E, context.F, context.remote_body, broadcast(0.0)
     for f in range(first, last):
         prefetch(B, np.uint64(remote_body[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
-        add_force(np.uint64(remote_body[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
+        row = np.uint64(context.remote_row[f])
+        add_force(np.uint64(remote_body[f]), B, load(F, row, remote_force.FORCE), load(F, row, remote_force.TORQUE))
+        store(F, row, remote_force.FORCE, none)
+        store(F, row, remote_force.TORQUE, none)
     if F.shape[1] > remote_force.WIDTH_WITHOUT_NORMAL_LOSS:
         for f in range(first, last):
-            E[remote_body[f], body_extra.NORMAL_LOSS] += F[f, remote_force.NORMAL_LOSS]
+            row = np.uint64(context.remote_row[f])
+            E[remote_body[f], body_extra.NORMAL_LOSS] += F[row, remote_force.NORMAL_LOSS]
+            F[row, remote_force.NORMAL_LOSS] = 0.0
 
 
 @njit(**BARE_CHUNK)
@@ -66,7 +72,7 @@ def gather_forces(c, context, step, effects):
     """
     B, E, cuts, has_effects = context.B, context.E, context.cuts, context.has_effects != 0
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context.remote_body, context.F, B, E)
+    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context)
     context.moves[c, chunk_motion.EFFECT_POWER] = 0.0
     if has_effects or step.record:
         closing_kick(first, last, B, E, step.dt)

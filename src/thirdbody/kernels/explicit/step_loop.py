@@ -182,6 +182,12 @@ def run_parallel(parts, task, count, step, packed, work):
         work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, step, packed)
 
 
+@njit(**BARE)
+def parts_of(groups, threads):
+    """Return the number of parts of a pass over so many groups."""
+    return min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
+
+
 @njit(**BARE_CHUNK)
 def run(budget, until, distance, dt, threads, packed):
     """Make the steps of `advance`; also return 1 if the closing kick of the last one is pending, else 0."""
@@ -189,7 +195,7 @@ def run(budget, until, distance, dt, threads, packed):
     P, D, A, schedule, first = context.P, context.D, context.A, context.schedule, context.first
     work = work_at(context.work)
     groups = context.lowest.shape[0]
-    parts = min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
+    parts = parts_of(groups, threads)
     whole = parts == 1 or context.remote_body.shape[0] == 0
     context.moved[:] = 0
     pending = 0.0

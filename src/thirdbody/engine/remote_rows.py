@@ -1,0 +1,48 @@
+"""Rows of the table of remote forces: a row is used again as soon as its force was added, so that the table stays in the cache.
+
+The groups of a part are handled one after the other. The contacts of a group write their forces on bodies of later groups; a
+group adds what it got after its own contacts, and from then on these rows are free for the next groups. Where contacts of another
+part act on a group, it adds them late: nobody else uses their rows.
+"""
+
+import numpy as np
+
+from thirdbody.engine.state import Candidates, Numbers
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.rigid_body import BODIES
+
+
+def remote_rows(slots: Candidates, body: np.ndarray, parts: int) -> Numbers:
+    """Return the row of F of every remote force, in the order of `remote_body`, where a pass has so many parts.
+
+    `body`: of every sphere. Which rows are used changes no bit of a run: forces are added in the order of `remote_body`.
+    """
+    groups, size = len(slots.lowest), BODIES * GROUP
+    senders = np.flatnonzero(slots.outer >= 0)
+    sender = np.empty(len(slots.remote_body), np.int64)
+    sender[slots.outer[senders]] = body[slots.own[senders]] // size
+    receiver = slots.remote_body.astype(np.int64) // size
+    begins = np.arange(parts + 1) * groups // parts
+    begin = np.repeat(begins[:-1], np.diff(begins))  # of the part of each group
+    alone = (slots.lowest >= begin)[receiver]
+    rows = np.empty(len(sender), np.int32)
+    rows[~alone] = np.arange(np.count_nonzero(~alone))
+    used = int(np.count_nonzero(~alone))
+    sent, received = _by_group(np.where(alone, sender, groups), groups), _by_group(np.where(alone, receiver, groups), groups)
+    free = np.empty(0, np.int32)
+    for g in range(groups):
+        if g == begin[g]:
+            free = free[:0]  # other parts run at the same time
+        count = len(sent[g])
+        again = min(count, len(free))
+        rows[sent[g][:again]], free = free[len(free) - again :], free[: len(free) - again]
+        rows[sent[g][again:]] = np.arange(used, used + count - again)
+        used += count - again
+        free = np.concatenate((free, rows[received[g]]))
+    return rows
+
+
+def _by_group(group: np.ndarray, groups: int) -> list[np.ndarray]:
+    """Return the numbers of the remote forces of each group, in order; group number `groups` is left out."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.searchsorted(group[order], np.arange(1, groups + 1)))[:groups]
