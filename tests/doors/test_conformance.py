@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from thirdbody.laws.conformance.spots import check_spots
 from thirdbody.laws.conformance.suite import Finding, check, report
-from thirdbody.laws.contract import Law
+from thirdbody.laws.contract import Law, SpotInteraction
 from thirdbody.laws.registry import discover, load_file
 
 HERE = Path(__file__).parent
@@ -87,3 +90,28 @@ def test_the_report_has_failures_first_and_counts_them():
     lines = report(findings).splitlines()
     assert lines[1].split() == ["FAIL", "bad", "swap", "tx", "differs"]
     assert lines[-1] == "2 laws, 2 tests, 1 failed"
+
+
+CLOSE_SPOTS = [effect for effect in discover().effects.values() if isinstance(effect, SpotInteraction)]
+
+
+@pytest.mark.parametrize("effect", CLOSE_SPOTS, ids=lambda effect: effect.name)
+def test_our_interactions_of_spots_conform(effect):
+    findings = check_spots(effect)
+    assert len(findings) == 4 and not failed(findings), report(findings)
+
+
+@pytest.mark.parametrize(
+    ("changes", "test"),
+    [
+        ({"source": " "}, "declaration"),
+        ({"compliance": lambda material, options: float("nan")}, "parameters"),
+        ({"compliance": lambda material, options: -1e-12}, "parameters"),
+        ({"stiffness": lambda pair, options: 1e11}, "stiffness"),
+        ({"compliance": lambda material, options: 1.0 / (2.0 * math.pi * material.shear_modulus)}, "compliance"),
+        ({"compliance": lambda material, options: options["none"]}, "parameters"),
+    ],
+    ids=["source", "nan", "negative", "stiffness", "too soft", "raises"],
+)
+def test_the_suite_finds_what_is_wrong_with_an_interaction(changes, test):
+    assert test in failed(check_spots(replace(CLOSE_SPOTS[0], **changes)))

@@ -327,10 +327,11 @@ def laws_report(registry: Registry, json: bool) -> None:
 
 
 def conformance_report(files: Sequence[Path], json: bool) -> None:
-    """Run the conformance suite on the contact laws of plug-in files. Raises UsageError if one fails."""
+    """Run the conformance suite on the contact laws and interactions of plug-in files. Raises UsageError if one fails."""
     from thirdbody.errors import UsageError
+    from thirdbody.laws.conformance.spots import check_spots
     from thirdbody.laws.conformance.suite import check, report
-    from thirdbody.laws.contract import Law
+    from thirdbody.laws.contract import Law, SpotInteraction
     from thirdbody.laws.registry import load_file
 
     findings = []
@@ -339,6 +340,8 @@ def conformance_report(files: Sequence[Path], json: bool) -> None:
         laws = {law.name: law for family in plugin.families for level in family.levels.values() for law in level}
         laws |= {effect.name: effect for effect in plugin.effects if isinstance(effect, Law)}
         findings += check(laws.values())
+        for effect in plugin.effects:
+            findings += check_spots(effect) if isinstance(effect, SpotInteraction) else []
     if json:
         print_json([finding.__dict__ for finding in findings])
     else:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.codegen.laws import compose
-from thirdbody.laws.contract import Law, Material, Option, Pair
+from thirdbody.laws.contract import Law, Material, Option, Pair, SpotInteraction
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.mindlin import MINDLIN
 
@@ -62,7 +62,7 @@ class Setting(NamedTuple):
     radius: float
 
 
-def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
+def option_sets(law: Law | SpotInteraction) -> list[tuple[str, dict[str, Any]]]:
     """Return values for the law's options: typical ones, then all at their lower and upper ends where these are finite."""
     sets: list[tuple[str, dict[str, Any]]] = []
     for label in ("", "lowest", "highest"):
