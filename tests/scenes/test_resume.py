@@ -57,6 +57,14 @@ CASES: dict[str, tuple[str, dict[str, str]]] = {
         "yielding_debris",
         {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.1 um", "solver.integrator": "explicit"},
     ),
+    "close_spots": (
+        "sheared_debris",
+        {"debris.0.count": "600", "solver.distance": "0.2 um", "output.every": "0.1 um", "effects.close_spots": {}},
+    ),
+    "close_spots implicit": (
+        "sheared_debris",
+        ALONE | {"debris.0.count": "600", "solver.distance": "2 um", "output.every": "1 um", "effects.close_spots": {}},
+    ),
     "fretting_rig": ("fretting_rig", {"debris.0.count": "600", "solver.duration": "2 ms", "output.every": "1 ms"}),
 }  # fmt: skip
 
@@ -81,10 +89,11 @@ def cut(name: str, folder: Path, watches: int) -> bool:
     return False
 
 
-FLOWING = {"yielding_debris", "yielding_debris explicit"}
+LONG = {"yielding_debris", "yielding_debris explicit", "close_spots", "close_spots implicit"}
+"""Cases that compile kernels of their own."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in FLOWING)) for name in CASES])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CASES])
 def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
     reference = prepare(scene_of(name))
     execute(reference, tmp_path / "whole")
