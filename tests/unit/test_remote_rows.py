@@ -1,12 +1,16 @@
 """Rows of remote forces: two forces share a row only if the first was added before the second is written, by the same thread."""
 
+import importlib
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from thirdbody.engine import explicit
+from thirdbody.engine import remote_rows as module
 from thirdbody.engine.neighbours import _between_groups
-from thirdbody.engine.remote_rows import remote_rows
+from thirdbody.engine.remote_rows import FEW, remote_rows
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 
@@ -16,7 +20,7 @@ SIZE, GROUPS = GROUP * BODIES, 23
 def pairs_of_a_bed(rng):
     """Pairs in a periodic bed: most partners are at most two groups behind the owner, some are a whole domain away."""
     n = GROUPS * SIZE - 100
-    one = np.sort(rng.integers(0, n, 4000))
+    one = np.sort(rng.integers(0, n, 12000))
     other = np.minimum(one + rng.integers(1, 2 * SIZE, one.size), n - 1)
     across = rng.uniform(size=one.size) < 0.05
     other[across] = np.maximum(one[across], n - 1 - one[across] % SIZE)
@@ -30,7 +34,7 @@ def test_no_row_is_written_before_its_last_force_was_added(parts):
     own = np.arange(len(one), dtype=np.int32)
     slots = SimpleNamespace(own=own, outer=outer, remote_body=remote_body, lowest=lowest)
     rows = remote_rows(slots, one, parts)
-    assert rows.min() == 0 and rows.max() + 1 == len(np.unique(rows))  # none is left out
+    assert len(rows) > FEW and rows.min() == 0 and rows.max() + 1 == len(np.unique(rows))  # none is left out
     sender, receiver = np.empty(len(rows), int), remote_body // SIZE
     sender[outer[outer >= 0]] = one[outer >= 0] // SIZE
     part = np.searchsorted(np.arange(1, parts + 1) * GROUPS // parts, np.arange(GROUPS), side="right")
@@ -43,3 +47,21 @@ def test_no_row_is_written_before_its_last_force_was_added(parts):
             assert not late[users].any() and len(set(part[sender[users]])) == 1
             assert np.all(sender[users][1:] > receiver[users][:-1])
     assert parts > 1 or len(np.unique(rows)) < len(rows) / 3
+
+
+def test_rows_that_are_used_again_change_no_bit(monkeypatch):
+    """A layer of six groups, on one and on two threads, with rows of their own and with rows that are used again."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "bench")
+    scenes, ours = (importlib.import_module(name) for name in ("peers_scenes", "ours"))
+    start, states, used = scenes.start_of("S", scenes.generated(3000)), [], []
+    for few, threads in ((10**9, 1), (0, 1), (0, 2)):
+        monkeypatch.setattr(module, "FEW", few)
+        monkeypatch.setattr(explicit.ThreadTuner, "threads", lambda *_, count=threads: count)
+        simulation = scenes.simulation_of(start)
+        ours.advance(simulation, 150)  # several searches
+        state = simulation.state
+        states.append((state.B.tobytes(), state.slots.H.tobytes(), state.A.tobytes()))
+        used.append(len(np.unique(remote_rows(state.slots, state.body, threads))) / len(state.slots.remote_body))
+        assert not state.slots.F.any()  # every force was added, and its row cleared
+    assert states[1] == states[0] and states[2] == states[0]
+    assert used[0] == 1.0 and used[1] < 0.8

@@ -164,9 +164,7 @@ class Explicit:
         slots, parts = self.state.slots, step_loop.parts_of.py_func(len(self.moved), threads)
         if parts not in self.rows_of_parts:
             rows = remote_rows(slots, self.state.body, parts)
-            outer = slots.outer.copy()
-            outer[outer >= 0] = rows[outer[outer >= 0]]
-            self.rows_of_parts[parts] = outer, rows
+            self.rows_of_parts[parts] = np.append(rows, np.int32(-1))[slots.outer], rows
         return self.rows_of_parts[parts]
 
     def _scratch(self, threads: int) -> None:
