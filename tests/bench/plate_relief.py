@@ -31,7 +31,8 @@ def main() -> None:
     force, overlap = slots.R[rows, record.NORMAL_FORCE], slots.R[rows, record.OVERLAP]
     owner = state.body[slots.own[rows]]
     place = (slots.R[rows, record.POINT3] + state.bodies.position[owner])[:, :2]
-    plate = next(m for name, m in scene.materials.items() if name == scene.plates.lower.material)
+    assert scene.plates.lower is not None
+    plate = scene.materials[scene.plates.lower.material]
     c = (1.0 - plate.poisson_ratio) / (2.0 * np.pi * plate.shear())
     size = np.array(scene.domain.size)
     apart = place[:, None] - place[None]
