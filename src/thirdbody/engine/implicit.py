@@ -85,7 +85,7 @@ class Accuracy:
     """
 
     tolerance: float = 5e-4
-    radii: float = 2.0
+    radii: float = 20.0
     largest_step: float = math.inf
     growth: float = 2.0
     inertia: bool = True

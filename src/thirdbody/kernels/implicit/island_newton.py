@@ -16,9 +16,8 @@ from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at
 from thirdbody.kernels.implicit.newton import (
     ACCEPTED,
+    CONTRACTS,
     CONVERGED,
-    HALVINGS,
-    LEAPS,
     Outcome,
     euclidean_norm,
     force_scale,
@@ -33,6 +32,9 @@ from thirdbody.kernels.implicit.residual import active_contacts, residual, set_c
 
 ITERATIONS = 16
 """Maximum iterations: more than for one body (`newton.ITERATIONS`), since a shorter step is one of all bodies of the island."""
+
+HALVINGS, LEAPS = 1, 2
+"""Halvings of one correction, and corrections accepted although the residual grows, as `newton.LEAPS`."""
 
 
 @njit(**BARE_CHUNK)
@@ -157,14 +159,17 @@ def newton_of_island(context, island, motion, pool):
             return Outcome.SOLVED, m, iterations
         if not better or iterations == ITERATIONS:
             return (Outcome.SOLVED if nearly else Outcome.UNSOLVED), m, iterations
-        last = iterations > 0 and part == 1.0 and now * now <= enough * size
+        contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
+        last = contracts and now * now <= enough * size
+        if contracts:
+            solve_correction(island, pool)
+            if all_settled(context, island, pool):
+                return Outcome.SOLVED, m, iterations
         size, halvings = now, 0
         if not last:
             assemble_island(context, island, m, dt, False, pool)
             if not factorise_band(pool.band, pool.pivots, unknowns, island.half_width):
                 return Outcome.UNSOLVED, m, iterations
-        solve_correction(island, pool)
-        if last and all_settled(context, island, pool):
-            return Outcome.SOLVED, m, iterations
+            solve_correction(island, pool)
         iterations += 1
         part = whole = 1.0 if last else limited_part(context, island, m, pool)

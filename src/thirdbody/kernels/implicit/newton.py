@@ -45,14 +45,19 @@ error of a step."""
 ROUNDING = 1e-15
 """Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
 
-SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-8
+SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-2, 1e-5, 1e-6
 """With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step and SETTLED_RADII
-contact radii, where the residual is at most SETTLED_FORCE of all forces. Not with body effects: the Jacobian leaves them out."""
+contact radii, where the residual is at most SETTLED_FORCE of all forces. 1000 clumps that slide 100 um take 20 % fewer evaluations
+than with a tenth of the correction and a hundredth of the force, and the error of their friction work is the same."""
 
-ITERATIONS, HALVINGS, LEAPS = 10, 1, 2
-"""Maximum iterations (beyond that, two half steps are cheaper), halvings of one correction, and corrections accepted although the
-residual grows: where contacts change between stick and slip, Newton's method has to overshoot once to reach the other branch.
-Steps that fail cost most: with 16, 2, 4 sliding bodies took 9 % more evaluations in as many steps."""
+CONTRACTS = 0.1
+"""Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what the Jacobian
+leaves out (body effects, turning frames) is then small beside it."""
+
+ITERATIONS, LEAPS = 10, 4
+"""Maximum iterations (beyond that, two half steps are cheaper), and corrections accepted although the residual grows: where
+contacts change between stick and slip, Newton's method has to overshoot to reach the other branch. Corrections are not halved
+instead: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer evaluations."""
 
 OVERLAP_GROWTH = 0.5
 """Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
@@ -270,11 +275,11 @@ def limit_slip_reversal(context, active, m, fraction, space):
 
 @njit(**BARE)
 def is_settled(context, now, scale, space):
-    """Return whether `space.correction` is negligible, of coordinates where the residual is `now` [N]."""
+    """Return whether `space.correction`, of coordinates where the residual is `now` [N], is negligible."""
     V = context.settings
     allowed = min(SETTLED * V[step_settings.TOLERANCE], SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
-    exact = V[step_settings.INERTIAL] != 0.0 and context.has_effects == 0
-    return exact and now <= SETTLED_FORCE * scale and euclidean_norm(space.correction) <= allowed
+    inertial = V[step_settings.INERTIAL] != 0.0
+    return inertial and now <= SETTLED_FORCE * scale and euclidean_norm(space.correction) <= allowed
 
 
 @njit(**BARE)
@@ -286,56 +291,55 @@ def limit_correction(context, active, m, space):
 
 
 @njit(**BARE)
+def solve_with_factors(space):
+    """Solve for the correction at the residual with the factors of a Jacobian."""
+    for k in range(FREEDOMS):
+        space.correction[k] = space.residual[k]
+    substitute(space.jacobian, space.pivots, space.correction, FREEDOMS)
+
+
+@njit(**BARE)
 def newton(context, active, motion, space):
     """Solve for the coordinates, from a guess in `space.y`; return outcome, contacts, iterations.
 
-    Where the next correction is expected to be the last one, by the reduction of the residual in the last one, it is computed
-    with the factors of the last Jacobian: a third of all Jacobians.
+    Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
+    expected to be the last one, they also give it.
     """
-    y, r, x, dt = space.y, space.residual, space.correction, motion.dt
-    size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
+    y, r, dt = space.y, space.residual, motion.dt
+    size, part, leaps, iterations, m = 1e300, 0.0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
-        x[k] = 0.0
+        space.correction[k] = 0.0
     while True:
         for k in range(FREEDOMS):
-            space.trial[k] = y[k] + part * x[k]
-        set_configuration(context, active, space.trial, dt)
-        m = active_contacts(context, active, space.trial, motion, space)
+            y[k] += part * space.correction[k]
+        set_configuration(context, active, y, dt)
+        m = active_contacts(context, active, y, motion, space)
         if m < 0:
             return Outcome.CROWDED, m, iterations
-        residual(context, active, m, space.trial, motion, space)
-        now, scale = euclidean_norm(r), force_scale(context, active, space.trial, dt, space.diagnostics)
+        residual(context, active, m, y, motion, space)
+        now, scale = euclidean_norm(r), force_scale(context, active, y, dt, space.diagnostics)
         minimum = rounding_force(context, active, space.diagnostics)
         enough = max(CONVERGED * scale, minimum)
         if not now < 1e300:
             return Outcome.UNSOLVED, m, iterations
-        better = now < (1.0 - 1e-4 * part) * size
-        if not better and halvings < HALVINGS:
-            halvings, part = halvings + 1, 0.5 * part
-            continue
-        if not better and halvings == HALVINGS and leaps < LEAPS and now > enough:
-            # at a stick-slip transition no fraction of the correction helps; the full one changes the branch
-            halvings, leaps, part = halvings + 1, leaps + 1, whole
-            continue
-        better = better or halvings > HALVINGS
-        for k in range(FREEDOMS):
-            y[k] = space.trial[k]
         if now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space):
             return Outcome.SOLVED, m, iterations
-        if not better or iterations == ITERATIONS:
+        better = now < (1.0 - 1e-4 * part) * size
+        if (not better and leaps == LEAPS) or iterations == ITERATIONS:
             # laws with corners do not converge to the last digits
             converged = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
             return (Outcome.SOLVED if converged else Outcome.UNSOLVED), m, iterations
-        last = iterations > 0 and part == 1.0 and now * now <= enough * size
-        size, halvings = now, 0
+        leaps += 0 if better else 1
+        contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
+        last = contracts and now * now <= enough * size
+        if contracts:
+            solve_with_factors(space)
+            if is_settled(context, now, scale, space):
+                return Outcome.SOLVED, m, iterations
         if not last:
             assemble_jacobian(context, active, m, dt, False, space)
             if not factorise(space.jacobian, space.pivots, FREEDOMS):
                 return Outcome.UNSOLVED, m, iterations
-        for k in range(FREEDOMS):
-            x[k] = r[k]
-        substitute(space.jacobian, space.pivots, x, FREEDOMS)
-        if last and is_settled(context, now, scale, space):
-            return Outcome.SOLVED, m, iterations
-        iterations += 1
-        part = whole = 1.0 if last else limit_correction(context, active, m, space)
+            solve_with_factors(space)
+        size, iterations = now, iterations + 1
+        part = 1.0 if last else limit_correction(context, active, m, space)
