@@ -16,7 +16,6 @@ from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at
 from thirdbody.kernels.implicit.newton import (
     ACCEPTED,
-    CONTRACTS,
     CONVERGED,
     Outcome,
     euclidean_norm,
@@ -159,17 +158,14 @@ def newton_of_island(context, island, motion, pool):
             return Outcome.SOLVED, m, iterations
         if not better or iterations == ITERATIONS:
             return (Outcome.SOLVED if nearly else Outcome.UNSOLVED), m, iterations
-        contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
-        last = contracts and now * now <= enough * size
-        if contracts:
-            solve_correction(island, pool)
-            if all_settled(context, island, pool):
-                return Outcome.SOLVED, m, iterations
+        last = iterations > 0 and part == 1.0 and now * now <= enough * size
         size, halvings = now, 0
         if not last:
             assemble_island(context, island, m, dt, False, pool)
             if not factorise_band(pool.band, pool.pivots, unknowns, island.half_width):
                 return Outcome.UNSOLVED, m, iterations
-            solve_correction(island, pool)
+        solve_correction(island, pool)
+        if last and context.has_effects == 0 and all_settled(context, island, pool):
+            return Outcome.SOLVED, m, iterations
         iterations += 1
         part = whole = 1.0 if last else limited_part(context, island, m, pool)
