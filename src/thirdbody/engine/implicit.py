@@ -68,9 +68,8 @@ difference between the work of the mean force and of the force at the end overes
 friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
 
 RADII, RADII_OF_ISLANDS = 20.0, 2.0
-"""Longest drag of a step over the radius of the largest contact, where the error allows it: for bodies that slide steadily 20 save
-half of the steps with the same error. Bodies that meet each other take shorter ones, or a contact between them that has just
-begun to slide is labelled late."""
+"""Longest drag of a step in radii of the largest contact: 20 save steady bodies half of their steps; where bodies meet, a contact
+between them that begins to slide would be labelled late."""
 
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It

@@ -51,8 +51,8 @@ contact radii, where the residual is at most SETTLED_FORCE of all forces: with 1
 2e-6. Not where body effects change from one iteration to the next: the Jacobian leaves them out."""
 
 CONTRACTS = 0.1
-"""Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what the Jacobian
-leaves out (turning frames) is then small beside it."""
+"""Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what it leaves
+out (turning frames) is then small."""
 
 ITERATIONS, LEAPS = 10, 4
 """Maximum iterations (beyond that, two half steps are cheaper), and corrections accepted although the residual grows: where
