@@ -67,10 +67,6 @@ WORK_OF_SPRINGS = 80.0
 difference between the work of the mean force and of the force at the end overestimates the error. Of 20 rolling bodies the
 friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
 
-RADII, RADII_OF_ISLANDS = 20.0, 2.0
-"""Longest drag of a step in radii of the largest contact: 20 save steady bodies half of their steps; where bodies meet, a contact
-between them that begins to slide would be labelled late."""
-
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
@@ -89,7 +85,7 @@ class Accuracy:
     """
 
     tolerance: float = 5e-4
-    radii: float = RADII
+    radii: float = 20.0
     largest_step: float = math.inf
     growth: float = 2.0
     inertia: bool = True
@@ -155,7 +151,7 @@ class Implicit:
         V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
         V[step_settings.TOLERANCE] = chosen.tolerance
         V[step_settings.LONGEST] = chosen.largest_step
-        V[step_settings.RADII] = min(chosen.radii, RADII_OF_ISLANDS) if self.meets else chosen.radii
+        V[step_settings.RADII] = chosen.radii
         V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
         V[step_settings.EXPECTED_OVERLAP], V[step_settings.GROWTH] = overlap, chosen.growth
         springs = any(name.endswith(".field[0]") for name in self.state.physics.history)

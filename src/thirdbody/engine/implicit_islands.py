@@ -21,12 +21,16 @@ from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
-from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_start
+from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
 
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
+
+RADII = 2.0
+"""Longest drag of a step in radii of the largest contact (less than that of a body alone, `Accuracy.radii`): in longer ones a
+contact between bodies that begins to slide is labelled late."""
 
 STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
 """Tables that a step changes: of a state, and of its candidates."""
@@ -49,6 +53,7 @@ class ImplicitIslands(Implicit):
         self.starts, self.paths = np.zeros((state.n_bodies, step_start.WIDTH)), np.zeros((state.n_spheres, sphere_path.WIDTH))
         self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
         self._pack_tables = Packer(TABLES)
+        self.settings[step_settings.RADII] = min(self.settings[step_settings.RADII], RADII)
         self.islands: Islands
         self._saved: dict[str, Array] = {}
         self._deposits: list[Array] = []  # of this stride, on maps of measures
