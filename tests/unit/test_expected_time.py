@@ -17,6 +17,8 @@ CENTRES = [10.0 + 10.0 * k + sum(GAPS[:k]) for k in range(5)]
 ROW = ", ".join(f'["{x} um", "30 um", "5 um"]' for x in CENTRES)
 SCENE = edited(BALLS, ("count = 4\nseed = 1", f"positions = [{ROW}]"), ('velocity = "0.5 m/s"', 'velocity = "10 mm/s"'))
 
+ONE_PLATE, NONE = ("load_per_particle", "rigid"), ("[solver]", '[contact]\ndebris_contact = "none"\n[solver]')
+
 
 def plan(*changes):
     return build(Scene.parse(edited(SCENE, *changes))).plan
@@ -32,7 +34,7 @@ def test_islands_are_the_bodies_that_could_meet():
 
 
 def test_bodies_that_do_not_meet_are_alone():
-    islands = plan(("[solver]", '[contact]\ndebris_contact = "none"\n[solver]')).islands
+    islands = plan(NONE).islands
     assert (islands.fraction_of_bodies, islands.mean, islands.largest, islands.stride) == (0.0, 1.0, 1, math.inf)
 
 
@@ -47,6 +49,16 @@ def test_larger_islands_and_smaller_tolerances_cost_more():
     here = plan().times.implicit
     assert plan(('"5 um"]]', '"5 um"], ["10 um", "40.5 um", "5 um"]]')).times.implicit > 1.2 * here
     assert plan(("[solver]", "[solver]\ntolerance = 1e-5")).times.implicit > 1.5 * here
+
+
+def test_bodies_that_carry_one_plate_take_the_steps_of_the_most_restless():
+    """More of them cost more each; explicit steps, and who could meet, do not depend on the plate."""
+    more = ('"5 um"]]', '"5 um"], ["10 um", "10 um", "5 um"], ["70 um", "10 um", "5 um"], ["10 um", "50 um", "5 um"]]')
+    own, one, apart = plan(), plan(ONE_PLATE), plan(ONE_PLATE, NONE)
+    assert one.times.implicit > own.times.implicit and one.times.explicit == pytest.approx(own.times.explicit, rel=0.1)
+    assert one.islands == own.islands
+    assert apart.times.implicit < one.times.implicit
+    assert plan(ONE_PLATE, NONE, more).times.implicit / apart.times.implicit > 1.1 * 8.0 / 5.0
 
 
 def test_the_choice_is_made_of_the_scene_alone():

@@ -52,6 +52,11 @@ SETTLING, FIRST_SLIP, PER_DIAMETER, PER_REVERSAL, BALL = 150.0, 100.0, 200.0, 30
 """Implicit steps of a clump: while it settles, in its first sliding, per diameter of drag, per reversal of a stroke. Fraction of
 them that a single sphere takes: it does not tip."""
 
+TOGETHER, BALANCE, REPEATED = 0.4, 1.5, 2.0
+"""Of bodies that carry one plate together: number of common steps over that of a body with a patch, as this power of the number
+of bodies, since each step is as short as the most restless body needs; work of a step over that of a body with a patch: each is
+solved again for every trial rise of the plate; and factor where bodies may meet, since a missed contact returns all of them."""
+
 INERTIAL_STEPS, INERTIAL = 4.5, 5.0
 """Implicit steps in a Rayleigh time of the mean body where inertia rules, as in impacts, in terms of the usual ones, which take
 longer; the inertial number of a body (`assembly.inertial_number`) above which it does. Below, the number of such steps falls with
@@ -90,15 +95,21 @@ def extent_of(scene: Scene, upper: Upper) -> Extent:
     return Extent(upper.settle, sliding, path, (sliding if by_time else path) / scene.output.every, schedule)
 
 
-def expected_times(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, islands: ExpectedIslands) -> ExpectedTimes:
-    """Return the expected processor times of a scene, in which every body has a load and a patch of its own."""
+def expected_times(
+    scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, islands: ExpectedIslands, together: bool = False
+) -> ExpectedTimes:
+    """Return the expected processor times of a scene whose bodies have loads and patches of their own.
+
+    `together`: they carry one plate instead; then they share its steps, whether they meet or not.
+    """
     extent, radius = extent_of(scene, upper), state.rayleigh_radius
     times = np.array([rayleigh_time(1.0, m) for m in choice.materials])[state.material] * radius
     work = _explicit_step_of_bodies(choice, state)
     shortest = SHORTER * RAYLEIGH_FRACTION * float(times.min())
     explicit = (extent.settle + extent.sliding) / shortest * (STEP_OVERHEAD + work)
     n, steps = state.n_bodies, _implicit_steps(scene, state, extent, float(times.mean()))
-    each = steps * islands.mean * (IMPLICIT_STEP + SAME_WORK * work / n)
+    shared = BALANCE * n**TOGETHER * (REPEATED if islands.stride < math.inf else 1.0) if together else islands.mean
+    each = steps * shared * (IMPLICIT_STEP + SAME_WORK * work / n)
     return ExpectedTimes(explicit, n * each + time_of_stops(extent, islands, n))
 
 

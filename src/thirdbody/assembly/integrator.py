@@ -59,8 +59,8 @@ to 97 % of 150, with shares of the labels that agree to 0.5 %, friction to 0.02 
 class Plan:
     """Integrator of a scene, `explicit` or `implicit`, and the reason in words.
 
-    `islands`, `times`: expected of a layer whose bodies have loads of their own; None for others. `estimated`: whether the times
-    decided.
+    `islands`, `times`: expected of a layer whose bodies have loads of their own or carry one plate together; None for others.
+    `estimated`: whether the times decided.
     """
 
     kind: str
@@ -92,11 +92,12 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
         _refuse_unloading(scene, state)
     if wanted == "implicit" and obstacle:
         raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
-    if obstacle or not _own_loads(state):
+    together = carried_together(state)
+    if obstacle or not (together or _own_loads(state)):
         chosen = Plan("explicit", obstacle)
     else:
         islands = expected_islands(state)
-        chosen = Plan("implicit", "", islands, expected_times(scene, choice, state, upper, islands))
+        chosen = Plan("implicit", "", islands, expected_times(scene, choice, state, upper, islands, together))
     if wanted != "auto":
         return replace(chosen, kind=wanted, reason="required by the scene")
     chosen = _automatic(scene, state, chosen, obstacle)

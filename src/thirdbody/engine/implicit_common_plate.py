@@ -28,6 +28,7 @@ from thirdbody.kernels.columns import (
     step_settings,
     step_start,
 )
+from thirdbody.kernels.columns.sides import LOWER
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
@@ -196,10 +197,20 @@ class ImplicitCommonPlate(Implicit):
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Return the length [s] of the next step and its cause (`kernels.implicit.step_limits`)."""
-        loaded = self.memory[:, step_memory.STORED] > 0.0
-        radii = self.memory[loaded, step_memory.CONTACT_RADIUS] if loaded.any() else self.memory[:, step_memory.CONTACT_RADIUS]
+        carrying = self._carrying()
+        radii = self.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]
         self.plate_memory[step_memory.CONTACT_RADIUS] = radii.min()
         return kernel.common_step_length(self.plate_memory, time, self._context(), end)
+
+    def _carrying(self) -> np.ndarray:
+        """Return which bodies touch the upper plate or other bodies (n,), bool.
+
+        Others lie on the lower plate. Their weight presses them by less than a nanometre, and no drag slides over that.
+        """
+        state, slots = self.state, self.state.slots
+        carrying = np.zeros(state.n_bodies, bool)
+        carrying[state.body[slots.own[(slots.sides != LOWER) & (slots.H[:, contact_state.SLIP] > 0.0)]]] = True
+        return carrying
 
     def _load(self, time: float, dt: float) -> None:
         """Set the scheduled load [N] of the plate at the end of a step that crosses no breakpoint."""
