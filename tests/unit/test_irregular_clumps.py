@@ -1,6 +1,7 @@
 """Irregular clumps and size distributions: reproducible, connected, of the size and shape asked for."""
 
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import diameters, irregular, population
+from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
@@ -21,6 +23,28 @@ def test_population_is_the_same_for_the_same_seed_whatever_the_count():
     for seed, index in [(2, 0), (1, 1)]:
         other = population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0]
         assert not np.array_equal(other.radii, few[0].radii)
+
+
+def test_copies_have_the_shapes_of_the_first_bodies_and_sizes_of_their_own():
+    different = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
+    shared = population(1, 0, 40, (4, 6), [1, 0.8, 0.6], shapes=4, **SIZE)
+    for a, b in zip(different, shared[:4], strict=True):
+        assert np.array_equal(a.centers, b.centers) and b.shape is None
+    assert {id(body.shape) for body in shared[4:]} == {id(body) for body in shared[:4]}
+    assert len({body.diameter for body in shared}) == 40
+    for body in shared[4:10]:
+        again = clump(body.centers, body.radii)
+        assert again.volume == pytest.approx(body.volume, rel=body.error + again.error)
+        assert again.inertia == pytest.approx(body.inertia, rel=body.error + again.error)
+    assert population(1, 0, 9, (4, 6), [1, 0.8, 0.6], shapes=4, **SIZE)[8].diameter == shared[8].diameter
+
+
+def test_copies_rest_as_bodies_of_their_own_do():
+    shared = population(1, 0, 30, (4, 6), [1, 0.8, 0.6], shapes=3, **SIZE)
+    alone = [replace(body, shape=None) for body in shared]
+    (q, height), (q_alone, height_alone) = (settle_all(bodies, np.random.default_rng(1)) for bodies in (shared, alone))
+    # the poses of a copy are computed from rounded centres: 1e-9 is far above rounding, far below the distance of two poses
+    assert q == pytest.approx(q_alone, abs=1e-9) and height == pytest.approx(height_alone, rel=1e-9)
 
 
 @pytest.mark.parametrize("n, aspect", [(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])])

@@ -91,6 +91,11 @@ ONE_FAULT = [
     ([("friction = 0.30", "friction = nan")], "9:1: pairs[0].friction: nan is not a finite number"),
     ([('"1 m/s"', "inf")], "28:16: plates.upper.motion.x.velocity: inf is not a finite number"),
     ([("[4, 8]", "[8, 4]")], "17:1: debris[0].spheres: the least, 8, is more than the most, 4"),
+    (
+        [("[4, 8]", '[4, 8]\nshapes = 9\nasperities = {radius = "1 um"}')],
+        "19:15: debris[0].asperities.radius: with shapes = 9, whose copies have other sizes, it must be a fraction of the body's "
+        "radius",
+    ),
     ([("[4, 8]", "65")], "17:1: debris[0].spheres: 65 must be at least 1 and at most 64"),
     ([("[1.0, 0.8, 0.6]", "[1.0, 0.8]")], "18:1: debris[0].aspect: expected a list of 3 values, got 2 of them"),
     ([("0.8, 0.6]", "0.8,\n 1.6]")], "19:2: debris[0].aspect[2]: 1.6 must be greater than 0 and at most 1"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,8 @@ class Clump:
         Bound on the relative error of volume and principal moments, 0 for a single sphere.
     sides : ndarray (k,) or None
         Surfaces and bodies that each sphere can touch (`columns.sides`); None: all.
+    shape : Clump or None
+        The clump of which this is a copy of another size (`resized`), so that what follows from the shape is computed once.
     """
 
     centers: np.ndarray
@@ -51,6 +53,7 @@ class Clump:
     inertia: np.ndarray
     error: float
     sides: np.ndarray | None = None
+    shape: Clump | None = None
 
     @property
     def diameter(self) -> float:
@@ -62,6 +65,10 @@ class Clump:
         return Clump(
             self.centers * factor, self.radii * factor, self.volume * factor**3, self.inertia * factor**5, self.error, self.sides
         )
+
+    def resized(self, diameter: float) -> Clump:
+        """Return a copy of this shape with the diameter [m], which knows its `shape`."""
+        return replace(self.scaled(diameter / self.diameter), shape=self)
 
 
 def clump(centers, radii) -> Clump:

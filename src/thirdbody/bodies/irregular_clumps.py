@@ -1,6 +1,7 @@
 """Irregular clumps and size distributions: random debris, reproducible body by body."""
 
 import math
+from collections.abc import Iterator
 from statistics import NormalDist
 
 import numpy as np
@@ -86,32 +87,45 @@ def population(
     aspect,
     angularity: float = 0.0,
     asperities: Asperities | None = None,
+    shapes: int | None = None,
     **size,
 ) -> list[Clump]:
     """Return the clumps of a population; size: keywords of `diameters`, spheres: range per body.
 
     Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under them has the
-    same shape as without them. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
+    same shape as without them. From body `shapes` on, it draws its size and which of the first bodies it is a copy of.
+    InputError: as `irregular`, `diameters` and `Asperities.fraction`.
     """
     minimum, maximum = spheres
     if not 1 <= minimum <= maximum:
         raise InputError(Fault("spheres", f"[{minimum}, {maximum}] must be 1 or more, the lesser first"))
     bodies: list[Clump] = []
-    for first in range(0, count, _BLOCK):
-        block = range(first, min(count, first + _BLOCK))
-        rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
+    different = count if shapes is None else min(count, shapes)
+    for rngs in _streams(seed, population_index, 0, different):
         n_spheres = np.array([rng.integers(minimum, maximum + 1) for rng in rngs])
         wide = diameters(Streams(rngs), len(rngs), **size)
         built: dict[int, Clump] = {}
         for n, members in alike(n_spheres, _MAX_BLOCK):
-            shapes = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
-            built.update(zip(members.tolist(), shapes, strict=True))
+            grown = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
+            built.update(zip(members.tolist(), grown, strict=True))
         for k, rng in enumerate(rngs):
             body, diameter = built[k], float(wide[k])
             if asperities is not None:
                 body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
             bodies.append(body)
+    originals = bodies[:different]
+    for rngs in _streams(seed, population_index, different, count):
+        chosen = [int(rng.integers(different)) for rng in rngs]
+        wide = diameters(Streams(rngs), len(rngs), **size)
+        bodies += [originals[k].resized(diameter) for k, diameter in zip(chosen, wide.tolist(), strict=True)]
     return bodies
+
+
+def _streams(seed: int, population_index: int, begin: int, end: int) -> Iterator[list[np.random.Generator]]:
+    """Yield the random streams of the bodies `begin` to `end` in blocks."""
+    for first in range(begin, end, _BLOCK):
+        block = range(first, min(end, first + _BLOCK))
+        yield [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
 
 
 class Streams:

@@ -47,16 +47,29 @@ def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.nd
     drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
     up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
     q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
-    for _, members in alike([len(body.radii) for body in clumps], _MAX_BLOCK):
-        centers = np.array([clumps[b].centers for b in members])
-        quaternions, heights = _poses_of(centers, np.array([clumps[b].radii for b in members]))
+    shapes, shape = _shapes_of(clumps)
+    size = np.array([body.radii[0] for body in clumps])
+    for _, members in alike([len(body.radii) for body in shapes], _MAX_BLOCK):
+        centers = np.array([shapes[s].centers for s in members])
+        quaternions, heights = _poses_of(centers, np.array([shapes[s].radii for s in members]))
         w, x, y, z = np.moveaxis(quaternions, 2, 0)
         # Body up-vector of each pose: third row of its rotation matrix.
         ups = np.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), axis=2)
-        near = np.where(np.isfinite(heights), dot(ups, up[members][:, None]), -np.inf)
-        rows, k = np.arange(len(members)), near.argmax(axis=1)
-        q[members], height[members] = quaternions[rows, k], heights[rows, k]
+        row = np.full(len(shapes), -1)
+        row[members] = np.arange(len(members))
+        bodies = np.flatnonzero(row[shape] >= 0)
+        rows, own = row[shape[bodies]], np.array([shapes[s].radii[0] for s in members])
+        near = np.where(np.isfinite(heights[rows]), dot(ups[rows], up[bodies][:, None]), -np.inf)
+        k = near.argmax(axis=1)
+        q[bodies], height[bodies] = quaternions[rows, k], heights[rows, k] * (size[bodies] / own[rows])
     return _yawed(q, half[:, 0]), height
+
+
+def _shapes_of(clumps: Sequence[Clump]) -> tuple[list[Clump], np.ndarray]:
+    """Return the different shapes of the clumps, in order, and the number (n,) of that of each."""
+    shapes, number = [body.shape or body for body in clumps], dict[int, int]()
+    index = np.array([number.setdefault(id(shape), len(number)) for shape in shapes], np.int64)
+    return list({id(shape): shape for shape in shapes}.values()), index
 
 
 def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:

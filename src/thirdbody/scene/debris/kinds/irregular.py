@@ -115,6 +115,8 @@ class Irregular(VolumeKeys):
     """How far spheres shrink towards the corners of the hull; 0 where it is not given. Example: 0.5."""
     asperities: Asperities | None = None
     """Small spheres where planes can touch the body. Example: {count = 3, radius = "0.5 um"}."""
+    shapes: Annotated[int, Whole(ge=1)] | None = None
+    """Number of different shapes; further bodies are copies of other sizes. Where it is not given, all differ. Example: 200."""
     placement: Placement = "layer"
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST
@@ -122,7 +124,13 @@ class Irregular(VolumeKeys):
     def checks(self) -> list[Wrong]:
         """Return faults between the limits."""
         minimum, maximum = self.spheres
-        return [(("spheres",), f"the least, {minimum}, is more than the most, {maximum}")] if minimum > maximum else []
+        wrong: list[Wrong] = []
+        if minimum > maximum:
+            wrong.append((("spheres",), f"the least, {minimum}, is more than the most, {maximum}"))
+        if self.shapes is not None and self.asperities is not None and self.asperities.length is not None:
+            message = f"with shapes = {self.shapes}, whose copies have other sizes, it must be a fraction of the body's radius"
+            wrong.append((("asperities", "radius"), message))
+        return wrong
 
     def max_spheres(self) -> int:
         """Return the largest number of spheres, including those of the asperities."""
@@ -140,7 +148,7 @@ class Irregular(VolumeKeys):
         if named is not None:
             relative = None if isinstance(named.radius, str) else named.radius
             summits = asperities.Asperities(named.count, named.length, relative)
-        shape = (self.spheres, self.aspect, self.angularity or 0.0, summits)
+        shape = (self.spheres, self.aspect, self.angularity or 0.0, summits, self.shapes)
         return irregular_clumps.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
 
 
