@@ -12,7 +12,7 @@ from thirdbody.engine import implicit_islands
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.expected_islands import STRIDE
 from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
-from thirdbody.engine.implicit_islands import ImplicitIslands
+from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_extra, body_solution, patch, record, run_totals, step_memory, step_settings
@@ -191,10 +191,11 @@ def test_slopes_of_an_island_are_difference_quotients(make, plate):
 
 
 def test_bodies_that_are_far_apart_are_solved_as_without_contact_between_them(make):
-    """The same bits."""
+    """The same bits, with the same longest drag of a step."""
     debris, runs = [make.ball(R, (3e-5 + 5e-5 * k, MIDDLE, R)) for k in range(3)], []
     for contact in ("auto", "none"):
         simulation, stop = dragged(make, debris, plate=RIGID, contact=contact), 0.0
+        simulation.integrator.settings[step_settings.RADII] = RADII
         simulation.integrator.advance_to(time=simulation.settle)
         for _ in range(8):
             stop += STRIDE * R

@@ -15,12 +15,11 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
-from thirdbody.kernels.implicit.friction_work import work_error
+from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
 from thirdbody.kernels.implicit.newton import Outcome, newton
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
-    MIN_CUT,
     NEARLY,
     Stop,
     begin_step,

@@ -35,6 +35,9 @@ FLOOR = 0.02
 """Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a
 tenth of what is dissipated when the set of loaded contacts changes once."""
 
+MIN_CUT = 1e5
+"""Shortest step cut for this error, in units of the shortest step tried."""
+
 GROWN = 0.75
 """Error of the tangential force of a contact whose radius changes within the step, over relative change of radius times friction
 limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, while the mean

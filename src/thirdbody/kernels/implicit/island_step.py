@@ -15,6 +15,7 @@ from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.band_matrix import row_length
 from thirdbody.kernels.implicit.bdf2 import prescribed_displacement, set_load, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.friction_work import MIN_CUT
 from thirdbody.kernels.implicit.island_bundles import Island, active_at, make_pool, space_at
 from thirdbody.kernels.implicit.island_newton import newton_of_island
 from thirdbody.kernels.implicit.newton import Outcome
@@ -22,7 +23,6 @@ from thirdbody.kernels.implicit.pair_contacts import pair_lands, save_pair_overl
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
-    MIN_CUT,
     NEARLY,
     Stop,
     begin_step,

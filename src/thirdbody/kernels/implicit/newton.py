@@ -45,10 +45,10 @@ error of a step."""
 ROUNDING = 1e-15
 """Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
 
-SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-7
+SETTLED, SETTLED_RADII, SETTLED_FORCE = 1e-3, 1e-6, 1e-8
 """With inertia the iteration also ends before a correction of at most SETTLED times the error allowed in a step and SETTLED_RADII
-contact radii, where the residual is at most SETTLED_FORCE of all forces: with 1e-6 the energy balance of hard cases is off by
-2e-6. Not where body effects change from one iteration to the next: the Jacobian leaves them out."""
+contact radii, where the residual is at most SETTLED_FORCE of all forces: with 1e-7 the energy balance of a flake that tips is off
+by 2e-6. Not where body effects change from one iteration to the next: the Jacobian leaves them out."""
 
 CONTRACTS = 0.1
 """Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what it leaves

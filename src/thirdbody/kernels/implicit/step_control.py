@@ -52,14 +52,6 @@ TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
 """Without inertia: stiffness of the spring to the start position over that of the body, and factor of the tolerance, which may be
 looser because no velocity is carried over."""
 
-ENERGY = 1.0
-"""Tolerance of the energy of a body in a step over `tolerance`, relative to its scale (`error_of_energy`). A ball that a plate
-sets rolling from rest at 0.2 m/s swings on its contacts: the integrator creates 0.4 % of the plate's work so far, without this
-bound 0.6 % (`meets_again` with `coulomb`)."""
-
-MIN_CUT = 1e5
-"""Shortest step that is cut for an error of energy or of friction work, in units of the shortest step tried."""
-
 HARD = 4
 """A step rejected more often than this counts as hard."""
 
@@ -174,30 +166,6 @@ def error_of_change(change, radius, T, V, dt):
 
 
 @njit(**BARE)
-def error_of_energy(change, context, active):
-    """Return the error of the kinetic energy of a body in a step over the tolerance; `change` [m/s]: as in `error_of_change`.
-
-    It is the momentum times the error of the velocity. The scale is the energy that the body has exchanged, stores, moves with,
-    and can store (`step_memory.MAX_ENERGY`). In slow drag it is small; it matters for bodies that a plate sets in motion, which
-    swing on their contacts by less than the tolerance of positions notices.
-    """
-    b, T, B, V, arm, moving = active.number, active.memory, context.B, context.settings, active.start[step_start.ARM], 0.0
-    for k in range(3):
-        moving += B[b, body.VELOCITY + k] ** 2 + (arm * B[b, body.SPIN + k]) ** 2
-    mass, fraction = B[b, body.MASS], 0.5 if starts_anew(T, V) else 2.0 / 9.0
-    energy = active.totals[run_totals.PLATE_WORK_SIZE] + T[step_memory.STORED] + T[step_memory.MAX_ENERGY] + 0.5 * mass * moving
-    return fraction * change * mass * math.sqrt(moving) / max(ENERGY * V[step_settings.TOLERANCE] * energy, 1e-300)
-
-
-@njit(**BARE)
-def is_dragged(context, active):
-    """Return whether the patch of the body moves along x or y in the step."""
-    p, Z, P = active.patch, active.start, context.P
-    moved = P[p, patch.DISPLACEMENT] != Z[step_start.PATCH_DISPLACEMENT]
-    return moved or P[p, patch.DISPLACEMENT + 1] != Z[step_start.PATCH_DISPLACEMENT + 1]
-
-
-@njit(**BARE)
 def step_ratio(T, V, dt):
     """Return the length of a step over that of the last one, 0 after a start."""
     return 0.0 if starts_anew(T, V) else dt / T[step_memory.LAST_DT]
@@ -232,8 +200,6 @@ def local_error(context, active, dt, diagnostics):
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     error = error_of_change(change, radius, T, V, dt)
-    if V[step_settings.INERTIAL] != 0.0 and is_dragged(context, active) and dt > MIN_CUT * V[step_settings.SHORTEST]:
-        error = max(error, error_of_energy(max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM]), context, active))
     return max(error, travel_error(context, active, dt)) if first_body.is_rough(context) else error
 
 
