@@ -13,6 +13,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.runner.simulate import execute, prepare
+from thirdbody.trajectory import validate
 from thirdbody.trajectory.reader import FILE_NAME
 
 EXPLICIT = {"solver.integrator": "explicit", "solver.settle": "50 ns", "solver.distance": "4 nm", "output.every": "1 nm"}
@@ -62,6 +63,16 @@ def test_single_precision_and_few_arrays(whole, tmp_path):
         with h5py.File(tmp_path / "run" / FILE_NAME) as file:
             stored = file["VTKHDF/clumps/PointData/quaternion"]
             assert stored.compression == "gzip" and stored.chunks[0] == len(bodies["id"])
+
+
+def test_a_chunk_of_what_is_not_written_may_be_of_any_size(tmp_path):
+    """Of a million bodies a frame of the spheres is larger than what is read unasked, and none is in the file."""
+    with h5py.File(tmp_path / "points.h5", "w") as file:
+        points = file.create_dataset("Points", (0, 3), np.float32, maxshape=(None, 3), chunks=(6_000_000, 3))
+        assert validate.sound(file.filename, points, 0) is points
+        points.resize(1, axis=0)
+        with pytest.raises(ValueError, match="has chunks of"):
+            validate.sound(file.filename, points, 1)
 
 
 def test_vtk_reads_a_file_without_spheres(tmp_path):
