@@ -50,7 +50,8 @@ def dmt_tangent(c, n, p):
 def mix_dmt(pair: Pair, options: Options) -> DmtParameters:
     """Return the parameters of one pair of materials: plain Python, run once. `options`: values of the scene, SI, checked.
 
-    One work of adhesion for all pairs. A law that averages a property of two materials does so here.
+    The work of adhesion is the pair's own where the scene gives one, see `pair_key`. A law that averages a property of two
+    materials does so here.
     """
     return DmtParameters(options["work_of_adhesion"])
 
@@ -69,6 +70,7 @@ DMT = Law(
             "energy_per_area",
             None,  # no default: a property that the scene must give
             low=0.0,
+            pair_key="work_of_adhesion",  # a [[pairs]] table of the scene may give its own
             doc="energy to part a unit of area; twice the surface energy for two equal clean bodies",
         ),
     ),

@@ -12,6 +12,8 @@ and Greenwood 1997, J. Colloid Interface Sci. 192, 326). `auto` takes DMT where 
 between 0.1 and 5 the force that separates lies between the two (Maugis 1992), at most a third above that of JKR: `thirdbody
 check` gives it.
 
+The work of adhesion is that of all pairs of materials, or a pair's own: it is a property of both, and there is no mixing rule.
+
 `jkr` and `auto` replace the normal law. Friction feels the load plus twice the pull-off force (Thornton and Yin 1991, Powder
 Technol. 65, 153), with DMT plus the pull-off force, which is Hertz's force (Derjaguin 1934); or the load alone.
 """
@@ -238,13 +240,14 @@ def pull_off_forces(pair: Pair, options: Options, radius: Any) -> Any:
 
 
 def tabor_remark(pair: Pair, options: Options, low: float, high: float) -> tuple[str, bool]:
-    """Return model, Tabor's numbers and pull-off forces between two effective radii, and whether the model hardly fits."""
+    """Return what the model is between two effective radii, and whether it hardly fits: w, Tabor's numbers, pull-off forces."""
     w, modulus = options["work_of_adhesion"], e_star(pair.a, pair.b)
     numbers = [tabor_number(w, modulus, radius, options["equilibrium_distance"]) for radius in (low, high)]
     border = neck_from(pair, options)
     model = "jkr" if low >= border else "dmt" if high < border else f"dmt below R = {pretty(border, 'length')}, jkr above"
     forces = [pretty(float(pull_off_forces(pair, options, radius)), "force") for radius in (low, high)]
-    text = f"{model}; Tabor's number {numbers[0]:.2g} to {numbers[1]:.2g}, pull-off {forces[0]} to {forces[1]}"
+    tabor = f"Tabor's number {numbers[0]:.2g} to {numbers[1]:.2g}"
+    text = f"w = {pretty(w, 'energy_per_area')}, {model}; {tabor}, pull-off {forces[0]} to {forces[1]}"
     largest, smallest = max(numbers), min(numbers)
     if largest > DMT_BELOW and high < border:
         return f"{text}; dmt holds below {DMT_BELOW:g}: it pulls up to a third too strongly", True
@@ -275,8 +278,8 @@ ADHESION = Law(
     variant=of_model,
     options=(
         Option(
-            "work_of_adhesion", "energy_per_area", None, low=0.0,
-            doc='energy to part a unit of area of both surfaces, such as "50 mJ/m2"',
+            "work_of_adhesion", "energy_per_area", None, low=0.0, pair_key="work_of_adhesion",
+            doc='energy to part a unit of area of both surfaces; a pair\'s own work_of_adhesion replaces it, such as "50 mJ/m2"',
         ),
         Option("model", "dimensionless", "auto", words=("auto", "jkr", "dmt"), doc="necks, a constant force, by Tabor's number"),
         Option(

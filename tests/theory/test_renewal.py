@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import exact, exact_rolling, exact_springs, mdr, mdr_rolling, theory
 
-from thirdbody.assembly.physics import _value
+from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.kernel_data import Contact, Load
@@ -243,12 +243,12 @@ def test_a_value_of_the_scene_overrides_the_rate(level):
 
 
 def test_the_rate_is_a_word_or_a_number():
-    assert _value(RENEWAL, "kalker", True) == "kalker"
-    assert _value(RENEWAL, 0.3, True) == 0.3
+    assert option_value(RENEWAL, "kalker", True) == "kalker"
+    assert option_value(RENEWAL, 0.3, True) == 0.3
     with pytest.raises(ValueError, match="expected 'kalker' or a number from 0 to 100, got 'hertz'"):
-        _value(RENEWAL, "hertz", True)
+        option_value(RENEWAL, "hertz", True)
     with pytest.raises(ValueError, match="between 0 and 100"):
-        _value(RENEWAL, -1.0, True)
+        option_value(RENEWAL, -1.0, True)
 
 
 def test_a_turn_back_is_fresh_after_the_diameter_of_the_patch():

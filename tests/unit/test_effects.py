@@ -11,6 +11,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import record
 from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.report.adhesion_check import remarks
 from thirdbody.scene.model import Scene
 
 TEXT = """\
@@ -124,9 +125,47 @@ def test_a_pair_may_have_its_own_coefficient():
     assert Scene.parse(scene(ROLLING, "rolling_friction = 0.2").to_toml()).pairs[0].rolling_friction == 0.2
 
 
-def test_a_pair_s_coefficient_without_the_effect_is_refused():
-    message = report("", "rolling_friction = 0.2")
-    assert "pairs[0].rolling_friction: the effect that it belongs to is off" in message
+@pytest.mark.parametrize(
+    ("key", "remedy"),
+    [
+        ("rolling_friction = 0.2", "rolling_resistance = {coefficient = ...}"),
+        ('work_of_adhesion = "5 mJ/m2"', "adhesion = {work_of_adhesion = ...}"),
+    ],
+)
+def test_a_pair_s_value_without_its_effect_is_refused(key, remedy):
+    message = report("", key)
+    assert f"pairs[0].{key.split()[0]}: the effect that it belongs to is off: add [effects] {remedy}" in message
+
+
+def adhesive(own: str, all_pairs: str = 'work_of_adhesion = "50 mJ/m2", ') -> tuple[str, str]:
+    return f'adhesion = {{{all_pairs}model = "jkr"}}', f'work_of_adhesion = "{own}"'
+
+
+def test_a_pair_may_have_its_own_work_of_adhesion():
+    """In the parameters, the pull-off force and the reach; `check` tells it pair by pair."""
+    built = build(scene(*adhesive("20 mJ/m2")))
+    first, second = (row[0].adhesion * row[0].e_star for row in built.choice.rows)
+    assert (first, second) == pytest.approx((0.02, 0.05), rel=1e-12)
+    pull_off = built.state.physics.pull_off
+    assert pull_off is not None
+    assert pull_off(np.array([0, 1]), np.full(2, 1e-6)) == pytest.approx(1.5 * np.pi * 1e-6 * np.array([0.02, 0.05]))
+    texts = [(pair, text.partition(",")[0]) for pair, text, _ in remarks(built)]
+    assert texts == [("steel/brass", "w = 20 mJ/m2"), ("brass/brass", "w = 50 mJ/m2")]
+    stronger = build(scene(*adhesive("2 J/m2")))
+    assert stronger.choice.reach(1e-6) > 5.0 * built.choice.reach(1e-6)  # w^(2/3): that of the strongest pair
+
+
+def test_work_of_adhesion_by_pair_only():
+    """The effect's value may be left out where every pair has one; else the pairs that lack it are named: nothing is mixed."""
+    message = report(*adhesive("20 mJ/m2", ""))
+    assert "effects.adhesion: required key 'work_of_adhesion' is missing, and brass/brass of [[pairs]] give no" in message
+    effects, own = adhesive("20 mJ/m2", "")
+    text = scene(effects, own).to_toml()
+    both = scene(effects, own).with_settings({"pairs.1.work_of_adhesion": "0 J/m2"})
+    assert [row[0].adhesion for row in build(both).choice.rows][1] < 1e-25
+    assert Scene.parse(text).pairs[0].work_of_adhesion == 0.02
+    with pytest.raises(InputError, match=r"pairs\[0\].work_of_adhesion.*at least 0"):
+        scene(effects, 'work_of_adhesion = "-1 J/m2"')
 
 
 @pytest.mark.parametrize(

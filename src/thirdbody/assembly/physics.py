@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody import units
+from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
 from thirdbody.assembly.pull_off import pull_off_forces
 from thirdbody.assembly.spot_interaction import interaction_table
 from thirdbody.engine.measures import Measures
@@ -17,11 +17,10 @@ from thirdbody.laws.codegen.compile_errors import compile_error, foreign
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
 from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.codegen.measures import compose_measures
-from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair, SpotInteraction
+from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction
 from thirdbody.laws.measures import Measure, layout_of
 from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.registry import Registry
-from thirdbody.scene.field_types import as_float, show
 from thirdbody.scene.model import Scene
 
 
@@ -51,7 +50,12 @@ class CompiledPhysics:
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
         reaching = [law for law in self.chain.laws if law.reach]
-        distances = [law.reach(pair, self.options[law.name], radius) for law in reaching for pair in self.pairs if law.reach]
+        distances = [
+            law.reach(pair, law.options_of(pair, self.options[law.name]), radius)
+            for law in reaching
+            for pair in self.pairs
+            if law.reach
+        ]
         if not all(0.0 <= distance < math.inf for distance in distances):
             raise UsageError(f"the reach of {', '.join(law.name for law in reaching)} must be a finite length, at least 0")
         return max(distances, default=0.0)
@@ -61,7 +65,7 @@ class CompiledPhysics:
         rows = []
         for pair in self.pairs:
             limited = replace(pair, friction=min(pair.friction, largest))
-            mixed = [(law, _mixed(law, limited, self.options[law.name])) for law in self.chain.laws]
+            mixed = [(law, _mixed_law(law, limited, self.options[law.name])) for law in self.chain.laws]
             rows.append([x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)])
         parameters = np.array(rows, float).ravel()
         if parameters.size > 0:  # else a scene without pairs, whose table holds zeros
@@ -89,7 +93,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     except Exception as problem:
         raise _not_compiled(chosen, problem) from problem
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
-    rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
+    rows = tuple(tuple(_mixed_law(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
     if any(effect.settling for effect in effects):
         effect_row.append(math.inf)  # end of settling: set by `assembly.simulation`
@@ -131,6 +135,11 @@ MAX_CELLS = 4_000_000
 """Largest number of cells of a map: it is written with every frame, 8 bytes each."""
 
 PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
+
+
+def _mixed_law(law: Law, pair: Pair, options: Mapping[str, Any]) -> Any:
+    """Return the mixed parameters of a law for a pair, with its own values of options."""
+    return _mixed(law, pair, law.options_of(pair, options))
 
 
 def _mixed(law: Law | BodyEffect | Measure, *arguments: Any) -> Any:
@@ -179,7 +188,9 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
     )
     by_name = {material.name: material for material in materials}
     pairs = tuple(
-        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction) for p in scene.pairs
+        Pair(a, b, p.friction, p.restitution, p.rolling_friction, p.work_of_adhesion)
+        for p in scene.pairs
+        for a, b in [[by_name[name] for name in p.between]]
     )
     return materials, pairs
 
@@ -196,7 +207,7 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
         else:
             message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
         faults.append(scene.fault(("contact", key), message))
-    return {law.name: _values(scene, law.options, given, ("contact",), faults) for law in laws}
+    return {law.name: option_values(scene, law.options, given, ("contact",), faults) for law in laws}
 
 
 def _effects(
@@ -218,13 +229,14 @@ def _effects(
             faults.append(scene.fault(location, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
             continue
         effect, given = known[name], named[name]
-        values[name] = _effect_values(scene, effect, given, location, faults)
+        values[name] = effect_values(scene, effect, given, location, faults)
         if isinstance(effect, Law):
             contact_effects.append(effect)
         elif isinstance(effect, SpotInteraction):
             interactions.append(effect)
         else:
             body_effects.append(effect)
+    faults += pair_value_faults(scene, known)
     return contact_effects, tuple(body_effects), tuple(interactions), values
 
 
@@ -238,7 +250,7 @@ def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tu
             faults.append(scene.fault(location, f"no measure '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
             continue
         chosen.append(known[name])
-        values[name] = _effect_values(scene, known[name], given, location, faults)
+        values[name] = effect_values(scene, known[name], given, location, faults)
         for key in known[name].materials:
             for material, properties in scene.materials.items():
                 if getattr(properties, key) is None:
@@ -273,81 +285,6 @@ def _compiled_measures(
         raise _not_compiled(measures, problem) from problem
     rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
     return Measures(function, np.array(rows, float).ravel(), layout, cells_of(scene))
-
-
-def _effect_values(
-    scene: Scene, effect: Law | BodyEffect | SpotInteraction | Measure, given: Any, location: tuple[str, ...], faults: list[Fault]
-) -> dict[str, Any]:
-    """Return the option values of an effect, given as a table, its only value, or `true`."""
-    names = [option.name for option in effect.options]
-    if not isinstance(given, Mapping):
-        if len(names) != 1 and given is not True:
-            what = f"a table with {', '.join(names)}" if names else "true, or leave it out: it has no options"
-            faults.append(scene.fault(location, f"expected {what}"))
-            return {}
-        given = {names[0]: given} if len(names) == 1 else {}
-    unknown = [key for key in given if key not in names]
-    for key in unknown:
-        hint = nearest(key, names) or "it has none"
-        faults.append(scene.fault((*location, key), f"unknown key, {hint}"))
-    # a misspelt option is not also reported as missing
-    return {} if unknown else _values(scene, effect.options, given, location, faults)
-
-
-def _values(
-    scene: Scene, options: Sequence[Option], given: Mapping[str, Any], location: tuple[str, ...], faults: list[Fault]
-) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for option in options:
-        raw = given.get(option.name, option.default)
-        if raw is None:
-            faults.append(scene.fault(location, f"required key '{option.name}' is missing: {option.doc}"))
-            continue
-        try:
-            values[option.name] = _value(option, raw, option.name in given)
-        except ValueError as problem:
-            faults.append(scene.fault((*location, option.name), str(problem)))
-    return values
-
-
-def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, ...]:
-    if option.words:
-        if raw in option.words:
-            return raw
-        if not option.or_number or isinstance(raw, str):
-            also = f" or a number from {option.low:g} to {option.high:g}" if option.or_number else ""
-            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}{also}, got {show(raw)}")
-    if option.size == 1:
-        return _number(option, raw, given)
-    if not isinstance(raw, list | tuple) or len(raw) != option.size:
-        raise ValueError(f"expected a list of {option.size} values")
-    return tuple(_number(option, x, given) for x in raw)
-
-
-def _number(option: Option, raw: Any, given: bool) -> float:
-    """Return a number of the option's dimension in SI. A bare number is accepted if dimensionless, or as a default."""
-    if isinstance(raw, str):
-        value = units.parse(raw, option.dimension)
-    elif isinstance(raw, bool) or not isinstance(raw, int | float):
-        raise ValueError(f"expected a number or a text with a unit, got {show(raw)}")
-    elif given and option.dimension != "dimensionless":
-        value = units.parse(str(as_float(raw)), option.dimension)
-    else:
-        value = as_float(raw)
-    if not option.low <= value <= option.high:
-        raise ValueError(f"{show(raw).strip(chr(39))} must {_range(option)}")
-    units.refuse_absurd(value, option.dimension, show(raw))
-    return value
-
-
-def _range(option: Option) -> str:
-    """Describe the allowed range, in SI units of the option's dimension."""
-    unit = "" if option.dimension == "dimensionless" else f" (SI, {option.dimension})"
-    if math.isinf(option.high):
-        return f"be at least {option.low:g}{unit}"
-    if math.isinf(option.low):
-        return f"be at most {option.high:g}{unit}"
-    return f"lie between {option.low:g} and {option.high:g}{unit}"
 
 
 def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, interaction) -> Physics:

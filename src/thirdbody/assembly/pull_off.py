@@ -18,7 +18,7 @@ def pull_off_forces(laws: Sequence[Law], pairs: Sequence[Pair], options: Mapping
     def forces(kinds: np.ndarray, radius: np.ndarray) -> np.ndarray:
         result = np.zeros(len(radius))
         for k, pair in enumerate(pairs):
-            result[kinds == k] = rule(pair, values, radius[kinds == k])
+            result[kinds == k] = rule(pair, law.options_of(pair, values), radius[kinds == k])
         return result
 
     return forces

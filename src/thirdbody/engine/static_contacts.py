@@ -59,7 +59,7 @@ class Contacts:
             raise ValueError(f"a law without tangent: {', '.join(law.name for law in chain.laws if law.tangent is None)}")
         self.chain: Chain = chain
         self.tangents: Callable = chain.tangents
-        rows = [[float(x) for law in chain.laws for x in law.mix(pair, values[law.name])] for pair in pairs]
+        rows = [[float(x) for law in chain.laws for x in law.mix(pair, law.options_of(pair, values[law.name]))] for pair in pairs]
         self.pairs = np.array(rows, float).reshape(len(pairs), -1)
         if not self.pairs.size:
             self.pairs = np.zeros((len(pairs), 1))

@@ -97,7 +97,12 @@ class Pair:
     b: Material
     friction: float
     restitution: float
-    rolling: float | None = None  # coefficient of rolling resistance, if the scene gives one for the pair
+    rolling_friction: float | None = None
+    work_of_adhesion: float | None = None
+
+
+PAIR_KEYS = ("rolling_friction", "work_of_adhesion")
+"""Keys of [[pairs]], and fields of `Pair`, that replace an option of an effect for one pair (`Option.pair_key`)."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,8 @@ class Option:
 
     `dimension` is a name of `thirdbody.dimensions.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
     `default=None` makes it required; values outside [low, high] are rejected. With `words` the value must be one of them; with
-    `or_number` it may be a number, too. Raises ValueError for an unknown dimension.
+    `or_number` it may be a number, too. `pair_key` is the key of [[pairs]] that replaces it for a pair (PAIR_KEYS); where every
+    pair has that key, the option may be left out. Raises ValueError for an unknown dimension or key of pairs.
     """
 
     name: str
@@ -118,11 +124,14 @@ class Option:
     doc: str = ""
     words: tuple[str, ...] = ()
     or_number: bool = False
+    pair_key: str = ""
 
     def __post_init__(self) -> None:
         if self.dimension not in DIMENSIONS:
             hint = nearest(str(self.dimension), DIMENSIONS)
             raise ValueError(f"option '{self.name}': unknown dimension '{self.dimension}', {hint}")
+        if self.pair_key and self.pair_key not in PAIR_KEYS:
+            raise ValueError(f"option '{self.name}': unknown key of pairs '{self.pair_key}', {nearest(self.pair_key, PAIR_KEYS)}")
 
 
 Options = Mapping[str, Any]
@@ -136,21 +145,21 @@ def _always(_pairs: Sequence[Pair]) -> bool:
 class Law:
     """One contact law at one stage.
 
-    `mix(pair, options)` is plain Python, run once per material pair; it returns the kernel's parameter tuple `p`, an instance of
-    `parameters`. `tangent` has the kernel's arguments and returns dN/dd (normal, adhesion) or the six derivatives dTx/dsx,
-    dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn) or the two dM/d(angle), dM/dd
-    (twisting); a law without one runs in the explicit integrator only. `field` is the number of floats of the field, or a
-    function of the options that returns it; a law that `rolls` receives the travel of the contact area, for history that
-    belongs to the material under it. `wanted(pairs)` returns whether these materials need the law; if not, it is absent from
-    the compiled code. `variant(options)` may return another law that replaces this one under these options, one with more
-    history for instance, or None. `assumes` is the name of the normal law that the law is derived for; it is refused under
-    another one. `replaces` is the name of the law of a level whose place an effect takes. `reach(pair, options, radius)` is
-    the distance [m] before touch where a normal or adhesion law begins to act between bodies of at most this effective radius
-    [m]; it must not fall with the radius. `added_load(c, n, p)` is the load [N] that friction feels beyond the sum of the
-    normal stages. `pull_off(pair, options, radius)` are the forces [N] that part contacts of effective radii (n,) [m]: bodies
-    whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is what `check` says of a
-    pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)` returns the parameters of a
-    pair in explicit or implicit steps, of a law whose force jumps: see `plugins/effects/jkr.py`.
+    `mix(pair, options)` is plain Python, run once per material pair, with the options of that pair (`options_of`); it returns
+    the kernel's parameter tuple `p`, an instance of `parameters`. `tangent` has the kernel's arguments and returns dN/dd
+    (normal, adhesion) or the six derivatives dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment
+    and turn) or the two dM/d(angle), dM/dd (twisting); a law without one runs in the explicit integrator only. `field` is the
+    number of floats of the field, or a function of the options that returns it; a law that `rolls` receives the travel of the
+    contact area, for history that belongs to the material under it. `wanted(pairs)` returns whether these materials need the
+    law; if not, it is absent from the compiled code. `variant(options)` may return another law that replaces this one under
+    these options, one with more history for instance, or None. `assumes` is the name of the normal law that the law is derived
+    for; it is refused under another one. `replaces` is the name of the law of a level whose place an effect takes. `reach(pair,
+    options, radius)` is the distance [m] before touch where a normal or adhesion law begins to act between bodies of at most
+    this effective radius [m]; it must not fall with the radius. `added_load(c, n, p)` is the load [N] that friction feels
+    beyond the sum of the normal stages. `pull_off(pair, options, radius)` are the forces [N] that part contacts of effective
+    radii (n,) [m]: bodies whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is
+    what `check` says of a pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)`
+    returns the parameters of a pair in explicit or implicit steps, of a law whose force jumps: see `plugins/effects/jkr.py`.
     """
 
     name: str
@@ -184,6 +193,11 @@ class Law:
         """Return the law, or its variant, with the size of its field for these options."""
         law = (self.variant(options) if self.variant else None) or self
         return replace(law, field=law.field(options)) if callable(law.field) else law
+
+    def options_of(self, pair: Pair, options: Options) -> Options:
+        """Return the options for a pair of materials: values that the pair has of its own replace those of all pairs."""
+        own = {option.name: getattr(pair, option.pair_key) for option in self.options if option.pair_key}
+        return {**options, **{name: value for name, value in own.items() if value is not None}}
 
 
 @dataclass(frozen=True)

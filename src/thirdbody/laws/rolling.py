@@ -66,9 +66,10 @@ def rolling_tangent(c, turn, load, p, h):
 
 
 def mix_rolling(pair: Pair, options: Options) -> RollingParameters:
-    """Return the coefficient of the pair if the scene gives one, else that of all pairs; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
-    mu_r = options["coefficient"] if pair.rolling is None else pair.rolling
-    return RollingParameters(mu_r, STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA))
+    """Return the coefficient; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
+    return RollingParameters(
+        options["coefficient"], STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA)
+    )
 
 
 ROLLING_RESISTANCE = Law(
@@ -86,6 +87,7 @@ ROLLING_RESISTANCE = Law(
             None,
             low=0.0,
             high=1.0,
+            pair_key="rolling_friction",
             doc="largest moment over R* N; a pair's own rolling_friction replaces it, such as 0.05",
         ),
         Option(

@@ -25,7 +25,7 @@ def remarks(built: Simulation) -> list[tuple[str, str, bool]]:
     for law in choice.chain.laws:
         for pair in choice.pairs if law.remark is not None else ():
             assert law.remark is not None
-            text, warns = law.remark(pair, choice.options[law.name], low, high)
+            text, warns = law.remark(pair, law.options_of(pair, choice.options[law.name]), low, high)
             result.append((f"{pair.a.name}/{pair.b.name}", text, warns))
     return result
 

@@ -77,16 +77,6 @@ def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> l
     return faults
 
 
-def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """Return faults of coefficients of an effect that is off: they would be silently ignored."""
-    effects = raw.get("effects")
-    if entry(effects, "rolling_resistance") is not None or entry(entry(effects, "named"), "rolling_resistance"):
-        return []
-    hint = "the effect that it belongs to is off: add [effects] rolling_resistance = {coefficient = ...}"
-    pairs = enumerate(_items(raw.get("pairs")))
-    return [(("pairs", i, "rolling_friction"), hint) for i, pair in pairs if entry(pair, "rolling_friction") is not None]
-
-
 def _both(names: list[str]) -> str:
     return f"'{names[0]}' and '{names[1]}'"
 

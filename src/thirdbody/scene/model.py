@@ -212,7 +212,7 @@ class Scene(Part):
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
             faults.append((("debris",), "at least one [[debris]] table is needed"))
         faults += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
-        faults += cross_checks.rolling_faults(raw) + cross_checks.profile_faults(raw)
+        faults += cross_checks.profile_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are faulty themselves may be intended to move.

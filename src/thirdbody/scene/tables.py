@@ -85,6 +85,8 @@ class Pair(Part):
     """Coefficient of restitution along the normal, the same at every speed; below 1 contacts get dashpots. Example: 0.6."""
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
     """Coefficient of rolling resistance of this pair; replaces that of `effects.rolling_resistance`. Example: 0.05."""
+    work_of_adhesion: Annotated[float, Quantity(dimension="energy_per_area", ge=0)] | None = None
+    """Work of adhesion of this pair; replaces that of the effect. Example: "20 mJ/m2"."""
 
 
 class Domain(Part):
