@@ -10,11 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scalar_bodies import Vector, added, arm_of, cross, dot, three
-from scalar_laws import Answer, Laws
+from scalar_laws import Answer, Laws, Rotation
 
 from thirdbody.kernels.columns import contact_state, patch, record, sphere
 from thirdbody.kernels.predicates import BASINS
-from thirdbody.laws.kernel_data import Contact, Turn
+from thirdbody.kernels.rolling_kinematics import record_width
+from thirdbody.laws.kernel_data import Contact, Turn, Twist
+
+STILL: Rotation = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)
+"""Where no law asks for a rotation."""
 
 
 @dataclass
@@ -147,8 +151,11 @@ def slipping(frame: Frame, motion: tuple[Vector, Vector, Vector], normal: Vector
     return added(v, cross(o, normal), -1.0)
 
 
-def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings) -> tuple[Turn, tuple[float, float]]:
-    """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces."""
+def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings) -> tuple[Rotation, tuple[float, float]]:
+    """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces.
+
+    The rotation about the normal of a step belongs to its middle, as slip does.
+    """
     e, d, dt = frame.e, frame.d, world.dt
 
     def relative(column: int) -> Vector:
@@ -157,6 +164,7 @@ def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundi
 
     w, end = relative(sphere.MID_SPIN), relative(sphere.END_SPIN)
     turn = Turn(dot(w, e) * dt, dot(w, d) * dt, dot(end, e), dot(end, d))
+    twist = Twist(dot(w, frame.middle) * dt, dot(end, frame.n))
     a, b = surfaces(S, i, j, frame, world, sphere.MID_VELOCITY, sphere.MID_SPIN)
     share, p = 0.0, (0.0, 0.0, 0.0)
     if j >= 0:
@@ -164,7 +172,7 @@ def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundi
     u = three(S[i], sphere.MID_VELOCITY)
     c = tuple((1.0 - share) * u[k] + share * p[k] - 0.5 * (a[k] + b[k]) for k in range(3))
     along, across = dot((c[0], c[1], c[2]), e), dot((c[0], c[1], c[2]), d)
-    return turn, (along * dt, across * dt)
+    return (turn, twist), (along * dt, across * dt)
 
 
 def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings, v: int, w: int) -> tuple[Vector, Vector]:
@@ -184,8 +192,8 @@ def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surround
 
 @dataclass
 class Done:
-    """What a contact did in a step: force on the owner, N; torques about the centres of owner and partner, with the moment of a
-    rolling law, which is that on the owner, N m."""
+    """What a contact did in a step: force on the owner, N; torques about the centres of owner and partner, with the moments of
+    rolling and twisting laws; that of rolling on the owner, N m."""
 
     force: Vector
     torque: Vector
@@ -198,39 +206,40 @@ class Done:
 
 def requested(
     S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
-) -> tuple[Frame, Contact, Turn]:
+) -> tuple[Frame, Contact, Rotation]:
     """What a contact tells its laws."""
     frame = frame_of(S, i, j, world)
     carry(frame, memory, world.dt)
     n, e, d = frame.n, frame.e, frame.d
     slip, end = slipping(frame, frame.moved, frame.middle), slipping(frame, frame.moves, n)
-    turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), (0.0, 0.0))
+    rotation, roll = rolling(S, i, j, frame, world) if turns else (STILL, (0.0, 0.0))
     report = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
                    dot(end, e), dot(end, d), *(roll if laws.rolls else (0.0, 0.0)))  # fmt: skip
-    return frame, report, turn
+    return frame, report, rotation
 
 
 def interact(
     S: list[list[float]], i: int, j: int, kind: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
 ) -> Done:
     """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
-    frame, report, turn = requested(S, i, j, memory, laws, turns, world)
+    frame, report, rotation = requested(S, i, j, memory, laws, turns, world)
     n, e, d = frame.n, frame.e, frame.d
     old, stored, viscous = laws.split(memory)
-    answer = laws.request(report, turn, kind, old)
+    answer = laws.request(report, rotation, kind, old)
     if laws.force is not None:
-        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, report, turn)
+        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, report, rotation)
         answer.work += taken - answer.lost
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
     moment = added(scaled(e, answer.moment[0]), d, answer.moment[1])
     torque, back = torques(S, i, j, frame, (x, y))
     if laws.turns:
-        torque, back = added(torque, moment), added(back, moment, -1.0)
+        both = added(moment, n, answer.twist)
+        torque, back = added(torque, both), added(back, both, -1.0)
     memory[contact_state.AXIS3] = e
     memory[contact_state.SLIP] = max(memory[contact_state.SLIP] + answer.slip, contact_state.CLOSED)
     memory[contact_state.LAW : contact_state.LAW + laws.retained + laws.dashpots] = laws.joined(answer)
-    damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), report, turn)
+    damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), report, rotation)
     return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer, damped)
 
 
@@ -252,18 +261,18 @@ def let_go(
 ) -> tuple[float, float]:
     """Wipe the memory of a contact that has opened; the energy that friction and that its dashpots took, J."""
     old, lost, viscous = laws.split(memory)
-    frame, report, turn = requested(S, i, j, memory, laws, turns, world)
+    frame, report, rotation = requested(S, i, j, memory, laws, turns, world)
     if laws.force is not None:
-        lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), report, turn)
-    damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), report, turn)
+        lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), report, rotation)
+    damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), report, rotation)
     memory[:] = [0.0] * len(memory)
     return lost, damped
 
 
-def write_record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:
+def write_record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, rolling: int) -> list[float]:
     """A row of R: everything that output and labels need of a contact."""
     frame, answer, n = done.frame, done.answer, done.frame.n
-    R = [0.0] * (record.ROLLING_WIDTH if moments else record.WIDTH)
+    R = [0.0] * record_width(rolling)
     R[record.POINT3] = added(arm_of(S[i]), n, -frame.arms[0])
     R[record.PARTNER_POINT3] = added(arm_of(S[j]), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
     R[record.NORMAL3] = n
@@ -280,6 +289,8 @@ def write_record(S: list[list[float]], i: int, j: int, done: Done, world: Surrou
     R[record.SURFACE_VELOCITY3], R[record.PARTNER_VELOCITY3] = surfaces(
         S, i, j, frame, world, sphere.END_VELOCITY, sphere.END_SPIN
     )
-    if moments:
+    if len(R) > record.MOMENT:
         R[record.MOMENT3], R[record.MOMENT_LIMIT] = done.moment, answer.moment_limit
+    if len(R) > record.TWIST_MOMENT:
+        R[record.TWIST_MOMENT], R[record.TWIST_LIMIT] = answer.twist, answer.twist_limit
     return R

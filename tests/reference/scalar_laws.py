@@ -17,12 +17,16 @@ from scalar_bodies import INERTIA
 
 from thirdbody.kernels.columns import body, contact_state
 from thirdbody.laws.contract import BodyEffect, Law
-from thirdbody.laws.kernel_data import Body, Contact, Load, Turn, Wrench
+from thirdbody.laws.kernel_data import Body, Contact, Load, Turn, Twist, Wrench
 
 
 def plain(function: Callable) -> Callable:
     """The Python function behind a compiled one."""
     return getattr(function, "py_func", function)
+
+
+Rotation = tuple[Turn, Twist]
+"""Of the owner relative to the partner, about the tangential axes and about the normal."""
 
 
 @dataclass
@@ -44,8 +48,10 @@ class Answer:
     memory: list[float]
     moment: tuple[float, float]
     moment_limit: float
+    twist: float  # moment about the normal
+    twist_limit: float
     lost: float  # part of the work that is of friction
-    viscous: list[float]  # forces of the dashpots: normal, tangential (2), moment (2)
+    viscous: list[float]  # forces of the dashpots: normal, tangential (2), moment (2), moment about the normal
 
 
 class Laws:
@@ -56,10 +62,10 @@ class Laws:
         self.pairs = pairs
         self.width = max(sum(len(law.parameters._fields) for law in laws), 1)  # type: ignore[attr-defined]
         self.rolls = any(law.rolls for law in laws)
-        self.turns = any(law.stage == "rolling" for law in laws)
+        self.turns = any(law.stage in ("rolling", "twisting") for law in laws)
         names = [name for law in laws for name in law.memory()]
         stages = [law.stage for law in laws]
-        springs = ("tangential" in stages) + ("rolling" in stages)
+        springs = sum(stage in stages for stage in ("tangential", "rolling", "twisting"))
         self.many = len(names)
         # the energy of the springs: a law's own number, or one behind those of the laws
         self.stored = names.index("energy") if springs == 1 and "energy" in names else self.many
@@ -67,44 +73,49 @@ class Laws:
         self.dashpots = 2 if self.turns else 1 if "damping" in stages or "tangential_damping" in stages else 0
         self.force = names.index("force_x") if "force_x" in names else None
         self.moment = names.index("moment_x") if "moment_x" in names else None
+        self.twist = names.index("moment") if "moment" in names else None
 
     def split(self, row: list[float]) -> tuple[list[float], float, list[float]]:
         """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
         history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.retained
         stored = row[contact_state.LAW + self.stored] if self.stored < self.retained else 0.0
         viscous = [force for one in row[behind : behind + self.dashpots] for force in unpack_triple(one)]
-        return history, stored, (viscous + [0.0] * 5)[:5]
+        return history, stored, (viscous + [0.0] * 6)[:6]
 
     def joined(self, answer: Answer) -> list[float]:
         """What a row of H remembers of an answer."""
-        viscous = (pack_triple(answer.viscous[:3]), pack_triple([*answer.viscous[3:], 0.0]))[: self.dashpots]
+        viscous = (pack_triple(answer.viscous[:3]), pack_triple(answer.viscous[3:]))[: self.dashpots]
         return [*answer.memory, *[answer.stored_t][: self.retained - self.many], *viscous]
 
     def friction_takes(
-        self, stored: float, after: float, old: list[float], new: list[float], message: Contact, turn: Turn
+        self, stored: float, after: float, old: list[float], new: list[float], message: Contact, rotation: Rotation
     ) -> float:
         """What the mean of the forces at both ends of a step does beyond what the springs store more than before, J."""
+        turn, twist = rotation
         moved = [(self.force, message.slip_x, message.slip_y), (self.moment, turn.x, turn.y)]
         for at_force, x, y in moved:
             if at_force is not None:
                 stored -= 0.5 * ((old[at_force] + new[at_force]) * x + (old[at_force + 1] + new[at_force + 1]) * y)
+        if self.twist is not None:
+            stored -= 0.5 * (old[self.twist] + new[self.twist]) * twist.angle
         return max(stored - after, 0.0)
 
-    def dashpots_take(self, old: list[float], new: list[float], apart: float, message: Contact, turn: Turn) -> float:
+    def dashpots_take(self, old: list[float], new: list[float], apart: float, message: Contact, rotation: Rotation) -> float:
         """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
         turn, J."""
-        moved = (apart, message.slip_x, message.slip_y, turn.x, turn.y)
+        turn, twist = rotation
+        moved = (apart, message.slip_x, message.slip_y, turn.x, turn.y, twist.angle)
         return max(-0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False)), 0.0)
 
-    def request(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
+    def request(self, contact: Contact, rotation: Rotation, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""
         at_law, at_memory, row = 0, 0, self.pairs[kind * self.width : (kind + 1) * self.width]
         called: dict[str, Any] = {}
         pulls, new = [], []
         elastic = force = 0.0
         load = Load(0.0, 0.0, 0.0, 0.0, 0.0)
-        # stages come in the order normal, adhesion, damping, tangential, its damping, rolling; adhesion adds at the end, so that
-        # the tangential stages see the load without it
+        # stages come in the order normal, adhesion, damping, tangential, its damping, rolling, twisting; adhesion adds at the
+        # end, so that the tangential stages see the load without it
         for law in self.laws:
             p = law.parameters(*row[at_law : at_law + len(law.parameters._fields)])  # type: ignore[attr-defined]
             at_law += len(p)
@@ -116,7 +127,8 @@ class Laws:
                 "damping": (contact, called.get("normal")),
                 "tangential": (contact, load),
                 "tangential_damping": (contact, load),
-                "rolling": (contact, turn, load),
+                "rolling": (contact, rotation[0], load),
+                "twisting": (contact, rotation[1], load),
             }[law.stage]
             answer, after = forecast_of(law, seen, p, before)
             new += after
@@ -128,7 +140,7 @@ class Laws:
             elif law.stage == "damping":
                 force = max(elastic + answer, 0.0)
             load = Load(force, elastic, called["normal"].contact_radius, 0.0, 0.0)
-        return together(contact, turn, load, called, pulls, new)
+        return together(contact, rotation, load, called, pulls, new)
 
 
 def pack_triple(numbers: Sequence[float]) -> float:
@@ -160,11 +172,13 @@ def forecast_of(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) ->
     return answer, [float(h) for h in history] + field.tolist()
 
 
-def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]) -> Answer:
+def together(
+    contact: Contact, rotation: Rotation, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]
+) -> Answer:
     """The stages added up: dashpots fitted into their limits, works."""
-    normal = called["normal"]
+    normal, (turn, twist) = called["normal"], rotation
     force, stored, work, lost = load.force, normal.stored, normal.dissipated, 0.0
-    viscous = [load.force - load.elastic, 0.0, 0.0, 0.0, 0.0]
+    viscous = [load.force - load.elastic, 0.0, 0.0, 0.0, 0.0, 0.0]
     for pull in pulls:
         force += pull.force
         stored += pull.stored
@@ -183,8 +197,20 @@ def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], p
         stored_t += r.stored
         work, lost = work + r.dissipated, lost + r.dissipated
         moment, moment_limit = (m_x, m_y), r.limit
+    about, about_limit = 0.0, 0.0
+    if "twisting" in called:
+        w = called["twisting"]
+        about, viscous[5] = within(w.moment, -w.viscosity * twist.rate, w.limit)
+        stored_t += w.stored
+        work, lost, about_limit = work + w.dissipated, lost + w.dissipated, w.limit
     return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, normal.peak_pressure, stored,
-                  stored_t, work, memory, moment, moment_limit, lost, viscous)  # fmt: skip
+                  stored_t, work, memory, moment, moment_limit, about, about_limit, lost, viscous)  # fmt: skip
+
+
+def within(moment: float, viscous: float, limit: float) -> tuple[float, float]:
+    """A moment about the normal plus what the limit leaves of its viscous part; and that."""
+    taken = min(max(moment + viscous, -limit), limit) - moment
+    return moment + taken, taken
 
 
 def fitted(

@@ -36,7 +36,6 @@ from scalar_plates import Patches, Plan
 
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.columns import body, contact_state, domain, run_totals
-from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 Pair = tuple[int, int]
 
@@ -177,7 +176,7 @@ class Reference:
         (i, j), memory = self.pairs[k], self.memory[self.pairs[k]]
         self.closed += memory[contact_state.SLIP] == 0.0
         done = interact(self.S, i, j, self.kinds[k], memory, self.laws, self.physics.rolling > 0, world)
-        self.records[i, j] = write_record(self.S, i, j, done, world, self.physics.rolling == MOMENTS)
+        self.records[i, j] = write_record(self.S, i, j, done, world, self.physics.rolling)
         return done
 
     def push(self, k: int, done: Done) -> None:

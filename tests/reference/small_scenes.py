@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import peers_scenes
-from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import run_totals
-from thirdbody.laws.builtin import PLUGIN as CATALOGUE
-from thirdbody.laws.registry import Registry
+from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 
 TEXT = """\
@@ -84,7 +82,7 @@ def scene(debris: str, size: str, upper: str = LOADED, settle: str = "0.02 us", 
     """A scene of these parts."""
     parts = {"contact": "", "effects": "", "domain": ""} | more
     text = TEXT.format(debris=debris, size=size, upper=upper, settle=settle, **parts)
-    return build(Scene.parse(text), Registry((CATALOGUE, THREE_SPOT)))
+    return build(Scene.parse(text), discover())
 
 
 def clumps(steel: int, brass: int = 0, seed: int = 4, placement: str = "") -> str:
@@ -102,11 +100,11 @@ def balls(steel: int, brass: int, velocity: float = 1.0, seed: int = 1, placemen
     )
 
 
-def heap(seed: int, speed: float, level: str) -> Simulation:
+def heap(seed: int, speed: float, level: str, effects: str = "") -> Simulation:
     """Some clumps of two materials in a small periodic box, dragged under a load: one of many such scenes."""
     bed = clumps(30, 15, seed, f'placement = "dense"\nvelocity = ["{speed} m/s", "0 m/s", "-1 m/s"]')
     upper = f'support = "rigid"\nload = "5 mN"\nmotion = {{x = {{velocity = "{speed} m/s"}}}}'
-    return scene(bed, '["52 um", "54 um"]', upper=upper, contact=f'level = "{level}"')
+    return scene(bed, '["52 um", "54 um"]', upper=upper, contact=f'level = "{level}"', effects=effects)
 
 
 def layer() -> Simulation:
@@ -160,8 +158,9 @@ def foundation() -> Simulation:
 
 
 def rolled() -> Simulation:
-    """Balls and clumps with moments of rolling under one free plate, and damping that sees forces while they settle."""
-    effects = "rolling_resistance = {coefficient = 0.05, damping = 0.3}\nlocal_damping = {coefficient = 0.3}\n"
+    """Balls and clumps with moments of rolling and pivoting under one free plate; damping that sees forces while they settle."""
+    effects = "rolling_resistance = {coefficient = 0.05, damping = 0.3}\npivoting = {damping = 0.2}\n"
+    effects += "local_damping = {coefficient = 0.3}\n"
     effects += 'gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
     upper = 'support = "rigid"\nload = "20 mN"\nmotion = {x = {velocity = "2 m/s"}}'
     return scene(balls(25, 25, 3.0) + clumps(20), '["115 um", "110 um"]', upper=upper, effects=effects, settle="0.08 us")

@@ -36,7 +36,7 @@ from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.rigid_body import BODIES
-from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.signatures import WORK, context_of
 from thirdbody.rotations import rotation_matrices
 
@@ -354,7 +354,10 @@ def test_the_scenes_are_hard_enough():
     clock, settled = rolled.engine["A"][run_totals.TIME], rolled.simulation.settle  # what ends with settling ends on the way
     assert clock - SCENES["rolled"][1] * rolled.simulation.state.dt < settled < clock
     assert torn.reference.opened > 50 and torn.reference.lost > SEEN * OF_FORCES * torn.engine["A"][run_totals.FRICTION_WORK]
-    assert np.any(rolled.engine["R"][:, record.MOMENT3] != 0.0) and rolled.simulation.state.physics.rolling == MOMENTS
+    assert np.any(swarm.engine["R"][:, record.MOMENT3] != 0.0) and swarm.simulation.state.physics.rolling == MOMENTS
+    assert np.any(rolled.engine["R"][:, record.MOMENT3] != 0.0) and rolled.simulation.state.physics.rolling >= TWIST
+    pivoting = np.abs(rolled.engine["R"][:, record.TWIST_MOMENT]), rolled.engine["R"][:, record.TWIST_LIMIT]
+    assert np.any(pivoting[0] == pivoting[1]) and np.any((pivoting[0] > 0.1 * pivoting[1]) & (pivoting[0] < 0.9 * pivoting[1]))
 
 
 def other_sign(patch: pytest.MonkeyPatch) -> None:
@@ -426,12 +429,23 @@ def unfitted(x: float, y: float, *_: float) -> tuple[float, float, tuple[float, 
     return x, y, (0.0, 0.0)
 
 
+def unlimited(moment: float, viscous: float, _: float) -> tuple[float, float]:
+    """A moment about the normal with all of its dashpot."""
+    return moment + viscous, viscous
+
+
+def end_twist(*arguments: Any) -> Any:
+    """Rotation about the normal of the end of the step instead of that of its middle."""
+    (turn, twist), roll = RIGHT_ROLLING(*arguments)
+    return (turn, twist._replace(angle=twist.rate * arguments[-1].dt)), roll
+
+
 def end_normal(frame: Any, moved: Any, _: Any) -> Any:
     """Slip with the normal of the end of the step instead of that of its middle."""
     return RIGHT_SLIP(frame, moved, frame.n)
 
 
-RIGHT_SLIP, RIGHT_CARRY = scalar_contact.slipping, scalar_contact.carry
+RIGHT_SLIP, RIGHT_CARRY, RIGHT_ROLLING = scalar_contact.slipping, scalar_contact.carry, scalar_contact.rolling
 
 
 def instead(where: Any, name: str, wrong: Any) -> Spoil:
@@ -453,6 +467,8 @@ FAULTS: dict[str, tuple[str, Spoil, str]] = {
     "bodies that effects act on": ("crowd", instead(Reference, "total", first_chunk), "A"),
     "load": ("crowd", instead(scalar_plates.Patches, "drift", lambda *_: None), "BSPAHR"),
     "radius of the partner": ("swarm", one_radius, "BSAHR"),
+    "limit of pivoting friction": ("rolled", instead(scalar_laws, "within", unlimited), "BHR"),
+    "normal of pivoting": ("rolled", instead(scalar_contact, "rolling", end_twist), "BHR"),
     "partners in other groups": ("swarm", no_reaction, "BSHR"),
 }
 """Of the plain step: in which scene, what is changed, and in which tables that must be seen."""
@@ -497,20 +513,20 @@ def test_sums_in_another_order_agree(order, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("seed", "speed", "level", "steps"),
+    ("seed", "speed", "level", "steps", "effects"),
     [
-        (0, 0.0, "coulomb", 0),
-        (1, 1.0, "mindlin", 40),
-        (2, -5.0, "mindlin", 300),
-        (3, 5.0, "coulomb", 300),
-        (5821, -0.31, "mindlin", 160),
-        (7, 2.5, "coulomb", 17),
-        (9999, -2.17, "coulomb", 230),
-        (48, 3.7, "mindlin", 90),
+        (0, 0.0, "coulomb", 0, ""),
+        (1, 1.0, "mindlin", 40, "pivoting = {}"),
+        (2, -5.0, "mindlin", 300, ""),
+        (3, 5.0, "coulomb", 300, ""),
+        (5821, -0.31, "mindlin", 160, ""),
+        (7, 2.5, "coulomb", 17, ""),
+        (9999, -2.17, "coulomb", 230, ""),
+        (48, 3.7, "mindlin", 90, "pivoting = {}"),
     ],
 )
-def test_any_heap_agrees_with_the_plain_step(seed, speed, level, steps):
-    simulation = small_scenes.heap(seed, speed, level)
+def test_any_heap_agrees_with_the_plain_step(seed, speed, level, steps, effects):
+    simulation = small_scenes.heap(seed, speed, level, effects)
     lead(simulation, steps)
     reference = Reference(simulation)
     events = follow(simulation, 40)
