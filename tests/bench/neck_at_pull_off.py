@@ -1,0 +1,41 @@
+"""Adhesion with necks that break at the largest pull, as those of LAMMPS do: a plug-in for `neck_bed.py`.
+
+The force jumps at full steps, as there: its work is of first order in the step.
+"""
+
+from dataclasses import replace
+
+from thirdbody_effects.adhesion import JKR, jkr, jkr_tangent
+from thirdbody_effects.jkr import cube_root
+
+from thirdbody.plugin import Plugin, helper, kernel
+
+PULL_OFF = 3.0 ** (1.0 / 3.0)
+"""Length of a neck at its largest pull, y^3 = 3, over a_s^2/R."""
+
+A_S = 0.39269908169872414
+"""pi/8: a_s^3 = pi/8 (w/E*) R^2."""
+
+
+@helper
+def still_joined(c, p, joined):
+    """Return 1 if there was a neck and it is no longer than at its largest pull, else 0."""
+    scale = cube_root(A_S * p.adhesion * c.radius * c.radius)
+    return joined if c.overlap > -PULL_OFF * scale * scale / c.radius else 0.0
+
+
+@kernel
+def pulled(c, p, h):
+    """As `adhesion.jkr`."""
+    return jkr(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
+
+
+@kernel
+def pulled_tangent(c, p, h):
+    """As `adhesion.jkr_tangent`."""
+    return jkr_tangent(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
+
+
+PULLED = replace(JKR, name="neck_at_pull_off", kernel=pulled, tangent=pulled_tangent, in_steps=None)
+
+PLUGIN = Plugin(name="neck_at_pull_off", effects=(PULLED,), source="LAMMPS granular, jkr")
