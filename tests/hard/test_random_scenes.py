@@ -7,8 +7,10 @@ import math
 import os
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,12 +40,13 @@ def _module(name: str) -> ModuleType:
 
 
 random_scene = _module("random_scenes").random_scene
+random_layer = _module("random_layers").random_layer
 
 
-def run_scene(seed: int, folder: Path, threads: int = 1, wall_limit: float = math.inf) -> str:
-    """Run the scene of a seed and check what it wrote; returns how it ended: finished, refused, guard or cut off (s)."""
+def run_scene(document: dict[str, Any], folder: Path, threads: int = 1, wall_limit: float = math.inf) -> str:
+    """Run a scene and check what it wrote; returns how it ended: finished, refused, guard or cut off (s)."""
     try:
-        scene = Scene.parse(toml_text(random_scene(seed)))
+        scene = Scene.parse(toml_text(document))
         simulation = prepare(scene)
     except InputError as error:
         assert all(fault.key for fault in error.faults), error
@@ -115,18 +118,20 @@ def same_arrays(first: Path, second: Path) -> None:
 @pytest.mark.parametrize("seed", [1, 7, 13, 24])
 def test_a_few_random_scenes_end_well(seed: int, tmp_path: Path) -> None:
     """Spots, a needle, an implicit needle and an implicit tripod: one per path of the code that is already compiled."""
-    assert run_scene(seed, tmp_path / "run") == "finished"
+    assert run_scene(random_scene(seed), tmp_path / "run") == "finished"
 
 
 @pytest.mark.fuzz
-def test_random_scenes_end_well_or_say_why(tmp_path: Path) -> None:
+@pytest.mark.parametrize("random", [random_scene, random_layer])
+def test_random_scenes_end_well_or_say_why(tmp_path: Path, random: Callable[[int], dict[str, Any]]) -> None:
+    """Single bodies and layers that do not meet, by both integrators; layers whose bodies meet, by the implicit one."""
     ends: Counter[str] = Counter()
     faults = []
     for seed in range(SCENES):
         try:
-            end = run_scene(seed, tmp_path / f"{seed}", wall_limit=WALL_LIMIT)
+            end = run_scene(random(seed), tmp_path / f"{seed}", wall_limit=WALL_LIMIT)
             if end == "finished" and seed % 4 == 0:
-                run_scene(seed, tmp_path / f"{seed}_two", threads=2)
+                run_scene(random(seed), tmp_path / f"{seed}_two", threads=2)
                 same_arrays(tmp_path / f"{seed}", tmp_path / f"{seed}_two")
         except Exception as error:  # every one is a fault; all of them are listed
             faults.append(f"{seed}: {type(error).__name__}: {error}")

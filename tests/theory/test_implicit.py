@@ -57,7 +57,7 @@ def path(simulation, stops, number=0):
 def test_steps_are_of_second_order(make):
     """A ball without friction, slowed by a uniform drag: v = v0 exp(-rate t), with steps of one length."""
     rate, v0, spin, duration = 1e6, 0.3, 2e4, 2e-6
-    lengths, errors = np.array([4e-8, 2e-8, 1e-8, 5e-9]), []
+    lengths, errors = np.array([6e-8, 3e-8, 1.5e-8, 7.5e-9]), []
     for length in lengths:
         one = make.ball(MICRO, (MIDDLE, MIDDLE, MICRO), (v0, 0.0, 0.0), (0.0, 0.0, spin))
         effects = Effects(named={"damping": {"rate": f"{rate} 1/s"}})
@@ -71,7 +71,8 @@ def test_steps_are_of_second_order(make):
         found = (make.velocity(simulation)[0] / v0, make.spin(simulation)[2] / spin, decay * gone / path)
         errors.append(np.abs(np.array(found) / decay - 1.0))
     slopes = np.polyfit(np.log(lengths), np.log(errors), 1)[0]
-    # the first steps are shorter: they grow to the length within a dozen, a share of the run that falls with the length
+    # the first steps are shorter, two of them of backward Euler: they grow to the length within a dozen, a share of the run that
+    # falls with the length; lengths near that of the first step would show their order
     assert slopes == pytest.approx([2.0, 2.0, 2.0], abs=0.05)
 
 

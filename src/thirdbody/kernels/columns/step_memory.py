@@ -15,6 +15,7 @@ CODE = table.scalar("code", "", "what stopped the body (`implicit.step_control.S
 SLOT = table.scalar("slot", "", "the contact that stopped it")
 LONGEST_DRAG = table.scalar("longest_drag", "m", "longest drag of a step")
 LAST_DT = table.scalar("last_dt", "s", "length of the last step; 0: start anew")
+JUMPED = table.scalar("jumped", "", "1: forces jumped in the last step, which started anew")
 LAST_COORDINATES, LAST_COORDINATES7 = table.vector("last_coordinates", 7, "m", "coordinates of the last step")
 LAST_DV, LAST_DV3 = table.vector("last_dv", 3, "m/s", "change of the velocity in the last step")
 LAST_DL, LAST_DL3 = table.vector("last_dl", 3, "kg m2/s", "change of the angular momentum in it")

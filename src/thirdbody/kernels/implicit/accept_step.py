@@ -260,7 +260,11 @@ def lengthen_path(s, dt, context):
 
 @njit(**BARE)
 def remember_step(context, active, y, dt):
-    """Store the data of an accepted step that the next one needs."""
+    """Store the data of an accepted step that the next one needs.
+
+    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too. BDF2 would go
+    on with it, and create energy: a fifth of what a ball has that a plate sets rolling (`meets_again` with `coulomb`).
+    """
     b, Z, T, B, velocity = active.number, active.start, active.memory, context.B, context.P[active.patch, patch.VELOCITY]
     for k in range(FREEDOMS):
         T[step_memory.LAST_COORDINATES + k] = y[k]
@@ -269,7 +273,9 @@ def remember_step(context, active, y, dt):
         T[step_memory.LAST_DV + k] = B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k]
         T[step_memory.LAST_DL + k] = momentum - Z[step_start.ANGULAR_MOMENTUM + k]
         T[step_memory.LAST_DW + k] = B[b, body.SPIN + k] - Z[step_start.SPIN + k]
-    T[step_memory.LAST_DRISE], T[step_memory.LAST_DT] = velocity - Z[step_start.PATCH_VELOCITY], dt
+    T[step_memory.LAST_DRISE] = velocity - Z[step_start.PATCH_VELOCITY]
+    jumped = Z[step_start.OLD_WEIGHT] == 0.0 and T[step_memory.JUMPED] == 0.0
+    T[step_memory.JUMPED], T[step_memory.LAST_DT] = (1.0, 0.0) if jumped else (0.0, dt)
     for s in range(context.start[b], context.start[b + 1] if context.paths.shape[0] > 0 else 0):
         lengthen_path(s, dt, context)
 

@@ -307,7 +307,7 @@ def finish_step(context, active, step, ended, diagnostics):
     T = active.memory
     advance_clock(active.totals, motion, end, whole)
     if at_breakpoint:
-        T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
+        T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
     count_step(T, active.totals, motion.dt, cuts)
     T[step_memory.LIMITED + limit] += 1.0
     set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
