@@ -262,8 +262,8 @@ def lengthen_path(s, dt, context):
 def remember_step(context, active, y, dt):
     """Store the data of an accepted step that the next one needs.
 
-    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too. BDF2 would go
-    on with it, and create energy: a fifth of what a ball has that a plate sets rolling (`meets_again` with `coulomb`).
+    Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too. With it BDF2
+    would create energy: a fifth of what a ball has that a plate sets rolling (`meets_again` with `coulomb`).
     """
     b, Z, T, B, velocity = active.number, active.start, active.memory, context.B, context.P[active.patch, patch.VELOCITY]
     for k in range(FREEDOMS):
