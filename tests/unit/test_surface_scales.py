@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from thirdbody.assembly.surface_scales import NARROW, surface_scales
+from thirdbody.assembly.surface_scales import MERGING, NARROW, NOTICED, surface_scales
 from thirdbody.report.plates import print_rough_plates
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.waves import phases, sine_heights
@@ -26,6 +26,19 @@ def test_a_sphere_touches_at_several_points_where_a_valley_is_sharper():
         assert scales.valley == pytest.approx(factor, rel=0.005)  # the spline of 32 points: 0.32 %
         assert scales.document()["several_contacts"] is several
         assert not scales.warnings("lower")
+
+
+def test_energy_of_contacts_that_become_one_is_reported(capsys):
+    sharp = wavy(1.1 / (RADIUS * (2.0 * math.pi / WAVELENGTH) ** 2))
+    limit = NOTICED * WAVELENGTH / (MERGING * RADIUS)  # overlap over radius
+    for overlap, count in ((0.9 * limit, 0), (1.1 * limit, 1)):
+        scales = surface_scales({"lower": sharp}, RADIUS, overlap)["lower"]
+        assert scales.document()["energy_of_merging_contacts_over_load"] == pytest.approx(MERGING * overlap * RADIUS)
+        assert sum("become one, energy is made or lost" in text for text in scales.warnings("lower")) == count
+    print_rough_plates({"lower": scales.document()})
+    text = capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ")
+    assert "at most that of the load along 66 nm" in text
+    assert surface_scales({"lower": wavy(1e-9)}, RADIUS, limit)["lower"].merging == 0.0
 
 
 def test_contacts_that_are_wide_against_the_waves_give_a_warning():

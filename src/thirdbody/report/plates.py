@@ -88,6 +88,9 @@ def print_rough_plates(report: dict[str, dict[str, Any]]) -> None:
         points = "spheres can touch at several points" if plate["several_contacts"] else "a sphere touches at one point"
         sphere = f"radius of the largest sphere, {pretty(plate['largest_sphere'], 'length')}"
         print_line(f"  curvature times the {sphere}: {valley:.2g} in valleys, {crest:.2g} on crests; {points}")
+        if plate["energy_of_merging_contacts_over_load"]:
+            length = pretty(plate["energy_of_merging_contacts_over_load"], "length")
+            print_line(f"  where two of its contacts become one, energy is made or lost: at most that of the load along {length}")
         if plate["contact_radius"]:
             wide = f"{plate['contact_radius_over_shortest_wavelength']:.2g} of the shortest wavelength"
             print_line(f"  contact radius as on a flat plate {pretty(plate['contact_radius'], 'length')}, {wide}")

@@ -20,12 +20,12 @@ from thirdbody.kernels.surface_minima import (
     end_minimum,
     follow,
     has_minimum,
-    has_moved,
     is_same,
     next_rough,
     offset_of,
     reset_ended,
     search_all,
+    search_is_due,
 )
 
 MARGIN = 0.15
@@ -123,7 +123,7 @@ def accept_sphere(k, field, tables):
             if has_minimum(k, a, Q):
                 end_minimum(k, a, math.inf, Q)
         Q[k, surface_contact.SEARCHED] = math.inf
-    elif has_moved(k, x, radius, Q):
+    elif search_is_due(k, field, x, (radius, tables.D[domain.REACH]), Q):
         search_all(k, field, x, (farthest, math.inf), tables)
     for a in range(k, k + BASINS):
         Q[a, surface_contact.START], Q[a, surface_contact.START + 1] = offset_of(a, Q)
