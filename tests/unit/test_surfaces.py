@@ -11,6 +11,7 @@ from scipy.ndimage import map_coordinates
 
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
+from thirdbody.report.surface_report import law_text
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.height_map import HeightMap
@@ -51,6 +52,14 @@ def test_a_random_surface_has_its_rms_height_and_spectrum():
     # rings of a factor 2^(1/4): the knee and the end are known to one of them
     assert law.hurst == pytest.approx(0.8, abs=0.05) and law.rolls_off
     assert law.long == pytest.approx(20e-6, rel=0.19) and law.short == pytest.approx(4e-6, rel=0.42)
+
+
+def test_the_exponent_of_a_narrow_band_is_reported_as_uncertain():
+    for short, narrow in ((4e-6, False), (10e-6, True)):
+        heights = random_heights(short=short)
+        spacing = (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0])
+        text = law_text(with_spectrum(surface_statistics(heights, spacing), heights, spacing))
+        assert text.startswith("Hurst exponent") and ("uncertain" in text) is narrow, text
 
 
 def test_power_outside_the_band_is_zero_and_flat_above_the_long_wavelength():

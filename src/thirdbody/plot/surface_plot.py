@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import OutputError
@@ -77,6 +78,9 @@ def _draw_spectrum(axes: Axes, statistics: Statistics) -> None:
         line = np.exp(np.mean(np.log(power) - slope * np.log(x))) * x**slope
         axes.loglog(x, line, color=LINE_COLORS["vermilion"], lw=1.5, label=f"Hurst exponent {law.hurst:.2f}")
     axes.invert_xaxis()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(f"wavelength [{unit}]")
     axes.set_ylabel("power spectrum [m$^4$]")
     axes.set_title(
