@@ -57,6 +57,14 @@ CASES: dict[str, tuple[str, dict[str, str]]] = {
         "yielding_debris",
         {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.1 um", "solver.integrator": "explicit"},
     ),
+    "pivoting": (
+        "sheared_debris",
+        {"debris.0.count": "100", "solver.distance": "0.2 um", "output.every": "0.1 um", "effects.pivoting": {"damping": 0.3}},
+    ),
+    "pivoting implicit": (
+        "sheared_debris",
+        ALONE | {"debris.0.count": "100", "solver.distance": "2 um", "output.every": "0.5 um", "effects.pivoting": {}},
+    ),
     "close_spots": (
         "sheared_debris",
         {"debris.0.count": "600", "solver.distance": "0.2 um", "output.every": "0.1 um", "effects.close_spots": {}},
@@ -89,7 +97,7 @@ def cut(name: str, folder: Path, watches: int) -> bool:
     return False
 
 
-LONG = {"yielding_debris", "yielding_debris explicit", "close_spots", "close_spots implicit"}
+LONG = {"pivoting", "pivoting implicit", "yielding_debris", "yielding_debris explicit", "close_spots", "close_spots implicit"}
 """Cases that compile kernels of their own."""
 
 
