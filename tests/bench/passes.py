@@ -22,9 +22,16 @@ from thirdbody.jit.options import NO_COUNTS
 from thirdbody.jit.packed_arguments import argument_specs, pack
 from thirdbody.kernels import contact_geometry, contact_history, first_body, narrow_phase, rigid_body
 from thirdbody.kernels.bundles import Box, Motion, Step, Tile
-from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns import body, body_force, domain, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.explicit import contact_dissipation, contact_forces, contact_tiles, drift_spheres, gather_forces
+from thirdbody.kernels.explicit import (
+    contact_dissipation,
+    contact_forces,
+    contact_tiles,
+    drift_spheres,
+    gather_forces,
+    group_forces,
+)
 from thirdbody.kernels.explicit import drift as motion
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import effects_at, law_at
@@ -33,7 +40,7 @@ from thirdbody.kernels.signatures import KINDS, context_of
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
 
-NO_LENGTH = Step(number=1, record=False, time=0.0, dt=0.0, v_x=0.0, v_y=0.0, pending=1.0)
+NO_LENGTH = Step(number=1, record=False, time=0.0, dt=0.0, v_x=0.0, v_y=0.0, pending=1.0, turn=0.0)
 """A step of no length."""
 
 
@@ -73,6 +80,7 @@ def drift(c, packed, step, Z, staged):
 def kick(c, packed, step):
     """The bodies of a chunk, without their kick."""
     k = context_of(packed)
+    group_forces.reset_forces(c * BODIES, min((c + 1) * BODIES, k.B.shape[0]), np.int64(0), k)
     gather_forces.gather_forces(c, k, step, effects_at(k.effects))
 
 
@@ -115,6 +123,12 @@ def tally(n, slots, tile, sums):
 def push_flat(n, slots, context, tile):
     """A tile of contacts with plates."""
     contact_forces.scatter_plate_tile(n, np.int64(0), slots, context, tile)
+
+
+@kernel
+def push_pairs(n, slots, context, tile):
+    """A tile of contacts between spheres."""
+    contact_forces.scatter_pair_tile(n, np.int64(0), slots, context, tile)
 
 
 @dataclass(frozen=True)
@@ -160,7 +174,10 @@ class Tables:
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(WITH_PLATE), self._tiles(WITH_SPHERE)
         self.tiles = np.concatenate((self.flat, self.paired))
-        own = {"S": self.S, "B": self.B, "E": self.E, "H": self.H, "F": self.F, "sums": self.sums, "moves": self.moves}
+        self.forces = table(len(self.B), body_force.WIDTH)  # of all bodies: a pass goes through all groups
+        own = {"S": self.S, "B": self.B, "E": self.E, "H": self.H, "F": self.F, "sums": self.sums, "moves": self.moves,
+               "orientations": s.orientations.copy(), "forces": self.forces,
+               "force_rows": np.zeros(self.groups, np.int32)}  # fmt: skip
         self.context = integrator.packer.given._replace(**own)
         self.packed = pack(argument_specs(KINDS), self.context)
         length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
@@ -182,13 +199,13 @@ def passes_of(k: Tables) -> list[Pass]:
 
 
 def drift_of(k: Tables) -> Pass:
-    """Motion of the bodies, places of their spheres. Of a ball: B up to its orientation, both ways, but for what comes newly; of
-    its sphere in a table of its own, the columns up to the last velocity."""
+    """Motion of the bodies, places of their spheres. Of a ball: B and its orientation, both ways; of its sphere in a table of its
+    own, the columns up to the last velocity."""
     s, slots, round_ones = k.state, k.slots, k.B[:, body.SPHERE_INERTIA] != 0.0
     many, clumps = int(round_ones.sum()), int((~round_ones).sum())
     placed = int(np.diff(slots.beginning)[~round_ones].sum())
-    apart = 0 if k.S is k.B else 4 + 20
-    touched = 8 * many * (1 + 24 + 32 + apart) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
+    apart = 0 if k.S is k.B else 4 + 20 - 8
+    touched = 8 * many * (1 + 24 + 24 + apart) + clumps * (8 * (2 + 28 + 13) + 8) + placed * (8 * (3 + 12 + 24) + 4)
     given = k.packed, NO_LENGTH, k.room[0], k.marks[0]
     kernels = [
         (drift_spheres.drift_ball, many),
@@ -258,7 +275,7 @@ def pushes_of(k: Tables) -> list[Pass]:
     """Fields to rows: force and torque of both bodies, both ways, with the arm of a clump's sphere; the memory of the contact."""
     slots, h, clumps = k.slots, k.h, len(k.S) != len(k.B)
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
-    tables = listed + (k.rows if clumps else k.B.nbytes)
+    tables = listed + k.forces.nbytes + (k.S.nbytes if clumps else 0)
     return [
         slotted(
             k,
@@ -274,7 +291,7 @@ def pushes_of(k: Tables) -> list[Pass]:
         slotted(
             k,
             "bodies, pairs",
-            contact_forces.scatter_pair_tile,
+            push_pairs,
             k.paired,
             (k.context, k.tile),
             16 + arms + 8 * (11 + 16 + 16),
@@ -297,7 +314,7 @@ def pushes_of(k: Tables) -> list[Pass]:
 
 
 def gather_of(k: Tables) -> Pass:
-    """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
+    """Forces from zero, what other groups left, a row each, sums to the bodies; the closing half kick is the drift's."""
     n, remote = len(k.B), len(k.slots.remote_body)
     return Pass(
         "gather",
@@ -305,8 +322,8 @@ def gather_of(k: Tables) -> Pass:
         len(k.moves),
         n,
         "bodies",
-        8 * len(k.moves) + (8 + 8 * 32) * remote,
-        k.B.nbytes + k.F.nbytes,
+        8 * len(k.moves) + 8 * 32 * n + (8 + 8 * 32) * remote,
+        k.B.nbytes + k.forces.nbytes + k.F.nbytes,
         [(gather_forces.add_remote_forces, remote)],
     )
 

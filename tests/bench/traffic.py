@@ -1,10 +1,10 @@
 """Bytes that a step moves, by table: every row that it needs comes into the cache once and goes back once if it was written.
 
 A step passes through the bodies group by group, and what a group needs stays in the near cache until it is done. So a row of a
-table counts once a step, whatever number of passes use it, and as a whole: it is one or more cache lines. Tiles of contacts and
-the gaps of a group never leave the cache and do not count; a row of remote forces that is used again within a step counts once.
-Over the bandwidth of a triad, the sum is the least time of a step
-whose tables fit into no near cache.
+table counts once a step, whatever number of passes use it, and as a whole: neighbours in the table share cache lines. Tiles of
+contacts, the gaps of a group and the forces on its bodies never leave the cache and do not count; a row of remote forces that is
+used again within a step counts once. Over the bandwidth of a triad, the sum is the least time of a step whose tables fit into no
+near cache.
 """
 
 from __future__ import annotations
@@ -17,7 +17,11 @@ from rich.console import Console
 from rich.table import Table
 
 from thirdbody.engine.remote_rows import remote_rows
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.columns import body, body_extra, orientation
+from thirdbody.kernels.sphere_rotation import INNER, OUTER, STEPS
+
+ROTATED = len((*OUTER, *INNER)) / STEPS
+"""Fraction of the steps that rotate single spheres."""
 
 READ, WRITTEN = 1, 2
 """Times that a row crosses the border of the cache; one that is written is read first."""
@@ -46,6 +50,7 @@ def moved(state: Any) -> list[Moved]:
     touching, rows = int(closed.sum()), len(np.unique(remote_rows(slots, state.body, 1)))
     tables = [
         Moved("bodies", state.n_bodies, 8 * body.WIDTH, WRITTEN),
+        Moved("orientations", clumps + int(spheres.sum() * ROTATED), 8 * orientation.WIDTH, WRITTEN),
         Moved("bodies of several spheres", clumps, 8 * body_extra.WIDTH_WITHOUT_EFFECTS, WRITTEN),
         Moved("spheres of their own", 0 if state.S is state.B else placed, state.S[:1].nbytes, WRITTEN),
         Moved("their places in the body", placed, state.offsets[:1].nbytes, READ),
@@ -54,7 +59,8 @@ def moved(state: Any) -> list[Moved]:
         Moved("lists: rows and bodies of remote forces", len(slots.remote_body), 8, READ),
         Moved("lists: owner and partner", slots.count, 8, READ),
         Moved("lists: in contact", slots.count, slots.closed.itemsize, WRITTEN),
-        Moved("lists: material, row of the remote force", touching, 8, READ),
+        Moved("lists: row of the remote force", touching, 4, READ),
+        Moved("lists: material", touching if state.physics.kinds.size > 1 else 0, 4, READ),
         Moved("lists: body of a sphere", 0 if state.S is state.B else 2 * touching, 8, READ),
     ]
     return [table for table in tables if table.rows]

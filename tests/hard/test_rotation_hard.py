@@ -42,7 +42,7 @@ def turned_pair(make, axis, count):
     def drive(target, spin=(0.0, 0.0, 0.0)):
         B[:, body.VELOCITY3] = (target - B[:, body.POSITION3]) / step
         B[:, body.SPIN3] = spin
-        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, simulation.state.orientations)
         make.advance(simulation)
         return make.contact(simulation)
 
@@ -87,18 +87,18 @@ def spinning_flake(make, step):
     B, E = simulation.state.B, simulation.state.E
     E[:, body_extra.INERTIA3], B[:, body.SPHERE_INERTIA] = FLAKE, 0.0
     B[:, body.SPIN3] = WOBBLE
-    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, simulation.state.orientations)
     return simulation
 
 
 @pytest.mark.parametrize("steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_quaternion_and_momentum_over_many_steps(make, steps):
     simulation = spinning_flake(make, 0.05)
-    B, E = simulation.state.B, simulation.state.E
+    E = simulation.state.E
     momentum, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), make.kinetic(simulation)
     simulation.integrator.advance_to(time=(steps - 0.5) * 0.05)
     assert simulation.state.A[run_totals.STEPS] == steps
-    assert abs(np.linalg.norm(B[0, body.QUATERNION4]) - 1.0) < 1e-12
+    assert abs(np.linalg.norm(simulation.state.bodies.quaternion[0]) - 1.0) < 1e-12
     assert np.array_equal(E[0, body_extra.ANGULAR_MOMENTUM3], momentum)
     # no drift: the splitting's energy error stays (omega dt)^2/12, whatever the time
     assert make.kinetic(simulation) == pytest.approx(energy, rel=0.05**2 / 12.0)
@@ -110,9 +110,9 @@ def test_spinning_flake_keeps_its_period(make):
     rows = []
     while simulation.state.time < 10.6 * period:
         make.advance(simulation)
-        B = simulation.state.B
-        turn = rotation_matrices(B[:1, body.QUATERNION4])[0]
-        rows.append((simulation.state.time, (turn.T @ B[0, body.SPIN3])[0]))
+        bodies = simulation.state.bodies
+        turn = rotation_matrices(bodies.quaternion[:1])[0]
+        rows.append((simulation.state.time, (turn.T @ bodies.spin[0])[0]))
     time, first = np.array(rows).T
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])

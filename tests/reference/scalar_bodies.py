@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from thirdbody.kernels.columns import body, body_extra, sphere
+from thirdbody.kernels.columns import body, body_extra, orientation, sphere
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
-    body.WIDTH + c
+    body.WIDTH + orientation.WIDTH + c
     for c in (
         body_extra.ANGULAR_MOMENTUM,
         body_extra.LONGEST_ARM,
@@ -25,7 +25,10 @@ ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE 
         body_extra.EFFECT_TORQUE,
     )
 )
-"""Columns of E: a row of a body is that of B, and behind it that of E."""
+"""Columns of E: a row of a body is that of B, then its orientation, then that of E."""
+
+QUATERNION = body.WIDTH + orientation.QUATERNION
+QUATERNION4 = slice(QUATERNION, QUATERNION + 4)
 
 MIN_SPEED, MIN_SPIN, MIN_MOMENTUM = 1e-60, 1e-60, 1e-90
 """m/s, rad/s and kg m2/s: what moves more slowly at the end of a step rests."""
@@ -111,9 +114,16 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
     return new[0] * s, new[1] * s, new[2] * s, new[3] * s
 
 
+def rotated(q: Quaternion, w: Vector, time: float) -> Quaternion:
+    """q after so many seconds of the spin w, a small turn."""
+    r = time * w[0], time * w[1], time * w[2]
+    tangent = 1.0 + dot(r, r) / 12.0
+    return turned(q, (tangent * r[0], tangent * r[1], tangent * r[2])) if time != 0.0 else q
+
+
 def quaternion(B: list[float]) -> Quaternion:
     """Orientation of a body."""
-    return B[body.QUATERNION], B[body.QUATERNION + 1], B[body.QUATERNION + 2], B[body.QUATERNION + 3]
+    return B[QUATERNION], B[QUATERNION + 1], B[QUATERNION + 2], B[QUATERNION + 3]
 
 
 def see_spin(B: list[float]) -> None:
@@ -141,13 +151,12 @@ def place(row: list[float], offset: Vector, B: list[float], v: Vector, w: Vector
     row[sphere.MID_SPIN3] = w
     row[sphere.END_VELOCITY3] = carried(end[0], end[1], arm)
     row[sphere.END_SPIN3] = end[1]
-    if len(row) == sphere.WIDTH:
-        row[sphere.ARM3] = arm
+    row[sphere.ARM3] = arm
 
 
 def arm_of(row: list[float]) -> Vector:
-    """The centre of a sphere from its body's centre of mass; a row that tells of both has none."""
-    return three(row, sphere.ARM) if len(row) == sphere.WIDTH else (0.0, 0.0, 0.0)
+    """The centre of a sphere from its body's centre of mass."""
+    return three(row, sphere.ARM)
 
 
 def carried(v: Vector, w: Vector, r: Vector) -> Vector:
@@ -163,8 +172,8 @@ def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vect
         place(sphere_number, offset, B, v, w, (v, w), 0.0)
 
 
-def drift_ball(B: list[float], row: list[float], dt: float) -> None:
-    """Half kick and full drift of a ball."""
+def drift_ball(B: list[float], row: list[float], dt: float, rotation: float) -> None:
+    """Half kick and full drift of a ball, which its spin turns for a time of `rotation` seconds."""
     half = 0.5 * dt
     change = [half / B[body.MASS] * f for f in three(B, body.FORCE)]
     turn = [half / B[body.SPHERE_INERTIA] * t for t in three(B, body.TORQUE)]
@@ -175,7 +184,7 @@ def drift_ball(B: list[float], row: list[float], dt: float) -> None:
     row[sphere.POSITION3], row[sphere.MID_VELOCITY3], row[sphere.MID_SPIN3] = x, v, w
     row[sphere.END_VELOCITY3] = [v[k] + change[k] for k in range(3)]
     row[sphere.END_SPIN3] = [w[k] + turn[k] for k in range(3)]
-    B[body.QUATERNION4] = turned(quaternion(B), (dt * w[0], dt * w[1], dt * w[2]))
+    B[QUATERNION4] = rotated(quaternion(B), (w[0], w[1], w[2]), rotation)
 
 
 def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
@@ -188,16 +197,16 @@ def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vec
     w_0, w_1 = spin(before, momentum, inertia), spin(after, momentum, inertia)
     w = 0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2])
     B[body.POSITION3] = added(three(B, body.POSITION), v, dt)
-    B[body.VELOCITY3], B[ANGULAR_MOMENTUM : ANGULAR_MOMENTUM + 3], B[body.QUATERNION4] = v, momentum, after
+    B[body.VELOCITY3], B[ANGULAR_MOMENTUM : ANGULAR_MOMENTUM + 3], B[QUATERNION4] = v, momentum, after
     end = added(v, force, kick), spin(after, added(momentum, torque, half), inertia)
     for sphere_number, offset in zip(spheres, offsets, strict=True):
         place(sphere_number, offset, B, v, w, end, 0.5 * dt)
 
 
-def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
-    """Half kick and full drift of a body and its spheres; the forces on it are used up."""
+def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float, rotation: float) -> None:
+    """Half kick and full drift of a body and its spheres; the forces on it are used up. `rotation`: see `drift_ball`."""
     if is_ball(B, offsets):
-        drift_ball(B, spheres[0], dt)
+        drift_ball(B, spheres[0], dt, rotation)
     else:
         drift_body(B, spheres, offsets, dt)
     for column in (body.FORCE, body.TORQUE):  # the contacts add them up anew

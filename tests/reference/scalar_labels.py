@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE
+from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, quaternion, rotated, three
 
 from thirdbody.kernels.columns import body, contact_state, loaded_contact, observed_body, record, run_totals
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
@@ -76,7 +76,8 @@ def body_row(B: list[float], A: list[float], drag: tuple[float, float], speed: f
         (observed_body.EFFECT_TORQUE, EFFECT_TORQUE),
     ):
         O[to : to + 3] = B[column : column + 3] if column < len(B) else (0.0, 0.0, 0.0)
-    O[observed_body.QUATERNION4] = B[body.QUATERNION4]
+    ball = B[body.SPHERE_INERTIA] != 0.0
+    O[observed_body.QUATERNION4] = rotated(quaternion(B), three(B, body.SPIN), A[run_totals.BEHIND] if ball else 0.0)
     O[observed_body.ELAPSED] = A[run_totals.ELAPSED]
     O[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
     O[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]

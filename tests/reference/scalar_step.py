@@ -35,9 +35,12 @@ from scalar_laws import Effects, Laws
 from scalar_plates import Patches, Plan
 
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import body, contact_state, domain, run_totals
+from thirdbody.kernels.columns import body, contact_state, domain, run_totals, sphere
 
 Pair = tuple[int, int]
+
+TAKEN = {1: 10.0 / 3.0, 5: 14.0 / 3.0, 10: 14.0 / 3.0, 14: 10.0 / 3.0}
+"""Steps of every 16, from 0 on, in which the spins of balls turn them, and for how many steps each stands."""
 
 
 @dataclass
@@ -65,9 +68,12 @@ class Reference:
     def __init__(self, simulation: Any):
         state, choice = simulation.state, simulation.choice
         self.physics, self.choice = state.physics, choice
-        bodies = np.hstack((state.B, state.E))
+        bodies, spheres = np.hstack((state.B, state.orientations, state.E)), state.S
+        if spheres is state.B:  # rows of their own, with the same columns
+            spheres = np.zeros((len(bodies), sphere.WIDTH))
+            spheres[:, : sphere.END_VELOCITY] = state.B[:, : sphere.END_VELOCITY]
         self.B, self.P, self.A, self.M = (t.tolist() for t in (bodies, state.P, state.A, state.M))
-        self.S = self.B if state.S is state.B else state.S.tolist()
+        self.S, self.aliased = spheres.tolist(), state.S is state.B
         self.body, self.start = state.body.tolist(), state.start.tolist()
         self.offsets = [tuple(row) for row in state.offsets.tolist()]
         self.size = max(float(state.D[domain.LENGTH_X]), 0.0), max(float(state.D[domain.LENGTH_Y]), 0.0)
@@ -120,8 +126,9 @@ class Reference:
         sampled = self.physics.labels and (int(self.A[run_totals.STEPS]) + 1) % self.physics.stride == 0
         self.patches.drive(t, dt)
         self.patches.drift(dt, *v)
+        rotation = dt * TAKEN.get(int(self.A[run_totals.STEPS]) % 16, 0.0)
         for b, B in enumerate(self.B):
-            drift(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)], dt)
+            drift(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)], dt, rotation)
         spent = self.contacts(Surroundings(self.P, v[0], v[1], dt, *self.size))
         powers = [self.close(b, t + dt, dt) for b in range(len(self.B))]
         self.patches.load(t + dt)
@@ -246,6 +253,8 @@ class Reference:
         ):
             A[column] += change
         A[run_totals.PLATE_SPEED] = speed
+        steps = int(A[run_totals.STEPS]) % 16
+        A[run_totals.BEHIND] = dt * (steps - sum(weight for k, weight in TAKEN.items() if k < steps))
         if speed > 0.0:
             A[run_totals.HEADING], A[run_totals.HEADING + 1] = v[0] / speed, v[1] / speed
 

@@ -30,7 +30,7 @@ from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Candidates, Physics
 from thirdbody.kernels import schedule
-from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
+from thirdbody.kernels.columns import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP
@@ -64,7 +64,8 @@ SEEN = 1e3
 """Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
 
 MOTION = {
-    "B": [*range(body.POSITION, body.FORCE), *range(body.QUATERNION, body.WIDTH)],
+    "B": [*range(body.POSITION, body.FORCE)],
+    "orientations": range(orientation.WIDTH),
     "E": range(body_extra.UPPER_PUSH),
     "S": range(sphere.WIDTH),
     "P": [patch.HEIGHT, patch.VELOCITY],
@@ -75,7 +76,8 @@ OF_THE_SEARCH = {"P": (slice(None), patch.SEARCH_HEIGHT), "A": run_totals.MAX_DI
 """What only the search looks at."""
 
 VECTORS = {
-    "B": [(body.POSITION, 3), (body.VELOCITY, 3), (body.SPIN, 3), (body.FORCE, 3), (body.TORQUE, 3), (body.QUATERNION, 4)],
+    "B": [(body.POSITION, 3), (body.VELOCITY, 3), (body.SPIN, 3), (body.FORCE, 3), (body.TORQUE, 3)],
+    "orientations": [(orientation.QUATERNION, 4)],
     "E": [(body_extra.ANGULAR_MOMENTUM, 3), (body_extra.INERTIA, 3), (body_extra.EFFECT_FORCE, 3), (body_extra.EFFECT_TORQUE, 3)],
     "S": [
         (sphere.POSITION, 3),
@@ -138,8 +140,8 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
         if slots is not None:
             reference.take(slots)
     found = {name: np.array(getattr(reference, name)) for name in "BSPAM"}
-    found["B"], found["E"] = np.hsplit(found["B"], [body.WIDTH])
-    found["S"] = found["S"][:, : body.WIDTH]  # where bodies and spheres are one table
+    found["B"], found["orientations"], found["E"] = np.hsplit(found["B"], [body.WIDTH, body.WIDTH + orientation.WIDTH])
+    found["S"] = found["B"] if reference.aliased else found["S"]
     closed = [pair for pair in reference.pairs if reference.memory[pair][contact_state.SLIP] > 0.0]
     rows = np.array([reference.memory[pair] for pair in reference.pairs])
     return found | split(rows, reference.physics) | {"R": np.array([reference.records[pair] for pair in closed])}
@@ -156,7 +158,7 @@ def split(H: np.ndarray, physics: Physics) -> Tables:
 def tables(simulation: Simulation) -> Tables:
     """Every table that the engine's step writes: R where it is read, of closed contacts."""
     state, slots = simulation.state, simulation.state.slots
-    found = {name: getattr(state, name).copy() for name in "BESPAM"}
+    found = {name: getattr(state, name).copy() for name in (*"BESPAM", "orientations")}
     return found | split(slots.H, state.physics) | {"R": slots.R[slots.histories.slip > 0.0]}
 
 

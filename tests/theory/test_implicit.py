@@ -13,7 +13,7 @@ from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.columns import body, patch, record
+from thirdbody.kernels.columns import patch, record
 from thirdbody.scene.model import Constant, ConstantVelocity, Effects, Irregular, Motion, Ramp, Scene, Spots, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -46,8 +46,8 @@ def path(simulation, stops, number=0):
     rows = []
     for stop in stops:
         simulation.integrator.advance_to(distance=stop)
-        B = simulation.state.B[number]
-        rows.append(np.concatenate([B[body.POSITION3] - MIDDLE, MICRO * B[body.QUATERNION4]]))
+        bodies = simulation.state.bodies
+        rows.append(np.concatenate([bodies.position[number] - MIDDLE, MICRO * bodies.quaternion[number]]))
     return np.array(rows)
 
 

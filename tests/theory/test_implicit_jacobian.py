@@ -141,7 +141,7 @@ def tables(n_plates: int) -> dict[str, Any]:
     """The tables of a step of a body with `n_plates` candidates; its spheres are in place at the coordinates 0 only."""
     n = len(OFFSETS)
     S, B, E = np.zeros((n, sphere.WIDTH)), np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH_WITHOUT_EFFECTS))
-    S[:, sphere.RADIUS], S[:, sphere.MASS], B[0, body.MASS], B[0, body.QUATERNION] = RADIUS, 0.7, 0.7, 1.0
+    S[:, sphere.RADIUS], S[:, sphere.MASS], B[0, body.MASS] = RADIUS, 0.7, 0.7
     E[0, body_extra.INERTIA3] = 0.3, 0.4, 0.5
     P, Z = np.zeros((1, patch.WIDTH)), np.zeros((1, step_start.WIDTH))
     P[0, patch.FREE], P[0, patch.MASS], P[0, patch.LOAD] = 1.0, 0.2, 0.01
@@ -154,8 +154,8 @@ def tables(n_plates: int) -> dict[str, Any]:
     return {
         "kind": np.zeros(n_plates, np.int32), "edges": np.array([0, n_plates], np.int32),
         "incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
-        "E": E, "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z, "memory": memory,
-        "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
+        "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
+        "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
         "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
         "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
@@ -349,8 +349,9 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
     given = {
         "own": np.zeros(1, np.int32), "partner": np.full(1, 3, np.int32), "kind": np.zeros(1, np.int32),
         "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
-        "S": S, "B": B, "E": E, "P": P, "Q": FLAT, "H": H, "starts": Z, "memory": np.zeros((2, step_memory.WIDTH)),
-        "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": 1,
+        "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
+        "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH),
+        "settings": settings, "max_per_body": 1,
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
         "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),

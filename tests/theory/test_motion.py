@@ -5,8 +5,10 @@ from __future__ import annotations
 import closed_forms
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import angular_momentum
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.rotations import rotation_matrices
@@ -23,13 +25,13 @@ def top(make, step):
     B, E = simulation.state.B, simulation.state.E
     E[:, body_extra.INERTIA3], B[:, body.SPHERE_INERTIA] = MOMENTS, 0.0
     B[:, body.SPIN3] = SPIN
-    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, simulation.state.orientations)
     return simulation
 
 
-def body_spin(B):
+def body_spin(state):
     """Angular velocity (3,) in the body's own frame."""
-    return rotation_matrices(B[:1, body.QUATERNION4])[0].T @ B[0, body.SPIN3]
+    return rotation_matrices(state.bodies.quaternion[:1])[0].T @ state.bodies.spin[0]
 
 
 def swing(make, step):
@@ -38,7 +40,7 @@ def swing(make, step):
     rows = []
     while simulation.state.time < 1.9 * PERIOD:
         make.advance(simulation)
-        rows.append((simulation.state.time, body_spin(simulation.state.B)[1]))
+        rows.append((simulation.state.time, body_spin(simulation.state)[1]))
     time, middle = np.array(rows).T
     k = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
     assert len(k) == 2
@@ -58,7 +60,7 @@ def test_top_period_is_of_second_order(make):
 
 def test_top_keeps_momentum_and_energy(make):
     simulation = top(make, 0.05)
-    B, E = simulation.state.B, simulation.state.E
+    E = simulation.state.E
     momentum, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), make.kinetic(simulation)
     worst = 0.0
     for _ in range(60):
@@ -67,7 +69,7 @@ def test_top_keeps_momentum_and_energy(make):
     # world axes: nothing ever touches L; the splitting keeps a neighbour of the energy, (dt omega)^2/12 off at most
     assert np.array_equal(E[0, body_extra.ANGULAR_MOMENTUM3], momentum)
     assert worst < 0.05**2 / 12.0
-    assert abs(np.linalg.norm(B[0, body.QUATERNION4]) - 1.0) < 1e-14
+    assert abs(np.linalg.norm(simulation.state.bodies.quaternion[0]) - 1.0) < 1e-14
 
 
 def test_top_turns_as_a_fine_solution_does(make):
@@ -82,6 +84,22 @@ def test_top_turns_as_a_fine_solution_does(make):
     halvings = [np.linalg.norm(b - a) for a, b in zip(attitude[:-1], attitude[1:], strict=True)]
     assert np.log2(halvings[0] / halvings[1]) == pytest.approx(2.0, abs=0.02)
     assert np.log2(halvings[1] / halvings[2]) == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_ball_turns_by_its_spin_at_every_stop(make):
+    """A constant spin, at instants within a block of steps (`kernels.sphere_rotation`) and after several blocks."""
+    step, spin = 0.05, np.array([0.3, -0.2, 0.1])
+    simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
+    state = simulation.state
+    state.B[:, body.SPIN3], start = spin, Rotation.from_quat(np.roll(state.bodies.quaternion[0], -1))
+    largest = 14.0 / 3.0 * step * np.linalg.norm(spin)
+    for steps in range(1, 70):
+        simulation.integrator.advance_to(time=(steps - 0.5) * step)
+        now = Rotation.from_quat(np.roll(orientations(state)[0], -1))
+        off = (now * (Rotation.from_rotvec(steps * step * spin) * start).inv()).magnitude()
+        # a rotation r at once is off by r^5/120: the tangent has two terms
+        assert off < steps * largest**5 / 120.0 + 1e-14
+    assert off > 1e-3 * steps * largest**5 / 120.0
 
 
 LUMP = (
@@ -134,8 +152,8 @@ def tumble(make, scale):
     rows = []
     for k in range(1, 9):
         simulation.integrator.advance_to(time=1.5 * k * scale)
-        B = simulation.state.B[0]
-        rows.append(np.concatenate([B[body.POSITION3] / scale, B[body.QUATERNION4], B[body.SPIN3] * scale]))
+        bodies = simulation.state.bodies
+        rows.append(np.concatenate([bodies.position[0] / scale, bodies.quaternion[0], bodies.spin[0] * scale]))
     return np.array(rows)
 
 
@@ -158,6 +176,6 @@ def test_irregular_populations_scale_alike(make):
         )  # fmt: skip
         simulation = build(make.scene([debris], {"ball": make.STEEL}, lower="ball", friction=0.3, size=10.0 * scale))
         simulation.integrator.advance_to(time=2.0 * scale)
-        B = simulation.state.B
-        found.append(np.hstack([B[:, body.QUATERNION4], B[:, body.SPIN3] * scale]))
+        bodies = simulation.state.bodies
+        found.append(np.hstack([bodies.quaternion, bodies.spin * scale]))
     assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-9)

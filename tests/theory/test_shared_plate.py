@@ -196,7 +196,9 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     one.advance_to(distance=path)  # none: it still sticks
-    start, dt, h, context = simulation.state.B.copy(), one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
+    state = simulation.state
+    poses = np.hstack((state.B[:, : body.SPIN], state.orientations))
+    dt, h, context = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
     velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
     for rise in (-h, 0.0, h):
@@ -208,9 +210,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
     assert solutions[1][:, body_solution.SLOPE] == pytest.approx(quotient, rel=2e-5)
-    moved = np.abs(simulation.state.B - start)[
-        :, [*range(body.POSITION, body.SPIN), *range(body.QUATERNION, body.QUATERNION + 4)]
-    ]
+    moved = np.abs(np.hstack((state.B[:, : body.SPIN], state.orientations)) - poses)
     assert moved[:, :3].max() < 1e-15 and moved.max() < 1e-12, "bodies were not put back"
 
 

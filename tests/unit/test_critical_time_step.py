@@ -77,7 +77,7 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     clump = counts > 1
     E[clump, body_extra.INERTIA3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
     q = rng.normal(size=(bodies, 4))
-    B[:, body.QUATERNION4] = q / np.linalg.norm(q, axis=1)[:, None]
+    q /= np.linalg.norm(q, axis=1)[:, None]
     arms = rng.normal(0.0, 0.2, (len(body_of), 3)) * clump[body_of][:, None]
     S[:, :3], S[:, sphere.RADIUS] = B[body_of, :3] + arms, radii
     S[:, sphere.ARM3], S[:, sphere.ARM + 3], S[:, sphere.MASS] = arms, 7.0, B[body_of, body.MASS]
@@ -88,7 +88,7 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     D = np.zeros(domain.WIDTH)
     D[domain.LENGTH_X] = D[domain.LENGTH_Y] = size
     state = SimpleNamespace(
-        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=D, patch=patch_of, dt=0.0,
+        n_bodies=bodies, body=body_of, start=start, B=B, E=E, orientations=q, S=S, P=P, D=D, patch=patch_of, dt=0.0,
         time=0.0, A=np.zeros(run_totals.WIDTH),
         order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
@@ -177,7 +177,7 @@ def root(values: np.ndarray) -> float:
 def full(state) -> list[tuple[float, str, int, float]]:
     """Step, mechanism, body and longest stable step of every body and patch, the one that limits first."""
     sums, patches = everything(state)
-    turns = rotation_matrices(state.B[:, body.QUATERNION4])
+    turns = rotation_matrices(state.orientations)
     rows = []
     for b in range(state.n_bodies):
         inertia = turns[b] @ np.diag(state.E[b, body_extra.INERTIA3]) @ turns[b].T
@@ -286,11 +286,11 @@ def test_a_contact_to_come_counts_as_deep_as_it_gets():
     """A ball that falls onto the plate is bounded as if it were there already, but no deeper than is foreseen."""
     state, horizon, speed = heap(0, 1, 1, size=100.0), 1e-3, 50.0
     height = state.S[0, sphere.RADIUS] + 0.02
-    state.S[0, 2], state.S[0, sphere.END_VELOCITY + 2] = height, -speed
+    state.S[0, 2], state.S[0, sphere.MID_VELOCITY + 2] = height, -speed
     find(state, np.random.default_rng(0))
     state.slots.kind[:] = 1
     ahead = [_contact_bounds(state, horizon, deepest)[1][0] for deepest in (0.3, 0.01)]
-    state.S[0, sphere.END_VELOCITY + 2] = 0.0
+    state.S[0, sphere.MID_VELOCITY + 2] = 0.0
     for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, sphere.RADIUS]), strict=True):
         state.S[0, 2] = state.S[0, sphere.RADIUS] - overlap
         assert found == pytest.approx(_contact_bounds(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences

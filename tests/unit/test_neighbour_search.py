@@ -7,43 +7,43 @@ import pytest
 
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER
-from thirdbody.kernels.neighbour_search import Grid, pair_candidates
+from thirdbody.kernels.neighbour_search import Grid, Spheres, pair_candidates
 
 SKIN = 0.1
 LARGEST = 0.5
 REACH = 2.0 * LARGEST + SKIN
 
 
-def spheres(n: int, box: tuple[float, float, float], seed: int) -> np.ndarray:
-    """A table of n spheres of many sizes; some meet only one plate."""
+def spheres(n: int, box: tuple[float, float, float], seed: int, each: int = 1) -> tuple[np.ndarray, Spheres]:
+    """A table of n spheres of many sizes, `each` to a body; some meet only one plate."""
     rng = np.random.default_rng(seed)
     S = np.zeros((n, sphere.WIDTH))
     S[:, : sphere.RADIUS] = rng.uniform(0.0, 1.0, (n, 3)) * box
     S[:, sphere.RADIUS] = rng.uniform(0.2, 1.0, n) * LARGEST
     S[0, sphere.RADIUS] = LARGEST
-    S[:, sphere.SIDE] = np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING)
-    return S
+    side = np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING).astype(np.int8)
+    return S, Spheres(np.arange(n) // each, side)
 
 
-def found(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], periodic: tuple[bool, bool], room: int) -> np.ndarray:
+def found(S: np.ndarray, of: Spheres, box: tuple[float, float, float], periodic: tuple[bool, bool], room: int) -> np.ndarray:
     """The pairs (k, 2) of the search in cells that are as small as they may be, behind three slots that are there already."""
     low, count = np.zeros(3), np.maximum((np.array(box) / REACH).astype(np.int64), 1)
     own, partner = np.full(room, -7, np.int32), np.full(room, -7, np.int32)
     lengths = [box[k] if periodic[k] else 0.0 for k in (0, 1)]
-    n = pair_candidates(S, body, SKIN, Grid(low, np.array(box) / count, count, np.array(periodic), *lengths), 3, own, partner)
+    n = pair_candidates(S, of, SKIN, Grid(low, np.array(box) / count, count, np.array(periodic), *lengths), 3, own, partner)
     assert np.all(own[:3] == -7) and np.all(partner[:3] == -7)
     return np.column_stack((own, partner))[3:n] if n <= room else np.full((n - 3, 2), -1)
 
 
-def expected(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], periodic: tuple[bool, bool]) -> np.ndarray:
+def expected(S: np.ndarray, of: Spheres, box: tuple[float, float, float], periodic: tuple[bool, bool]) -> np.ndarray:
     """The same, plainly."""
     i, j = np.triu_indices(len(S), 1)
     d = S[i, : sphere.RADIUS] - S[j, : sphere.RADIUS]
     for k in (0, 1):
         d[:, k] -= box[k] * np.rint(d[:, k] / box[k]) if periodic[k] else 0.0
     near = np.sum(d * d, axis=1) < (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + SKIN) ** 2
-    both = (S[i, sphere.SIDE] == EVERYTHING) & (S[j, sphere.SIDE] == EVERYTHING)
-    keep = near & both & (body[i] != body[j])
+    both = (of.side[i] == EVERYTHING) & (of.side[j] == EVERYTHING)
+    keep = near & both & (of.body[i] != of.body[j])
     return np.column_stack((i[keep], j[keep]))
 
 
@@ -52,32 +52,30 @@ def expected(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], p
 def test_every_pair_is_found_once_and_in_order(cells, periodic):
     for seed, spheres_per_body in enumerate((1, 1, 3)):
         box = tuple(1.05 * REACH * n for n in cells)
-        S = spheres(60, box, seed)
-        body = np.arange(60) // spheres_per_body
-        pairs = found(S, body, box, periodic, 4000)
-        assert np.array_equal(pairs, expected(S, body, box, periodic)) and len(pairs) > 10
+        S, of = spheres(60, box, seed, spheres_per_body)
+        pairs = found(S, of, box, periodic, 4000)
+        assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
 
 
 def test_one_cell_is_enough_where_nothing_is_periodic():
-    S = spheres(9, (1.0, 1.0, 1.0), 1)
-    body = np.arange(9)
-    assert np.array_equal(found(S, body, (1.0, 1.0, 1.0), (False, False), 100), expected(S, body, (1.0,) * 3, (False, False)))
+    S, of = spheres(9, (1.0, 1.0, 1.0), 1)
+    assert np.array_equal(found(S, of, (1.0, 1.0, 1.0), (False, False), 100), expected(S, of, (1.0,) * 3, (False, False)))
 
 
 def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
     box = (4.0, 4.0, 4.0)
-    S = spheres(80, box, 2)
+    S, of = spheres(80, box, 2)
     S[:, : sphere.RADIUS] = 1.3 * S[:, : sphere.RADIUS] - 0.6
-    body = np.arange(80)
-    assert np.array_equal(found(S, body, box, (False, False), 4000), expected(S, body, box, (False, False)))
+    assert np.array_equal(found(S, of, box, (False, False), 4000), expected(S, of, box, (False, False)))
 
 
 @pytest.mark.parametrize("room", [3, 4, 20])
 def test_too_little_space_is_reported(room):
     box = (4.0, 4.0, 4.0)
-    S, body = spheres(80, box, 3), np.arange(80)
-    assert len(found(S, body, box, (True, True), room)) == len(expected(S, body, box, (True, True))) > 20
+    S, of = spheres(80, box, 3)
+    assert len(found(S, of, box, (True, True), room)) == len(expected(S, of, box, (True, True))) > 20
 
 
 def test_no_spheres_no_pairs():
-    assert found(np.zeros((0, sphere.WIDTH)), np.zeros(0, np.int64), (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)
+    none = Spheres(np.zeros(0, np.int64), np.zeros(0, np.int8))
+    assert found(np.zeros((0, sphere.WIDTH)), none, (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)

@@ -10,7 +10,7 @@ import pytest
 from thirdbody.engine import explicit
 from thirdbody.engine import remote_rows as module
 from thirdbody.engine.neighbours import _between_groups
-from thirdbody.engine.remote_rows import FEW, remote_rows
+from thirdbody.engine.remote_rows import FEW, force_rows, remote_rows
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 
@@ -47,6 +47,22 @@ def test_no_row_is_written_before_its_last_force_was_added(parts):
             assert not late[users].any() and len(set(part[sender[users]])) == 1
             assert np.all(sender[users][1:] > receiver[users][:-1])
     assert parts > 1 or len(np.unique(rows)) < len(rows) / 3
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4, 7, GROUPS])
+def test_no_two_groups_sum_forces_in_the_same_rows_at_one_time(parts):
+    """Groups share rows only if they are of one part and get forces from that part alone; all rows are in the table."""
+    one, other, n = pairs_of_a_bed(np.random.default_rng(parts))
+    lowest = _between_groups(one, other, n)[2]
+    shifts, count = force_rows(lowest, parts)
+    first = shifts + SIZE * np.arange(GROUPS)
+    part = np.searchsorted(np.arange(1, parts + 1) * GROUPS // parts, np.arange(GROUPS), side="right")
+    alone = np.array([part[low] == part[g] for g, low in enumerate(lowest)])
+    assert np.all(first % SIZE == 0) and first.min() >= 0 and first.max() + SIZE <= count
+    for row in np.unique(first):
+        users = np.flatnonzero(first == row)
+        assert len(users) == 1 or (alone[users].all() and len(set(part[users])) == 1)
+    assert len(np.unique(first)) == len(set(part[alone])) + np.count_nonzero(~alone)
 
 
 def test_rows_that_are_used_again_change_no_bit(monkeypatch):

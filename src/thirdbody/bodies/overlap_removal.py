@@ -11,7 +11,7 @@ from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.clump import Clump
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING
-from thirdbody.kernels.neighbour_search import Grid, pair_candidates
+from thirdbody.kernels.neighbour_search import Grid, Spheres, pair_candidates
 
 _SKIN = 0.25  # of the typical radius: a search costs as much as some ten steps
 
@@ -67,7 +67,7 @@ class OverlapRemoval:
         self.spheres = kernels.Spheres(np.empty((len(self.radii), 3)), self.S)
         # the search reads the engine's wide table, the relaxation a narrow one that stays in the cache
         self.wide = np.zeros((len(self.radii), sphere.WIDTH))
-        self.wide[:, sphere.SIDE] = EVERYTHING
+        self.sphere_data = Spheres(self.body, np.full(len(self.radii), EVERYTHING, np.int8))
 
     def relax(self, size: float, limit: int) -> tuple[Outcome, int]:
         """Remove the overlaps of bodies scaled by `size` in at most `limit` steps; return how it ended, and the steps."""
@@ -115,7 +115,7 @@ class OverlapRemoval:
         capacity = 16 * len(self.S)
         while True:
             own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            n = pair_candidates(self.wide, self.body, skin, grid, 0, own, partner)
+            n = pair_candidates(self.wide, self.sphere_data, skin, grid, 0, own, partner)
             if n <= capacity:
                 return own[:n].copy(), partner[:n].copy()
             capacity = int(1.2 * n)

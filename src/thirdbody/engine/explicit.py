@@ -12,7 +12,7 @@ from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
-from thirdbody.engine.remote_rows import remote_rows
+from thirdbody.engine.remote_rows import force_rows, remote_rows
 from thirdbody.engine.state import Array, Candidates, Numbers, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
@@ -20,7 +20,7 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
+from thirdbody.kernels.columns import body_force, chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
 from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
@@ -156,15 +156,19 @@ class Explicit:
         self.sums = np.zeros((2 * -(-chunks // contact_pass.GROUP), contact_sums.WIDTH))
         self.moved = np.zeros(len(self.sums) // 2, np.int32)
         self.moves = np.zeros((chunks, chunk_motion.WIDTH))
-        self.rows_of_parts: dict[int, tuple[Numbers, Numbers]] = {}
+        self.rows_of_parts: dict[int, tuple[Numbers, Numbers, Numbers]] = {}
+        self.forces = table(0, body_force.WIDTH)
+        self.kinds = self.state.slots.kind[: 0 if self.state.physics.kinds.size == 1 else None]  # not read where all are equal
         self._scratch(numba.get_num_threads())
 
-    def _remote_rows(self, threads: int) -> tuple[Numbers, Numbers]:
-        """Return the rows of F by candidate (-1: none) and by remote force, on so many threads."""
+    def _force_rows(self, threads: int) -> tuple[Numbers, Numbers, Numbers]:
+        """Return the rows of F by candidate (-1: none) and by remote force, and of `forces` by group, on so many threads."""
         slots, parts = self.state.slots, step_loop.parts_of.py_func(len(self.moved), threads)
         if parts not in self.rows_of_parts:
             rows = remote_rows(slots, self.state.body, parts)
-            self.rows_of_parts[parts] = np.append(rows, np.int32(-1))[slots.outer], rows
+            shifts, count = force_rows(slots.lowest, parts)
+            self.forces = self.forces if count <= len(self.forces) else table(count, body_force.WIDTH)
+            self.rows_of_parts[parts] = np.append(rows, np.int32(-1))[slots.outer], rows, shifts
         return self.rows_of_parts[parts]
 
     def _scratch(self, threads: int) -> None:
@@ -197,11 +201,11 @@ class Explicit:
     def _context(self, threads: int = 1) -> Array:
         """Return the packed kernel arguments for so many threads."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        outer, rows = self._remote_rows(threads)
+        outer, rows, shifts = self._force_rows(threads)
         given = Context(  # type: ignore[call-arg]
-            slots.own, slots.partner, slots.kind, outer, slots.edges, slots.incidence, slots.near, slots.beginning,
-            slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0,
-            s.patch, s.S, s.B, s.E, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
+            slots.own, slots.partner, self.kinds, outer, slots.edges, slots.incidence, slots.near, slots.beginning,
+            slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest, slots.needs, shifts, s.body, s.start, s.offsets,
+            s.X0, s.patch, s.S, s.B, s.E, s.orientations, self.forces, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots, physics.loss_column,

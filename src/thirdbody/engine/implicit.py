@@ -264,11 +264,11 @@ class Implicit:
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
-                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, Q=slots.Q, H=slots.H, R=slots.R, M=s.M,
-                pairs=physics.pairs, interaction=physics.interaction, effect_parameters=physics.effect_parameters,
-                D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface, update_surfaces=self._surface_updates[0],
-                n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, twist=twist,
-                stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
+                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, orientations=s.orientations,
+                P=s.P, Q=slots.Q, H=slots.H, R=slots.R, M=s.M, pairs=physics.pairs, interaction=physics.interaction,
+                effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
+                update_surfaces=self._surface_updates[0], n_history=len(physics.history), rolling=physics.rolling, force=force,
+                moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
                 width=loaded_contact.MEMORY + physics.contact_memory,
                 has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,

@@ -32,7 +32,7 @@ RADII = 2.0
 """Longest drag of a step in radii of the largest contact (less than that of a body alone, `Accuracy.radii`): in longer ones a
 contact between bodies that begins to slide is labelled late."""
 
-STATE, SLOTS = ("B", "E", "S", "P", "M"), ("Q", "H", "R")
+STATE, SLOTS = ("B", "E", "orientations", "S", "P", "M"), ("Q", "H", "R")
 """Tables that a step changes: of a state, and of its candidates."""
 
 COUNTS = ("searches", "largest_island", "in_islands", "repeated")

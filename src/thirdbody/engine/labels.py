@@ -18,8 +18,8 @@ def labels(state: State, drag: Array) -> Array:
     out = np.zeros((state.n_bodies, physics.outputs))
     width = loaded_contact.MEMORY + physics.contact_memory
     observed = Observed(
-        slots.own, slots.partner, slots.edges, slots.incidence, state.B, state.E, slots.H, slots.R, state.M.copy(), drag,
-        len(physics.history), width,
+        slots.own, slots.partner, slots.edges, slots.incidence, state.B, state.E, state.orientations,
+        slots.H, slots.R, state.M.copy(), drag, len(physics.history), width,
     )  # fmt: skip
     scratch = np.empty(observed_body.WIDTH), np.empty((slots.max_per_body, width))
     label_bodies(observed, state.A, physics.observe, physics.label, out, *scratch)

@@ -87,7 +87,7 @@ def search_pairs(state: State, skin: float) -> tuple[Numbers, Numbers]:
     cells, capacity = grid(state, skin), max(64, state.n_spheres)
     while True:
         own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-        n = passes.pair_candidates(state.S, state.body, skin, cells, 0, own, partner)
+        n = passes.pair_candidates(state.S, spheres_of(state), skin, cells, 0, own, partner)
         if n <= capacity:
             return own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)
@@ -135,7 +135,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
         n_plates, own, partner = _plate_candidates(state, distance, capacity)
         n = n_plates
         if world.debris_meets:
-            n = passes.pair_candidates(state.S, state.body, distance, grid(state, distance), n, own, partner)
+            n = passes.pair_candidates(state.S, spheres_of(state), distance, grid(state, distance), n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)
@@ -148,7 +148,12 @@ def _plate_candidates(state: State, distance: float, capacity: int) -> tuple[int
         _limit(world.lower is not None, world.lower_surface, distance),
         _limit(world.upper is not None, world.upper_surface, distance),
     )
-    return passes.plate_candidates(state.S, state.P, state.body, state.patch, limits, own, partner), own, partner
+    return passes.plate_candidates(state.S, state.P, spheres_of(state), state.patch, limits, own, partner), own, partner
+
+
+def spheres_of(state: State) -> passes.Spheres:
+    """Return what a search asks of the spheres besides their places."""
+    return passes.Spheres(state.body, state.side)
 
 
 def _limit(exists: bool, surface: Array | None, distance: float) -> tuple[int, float]:

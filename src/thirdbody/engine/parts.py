@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 
-OF_BODIES = ("B", "E", "M", "X0", "W", "integrator_totals", "integrator_memory")
+OF_BODIES = ("B", "E", "orientations", "M", "X0", "W", "integrator_totals", "integrator_memory")
 """Arrays of a snapshot with a row per body."""
 
 LEDGERS = "integrator_ledgers"
@@ -70,13 +70,13 @@ def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part
     united = state.S is state.B
     state.offsets = np.ascontiguousarray(state.offsets[spheres])
     state.start = state.start[part.first : part.last + 1] - part.first_sphere
-    state.body = state.body[spheres] - part.first
+    state.body, state.side = state.body[spheres] - part.first, state.side[spheres]
     state.patch = np.zeros(n, np.int64) if shared else np.arange(n)
     state.material, state.population = state.material[bodies], state.population[bodies]
     state.rayleigh_radius, state.order = state.rayleigh_radius[bodies], state.order[bodies]
-    for name in ("B", "E", "P", "M", "X0", *(() if united else ("S",))):
+    for name in ("B", "E", "orientations", "P", "M", "X0", *(() if united else ("S",))):
         rows = begun.arrays[name]
-        setattr(state, name, table(*rows.shape) if name in ("B", "E", "S") else np.empty_like(rows))
+        setattr(state, name, table(*rows.shape) if name in ("B", "E", "orientations", "S") else np.empty_like(rows))
         getattr(state, name)[:] = rows  # the integrator may list its candidates
     state.S = state.B if united else state.S
     state.W = begun.arrays.get("W", state.W).copy()

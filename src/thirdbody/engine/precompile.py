@@ -153,19 +153,20 @@ def _search() -> None:
     import numpy as np
 
     from thirdbody.kernels import neighbour_search
-    from thirdbody.kernels.columns import body, body_extra, patch, sphere
-    from thirdbody.kernels.neighbour_search import CandidateRows, Grid
+    from thirdbody.kernels.columns import body, body_extra, orientation, patch, sphere
+    from thirdbody.kernels.neighbour_search import CandidateRows, Grid, Spheres
     from thirdbody.kernels.rigid_body import place_all
 
     S, P, H = np.zeros((1, sphere.WIDTH)), np.zeros((1, patch.WIDTH)), np.zeros((0, 1))
     body_of, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
-    periodic = np.array([True, True])
+    periodic, spheres = np.array([True, True]), Spheres(body_of, np.zeros(1, np.int8))
     grid, none = Grid(np.zeros(3), np.ones(3), count, periodic, 1.0, 1.0), CandidateRows(0, 0, own, own, H)
-    neighbour_search.plate_candidates(S, P, body_of, body_of, ((1, 0.0), (1, 0.0)), own, own)
-    neighbour_search.pair_candidates(S, body_of, 0.0, grid, 0, own, own)
+    neighbour_search.plate_candidates(S, P, spheres, body_of, ((1, 0.0), (1, 0.0)), own, own)
+    neighbour_search.pair_candidates(S, spheres, 0.0, grid, 0, own, own)
     neighbour_search.carry_history(none, none)
     neighbour_search.incidences(0, own, own, 1)
-    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, body.WIDTH)), np.zeros((0, body_extra.WIDTH)))
+    rows = (np.zeros((0, width)) for width in (body.WIDTH, body_extra.WIDTH, orientation.WIDTH))
+    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], *rows)
 
 
 UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)

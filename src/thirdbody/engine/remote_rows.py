@@ -1,4 +1,4 @@
-"""Rows of the table of remote forces: a row is used again as soon as its force was added, so that the table stays in the cache.
+"""Rows of the tables of forces: a row is used again as soon as its force was added, so that the tables stay in the cache.
 
 The groups of a part are handled one after the other. The contacts of a group write their forces on bodies of later groups; a
 group adds what it got after its own contacts, and from then on these rows are free for the next groups. Where contacts of another
@@ -23,12 +23,11 @@ def remote_rows(slots: Candidates, body: np.ndarray, parts: int) -> Numbers:
     if len(slots.remote_body) <= FEW:
         return np.arange(len(slots.remote_body), dtype=np.int32)
     groups, size = len(slots.lowest), BODIES * GROUP
+    begin = _begins(groups, parts)
     senders = np.flatnonzero(slots.outer >= 0)
     sender = np.empty(len(slots.remote_body), np.int64)
     sender[slots.outer[senders]] = body[slots.own[senders]] // size
     receiver = slots.remote_body.astype(np.int64) // size
-    begins = np.arange(parts + 1) * groups // parts
-    begin = np.repeat(begins[:-1], np.diff(begins))  # of the part of each group
     alone = (slots.lowest >= begin)[receiver]
     rows = np.empty(len(sender), np.int32)
     rows[~alone] = np.arange(np.count_nonzero(~alone))
@@ -45,6 +44,26 @@ def remote_rows(slots: Candidates, body: np.ndarray, parts: int) -> Numbers:
         used += count - again
         free = np.concatenate((free, rows[received[g]]))
     return rows
+
+
+def force_rows(lowest: Numbers, parts: int) -> tuple[Numbers, int]:
+    """Return the row of a group's first body in the table of forces less its number, for each group, and the rows of the table.
+
+    Groups of a part that get forces from this part alone use the same rows one after the other; others have rows of their own
+    until these forces are added late.
+    """
+    groups, size = len(lowest), BODIES * GROUP
+    begin = _begins(groups, parts)
+    alone = lowest >= begin
+    blocks = np.searchsorted(np.unique(begin), begin)
+    blocks[~alone] = parts + np.arange(np.count_nonzero(~alone))
+    return (size * (blocks - np.arange(groups))).astype(np.int32), size * (parts + int(np.count_nonzero(~alone)))
+
+
+def _begins(groups: int, parts: int) -> np.ndarray:
+    """Return the first group of the part of each group."""
+    begins = np.arange(parts + 1) * groups // parts
+    return np.repeat(begins[:-1], np.diff(begins))
 
 
 def _by_group(group: np.ndarray, groups: int) -> list[np.ndarray]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 
-FIXED = ("S", "B", "E", "P", "A", "M", "X0")
+FIXED = ("S", "B", "E", "orientations", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; without S where it is the same array as B."""
 
 SLOTS = ("own", "partner", "Q", "H", "R")

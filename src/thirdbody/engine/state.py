@@ -21,6 +21,7 @@ from thirdbody.kernels.columns import (
     body_extra,
     contact_state,
     domain,
+    orientation,
     patch,
     record,
     remote_force,
@@ -179,7 +180,8 @@ class Candidates:
 class State:
     """Tables at one synchronised instant; columns are declared in `kernels.columns`.
 
-    S may be the same array as B (`unite`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
+    S may be the same array as B (`unite`). `side` (n_spheres,): what a sphere can touch
+    (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
     the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and patches have inertia,
     thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
     """
@@ -188,6 +190,7 @@ class State:
     physics: Physics
     B: Array
     E: Array
+    orientations: Array
     S: Array
     P: Array
     A: Array
@@ -198,6 +201,7 @@ class State:
     offsets: Array
     X0: Array
     body: Ints
+    side: NDArray[np.int8]
     start: Ints
     patch: Ints
     material: Ints
@@ -262,8 +266,8 @@ class State:
 
     @property
     def bodies(self) -> Rows:
-        """Bodies by name (`kernels.columns.body`, `body_extra`)."""
-        return Rows((self.B, body.table), (self.E, body_extra.table))
+        """Bodies by name (`kernels.columns.body`, `body_extra`, `orientation`)."""
+        return Rows((self.B, body.table), (self.E, body_extra.table), (self.orientations, orientation.table))
 
     @property
     def spheres(self) -> Rows:
@@ -331,7 +335,8 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, body.POSITION3] = placed.positions
     B[:, body.VELOCITY3] = placed.velocities
-    B[:, body.QUATERNION4] = placed.quaternions
+    orientations = table(n_bodies, orientation.WIDTH)
+    orientations[:, orientation.QUATERNION4] = placed.quaternions
     B[:, body.MASS] = placed.densities * volume
     E[:, body_extra.INERTIA3] = placed.densities[:, None] * inertia
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
@@ -339,19 +344,20 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     ball = (E[:, body_extra.LONGEST_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
     B[:, body.SPHERE_INERTIA] = np.where(ball, E[:, body_extra.INERTIA], 0.0)
     B[:, body.SPIN3] = placed.angular_velocities
-    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, orientations)
     S = table(n_spheres, sphere.WIDTH)
     S[:, sphere.RADIUS] = np.concatenate([clump.radii for clump in placed.clumps])
-    S[:, sphere.SIDE] = placed.sides()
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
     upper = world.upper
     # kernels index the patch of every body; without an upper plate no candidate refers to it
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
-        world=world, physics=physics, B=B, E=E, S=S, P=P, A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
+        world=world, physics=physics, B=B, E=E, orientations=orientations, S=S, P=P,
+        A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
         schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
-        X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts), start=start,
+        X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts),
+        side=placed.sides().astype(np.int8), start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
         population=placed.populations, rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
         slots=empty_slots(memory_columns(physics), record_width(physics.rolling)), skin=skin,
@@ -364,9 +370,9 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
 
 
 def unite(state: State) -> None:
-    """Alias S to B if all bodies are single centred spheres: a third less memory traffic."""
+    """Alias S to B if all bodies are single centred spheres: half the memory traffic."""
     if state.n_spheres == state.n_bodies and not state.offsets.any():
-        state.B[:, [sphere.RADIUS, sphere.SIDE]] = state.S[:, [sphere.RADIUS, sphere.SIDE]]
+        state.B[:, sphere.RADIUS] = state.S[:, sphere.RADIUS]
         state.S = state.B
         refresh_spheres(state)
 
@@ -381,12 +387,12 @@ def _limits(world: World, skin: float, reach: float) -> Array:
     return D
 
 
-def angular_momentum(B: Array, E: Array) -> Array:
+def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
     """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
-    q = B[:, body.QUATERNION4]
+    q = orientations[:, orientation.QUATERNION4]
     return to_world(q, to_body(q, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3])
 
 
 def refresh_spheres(state: State) -> None:
     """Update positions, arms and velocities of all spheres from the bodies."""
-    body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E)
+    body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E, state.orientations)

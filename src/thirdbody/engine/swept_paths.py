@@ -32,7 +32,7 @@ def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numb
 
 def _with_fast(state: State, paths: Array, fast: Ints, own: Numbers, partner: Numbers) -> tuple[Numbers, Numbers]:
     """Return these pairs and those of the `fast` spheres with all within reach of both paths, sorted."""
-    S, free, n = state.S, state.S[:, sphere.SIDE] == EVERYTHING, state.n_spheres
+    S, free, n = state.S, state.side == EVERYTHING, state.n_spheres
     keys = [own.astype(np.int64) * n + partner]
     for i in fast[free[fast]]:
         between = _nearest_images(state, S[:, :3] - S[i, :3])

@@ -76,7 +76,7 @@ def _contact_bounds(
     slots, physics = candidates or state.slots, state.physics
     context = critical_time_step.Assembly(
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
-        state.E, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
+        state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
     bounds = critical_time_step.empty_bounds(state.n_bodies, len(state.P))
     scratch = critical_time_step.make_scratch(state.n_bodies, slots.count)

@@ -34,6 +34,8 @@ class Step(NamedTuple):
     v_y: float
     pending: float
     """1: the closing half kick of the last step is pending; 0: it is done."""
+    turn: float
+    """Time for which the spins of single spheres rotate them in this step [s]; mostly 0 (`kernels.sphere_rotation`)."""
 
 
 class Tile(NamedTuple):

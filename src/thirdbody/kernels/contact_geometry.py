@@ -11,11 +11,12 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, set4, transpose, with_last
+from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, set4, transpose, with_last
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, contact_state, geometry, law_input, law_output, sphere, surface_contact
+from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.periodic import image
+from thirdbody.kernels.predicates import kind_of
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
@@ -34,7 +35,7 @@ def load_history(q, k, context, tile):
     G[q + geometry.PREVIOUS_SLIP * TILE] = H[k, contact_state.SLIP]
     for d in range(3):
         G[q + (geometry.AXIS + d) * TILE] = H[k, contact_state.AXIS + d]
-    I[q + law_input.PAIR_TYPE * TILE] = context.kind[k]
+    I[q + law_input.PAIR_TYPE * TILE] = kind_of(k, context)
     for h in range(context.n_history):
         I[q + (law_input.HISTORY + h) * TILE] = H[k, contact_state.LAW + h]
 
@@ -118,13 +119,22 @@ def gather_spins(q, a, b, r_i, r_j, G):
 
 
 @njit(**BARE)
+def four_kinds(k, context):
+    """Return the rows of the table of material pairs of the four candidates k."""
+    kind = context.kind
+    if kind.shape[0] == 0:
+        return broadcast(0.0)
+    return set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]]))
+
+
+@njit(**BARE)
 def gather_history(q, k, context, tile):
     """Load the histories of the four candidates k into the elements from q on."""
-    I, G, H, kind = tile.inputs, tile.geometry, context.H, context.kind  # noqa: E741
+    I, G, H = tile.inputs, tile.geometry, context.H  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
     put(G, q + geometry.PREVIOUS_SLIP * TILE, axes[3])
-    put(I, q + law_input.PAIR_TYPE * TILE, set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
+    put(I, q + law_input.PAIR_TYPE * TILE, four_kinds(k, context))
     first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # a shorter history is padded with zeros
     put_three(I, q + law_input.HISTORY * TILE, first)
     put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
@@ -151,7 +161,6 @@ def prefetch_contacts(p, slots, context):
         prefetch(S, j, np.int64(sphere.MID_SPIN))
         prefetch(S, j, np.int64(sphere.END_SPIN))
         prefetch(H, k, np.int64(contact_state.AXIS))
-        prefetch(context.B, np.uint64(context.body[j]), np.int64(body.TORQUE))
 
 
 @njit(**BARE_CHUNK)

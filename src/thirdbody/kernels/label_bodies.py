@@ -13,7 +13,7 @@ from thirdbody.kernels.signatures import LABEL, OBSERVE
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")
-OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 5 + (_F1, types.int64, types.int64), Observed)
+OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 6 + (_F1, types.int64, types.int64), Observed)
 LABEL_BODIES = types.void(OBSERVED, _F1, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2)
 
 

@@ -6,11 +6,13 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.jit.simd import put
 from thirdbody.kernels.columns import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_history import labeller_column
 from thirdbody.kernels.predicates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
 from thirdbody.kernels.rigid_body import BODIES
+from thirdbody.kernels.sphere_rotation import rotate_behind
 
 
 class Observed(NamedTuple):
@@ -22,6 +24,7 @@ class Observed(NamedTuple):
     incidence: np.ndarray
     B: np.ndarray
     E: np.ndarray
+    orientations: np.ndarray
     H: np.ndarray
     R: np.ndarray
     M: np.ndarray
@@ -78,8 +81,7 @@ def body_row(b, context, A, observed):
         observed[observed_body.EFFECT_FORCE + k], observed[observed_body.EFFECT_TORQUE + k] = (
             (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
         )
-    for k in range(4):
-        observed[observed_body.QUATERNION + k] = B[b, body.QUATERNION + k]
+    put(observed, np.int64(observed_body.QUATERNION), rotate_behind(b, A[run_totals.BEHIND], B, context.orientations))
     observed[observed_body.ELAPSED] = A[run_totals.ELAPSED]
     observed[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
     observed[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]

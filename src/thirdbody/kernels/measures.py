@@ -16,7 +16,7 @@ from thirdbody.kernels.columns import law_input, law_output, patch, sphere, surf
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.normal_loss import normal_loss_of
-from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, patch_of_partner
+from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
 from thirdbody.kernels.signatures import MEASURE
 
 measure_at = function_at(MEASURE)
@@ -44,7 +44,7 @@ def measure_contact(q, k, dt, context, tile):
         slip / dt if dt > 0.0 else 0.0, lost, O[q + law_output.CONTACT_RADIUS * TILE],
         O[q + law_output.PEAK_PRESSURE * TILE], I[q + law_input.OVERLAP * TILE], dt, 1.0 if is_plate(context.partner[k]) else 0.0,
     )  # fmt: skip
-    row, at = np.int64(context.kind[k]), np.int64(H.shape[1] - context.measured)
+    row, at = kind_of(k, context), np.int64(H.shape[1] - context.measured)
     measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
 
 
@@ -54,7 +54,7 @@ def measure_opened(k, lost, context):
     H = context.H
     plate = 1.0 if is_plate(context.partner[k]) else 0.0
     done = ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate)
-    row, at = np.int64(context.kind[k]), np.int64(H.shape[1] - context.measured)
+    row, at = kind_of(k, context), np.int64(H.shape[1] - context.measured)
     measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
 
 

@@ -54,6 +54,15 @@ class CellLists(NamedTuple):
     """Where the pairs of each owner begin; zero at first."""
 
 
+class Spheres(NamedTuple):
+    """What a search asks of the spheres besides their places."""
+
+    body: Array
+    """Body of each sphere."""
+    side: Array
+    """What it can touch (`columns.sides`)."""
+
+
 class CandidateRows(NamedTuple):
     """Rows first to last of a table with a row per candidate."""
 
@@ -80,7 +89,7 @@ def list_basins(i, p, S, P, limits, n, own, partner):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def plate_candidates(S, P, body, patch_of, limits, own, partner):
+def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
     """List the spheres near a plate in own and partner; return their number, also beyond the capacity.
 
     `limits`: of the lower plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the
@@ -88,10 +97,10 @@ def plate_candidates(S, P, body, patch_of, limits, own, partner):
     """
     n, (lower, upper) = np.int64(0), limits
     for i in range(S.shape[0]):
-        if S[i, sphere.SIDE] != ONLY_UPPER:
+        if spheres.side[i] != ONLY_UPPER:
             n = list_basins(i, np.int64(-1), S, P, lower, n, own, partner)
-        if S[i, sphere.SIDE] != ONLY_LOWER:
-            n = list_basins(i, patch_of[body[i]], S, P, upper, n, own, partner)
+        if spheres.side[i] != ONLY_LOWER:
+            n = list_basins(i, patch_of[spheres.body[i]], S, P, upper, n, own, partner)
     return n
 
 
@@ -105,7 +114,7 @@ def cell_of(x, low, size, count, periodic):
 
 
 @njit(**BARE)
-def fill_cells(S, body, grid, lists):
+def fill_cells(S, spheres, grid, lists):
     """Sort the spheres that can touch others by cell (z fastest), then by number.
 
     Q (6, n + padding): centre, radius, number and body. `edges`: where each cell begins, shifted by one.
@@ -118,15 +127,15 @@ def fill_cells(S, body, grid, lists):
         b = cell_of(S[i, sphere.Y], low[1], size[1], count[1], periodic[1])
         c = cell_of(S[i, sphere.Z], low[2], size[2], count[2], np.bool_(False))
         cells[i] = (a * count[1] + b) * count[2] + c
-        edges[cells[i] + 2] += S[i, sphere.SIDE] == EVERYTHING
+        edges[cells[i] + 2] += spheres.side[i] == EVERYTHING
     for h in range(2, edges.shape[0]):
         edges[h] += edges[h - 1]
     for i in range(S.shape[0]):
-        if S[i, sphere.SIDE] == EVERYTHING:
+        if spheres.side[i] == EVERYTHING:
             at = edges[cells[i] + 1]
             edges[cells[i] + 1] += 1
             Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, sphere.X], S[i, sphere.Y], S[i, sphere.Z], S[i, sphere.RADIUS]
-            Q[4, at], Q[5, at] = i, body[i]
+            Q[4, at], Q[5, at] = i, spheres.body[i]
 
 
 @njit(**BARE)
@@ -235,16 +244,16 @@ def put_in_order(m, pairs, at, n, own, partner):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def search_pairs(S, body, skin, grid, lists, n, own, partner):
+def search_pairs(S, spheres, skin, grid, lists, n, own, partner):
     """Search as `pair_candidates`, with scratch for the cells and for unsorted pairs."""
-    fill_cells(S, body, grid, lists)
+    fill_cells(S, spheres, grid, lists)
     m = collect(skin, grid, lists)
     if n + m <= own.shape[0]:
         put_in_order(m, lists.pairs, lists.at, n, own, partner)
     return n + m
 
 
-def pair_candidates(S, body, skin, grid, n, own, partner):
+def pair_candidates(S, spheres, skin, grid, n, own, partner):
     """Append the sphere pairs within `skin` from candidate n on; return the new number, also beyond the capacity."""
     # allocated here, since a kernel would compile each of these calls
     many = len(S)
@@ -252,7 +261,7 @@ def pair_candidates(S, body, skin, grid, n, own, partner):
         edges=np.zeros(int(np.prod(grid.cells)) + 2, np.int32), columns=np.empty(10, np.int64), cells=np.empty(many, np.int32),
         Q=np.full((6, many + LANES), np.inf), pairs=np.empty((2, len(own) + 1), np.int32), at=np.zeros(many + 1, np.int32),
     )  # fmt: skip
-    return search_pairs(S, body, skin, grid, lists, n, own, partner)
+    return search_pairs(S, spheres, skin, grid, lists, n, own, partner)
 
 
 @njit(**BARE)

@@ -4,6 +4,7 @@ The partner of a candidate is the number of a sphere, or a negative code of a fi
 touches it: -1 - basin, the lower plate; -1 - (1 + p) BASINS - basin, patch p of the upper plate. A flat plate has basin 0 only.
 """
 
+import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
@@ -59,6 +60,12 @@ def partner_code(p, basin):
 def order_on_sphere(partner):
     """Return the order of a contact with a plate among those of its sphere: by plate, the lower one first, then by basin."""
     return basin_of_partner(partner) + (0 if is_lower(partner) else BASINS)
+
+
+@njit(**BARE)
+def kind_of(k, context):
+    """Return the row of the table of material pairs for candidate k: the only one where no list of them is given."""
+    return np.int64(context.kind[k]) if context.kind.shape[0] > 0 else np.int64(0)
 
 
 @njit(**BARE)

@@ -11,7 +11,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
-from thirdbody.kernels.columns import body, body_extra, domain, search_pose, sphere
+from thirdbody.kernels.columns import body, body_extra, domain, orientation, search_pose, sphere
 from thirdbody.kernels.rotation import matrix, spin
 
 BODIES = 64
@@ -64,10 +64,11 @@ def place_sphere(s, offsets, motion, h, S):
     middle = arm - broadcast(h) * cross(w, arm)
     store_three(S, s, np.int64(sphere.POSITION), motion.position + arm)
     store_three(S, s, np.int64(sphere.MID_VELOCITY), motion.velocity + cross(w, middle))
-    store_three(S, s, np.int64(sphere.ARM), arm)  # if aliased, this is 0: the column of the force, which starts from zero
+    if not is_aliased(S):
+        store_three(S, s, np.int64(sphere.ARM), arm)
     store(S, s, sphere.MID_SPIN, w)
     store_three(S, s, np.int64(sphere.END_VELOCITY), motion.end_velocity + cross(motion.end_spin, arm))
-    store(S, s, sphere.END_SPIN, motion.end_spin)
+    store_three(S, s, np.int64(sphere.END_SPIN), motion.end_spin)
 
 
 @njit(**BARE)
@@ -118,13 +119,13 @@ def place_body(b, start, offsets, S, motion, dt):
 
 
 @njit(**BARE_CHUNK)
-def spin_body(b, B, E):
+def spin_body(b, B, E, orientations):
     """Update the angular velocity of body b from its angular momentum; for a single sphere the reverse."""
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
         w = spin(
-            quaternion(b, B),
+            quaternion(b, orientations),
             (E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2]),
             (E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2]),
         )
@@ -132,25 +133,23 @@ def spin_body(b, B, E):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def place_all(start, offsets, S, B, E):
+def place_all(start, offsets, S, B, E, orientations):
     """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
     for b in range(B.shape[0]):
         x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
         v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
-        q = quaternion(b, B)
-        spin_body(b, B, E)
-        if is_aliased(S):
-            store_three(S, b, np.int64(sphere.END_VELOCITY), load(B, b, body.VELOCITY))
-            store_three(S, b, np.int64(sphere.END_SPIN), load(B, b, body.SPIN))
-        else:
+        q = quaternion(b, orientations)
+        spin_body(b, B, E, orientations)
+        if not is_aliased(S):
             w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
             place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v, w), 0.0)
 
 
 @njit(**BARE)
-def quaternion(b, B):
+def quaternion(b, orientations):
     """Return the orientation of body b."""
-    return B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3]
+    q = orientation.QUATERNION
+    return orientations[b, q], orientations[b, q + 1], orientations[b, q + 2], orientations[b, q + 3]
 
 
 @njit(**BARE)
@@ -183,7 +182,7 @@ def reset_plate_forces(first, last, own, body, E):
 
 
 @njit(**BARE)
-def largest_displacement(X0, B, E):
+def largest_displacement(X0, B, E, orientations):
     """Return an upper bound of the displacement of any point of a body since the last search [m]."""
     largest = 0.0
     for b in range(B.shape[0]):
@@ -192,7 +191,7 @@ def largest_displacement(X0, B, E):
         z = B[b, body.POSITION + 2] - X0[b, search_pose.POSITION + 2]
         same = 0.0
         for k in range(4):
-            same += B[b, body.QUATERNION + k] * X0[b, search_pose.QUATERNION + k]
+            same += orientations[b, orientation.QUATERNION + k] * X0[b, search_pose.QUATERNION + k]
         # a point at the end of the arm moves by the chord: twice the arm times the sine of half the angle
         chord = 2.0 * E[b, body_extra.LONGEST_ARM] * math.sqrt(max(1.0 - same * same, 0.0))
         largest = max(largest, math.sqrt(x * x + y * y + z * z) + chord)

@@ -32,11 +32,11 @@ KINDS: Kinds = {
     # candidates and their schedule (`engine.state`)
     **dict.fromkeys(("own", "partner", "kind", "outer", "edges", "incidence", "near", "beginning"), _S1),
     "remote_body": _S1, "remote_row": _S1, "closed": types.Array(types.int8, 1, "C"),
-    "cuts": _S2, "lowest": _S1, "needs": _S1,
+    "cuts": _S2, "lowest": _S1, "needs": _S1, "force_rows": _S1,
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
-    **dict.fromkeys(("S", "B", "E", "P", "Q", "H", "F", "R", "M"), _TABLE),
+    **dict.fromkeys(("S", "B", "E", "orientations", "forces", "P", "Q", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "interaction": _ROW,
     "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
     # surfaces of the plates (`kernels.height_field`), empty where they are flat
@@ -59,7 +59,7 @@ context_of = make_unpacker(KINDS, Context)
 """Unpack the array."""
 
 _F = types.float64
-STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F), Step)
+STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F, _F), Step)
 WORK = types.void(_I, _I, _I, _I, STEP, _I1)
 """work(pass, part, first group, last group + 1, step, the packed `Context`)"""
 

@@ -17,10 +17,12 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.simd import extract
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import sphere, spot
 from thirdbody.kernels.columns import spot_group as lane
-from thirdbody.kernels.predicates import is_lower
+from thirdbody.kernels.predicates import is_lower, kind_of
+from thirdbody.kernels.rigid_body import arm_to_sphere
 
 NEAR = 0.05
 """Least distance of two spots over the smaller radius. A contact area has this radius at an overlap of 0.0025 radii."""
@@ -47,10 +49,11 @@ def gather_spot(e, k, at, context, W):
     i, S = context.own[k], context.S
     radius, overlap = first_body.effective_radius(k, context), first_body.overlap(k, context)
     W[at + spot.NUMBER] = e
-    W[at + spot.X], W[at + spot.Y] = S[i, sphere.ARM], S[i, sphere.ARM + 1]
+    arm = arm_to_sphere(i, S)
+    W[at + spot.X], W[at + spot.Y] = extract(arm, 0), extract(arm, 1)
     W[at + spot.RADIUS], W[at + spot.OVERLAP] = radius, overlap
     W[at + spot.SQUARE] = radius * overlap
-    W[at + spot.FACTOR] = context.interaction[2 + context.kind[k]] / radius
+    W[at + spot.FACTOR] = context.interaction[2 + kind_of(k, context)] / radius
     W[at + spot.SPHERE_RADIUS] = S[i, sphere.RADIUS]
 
 

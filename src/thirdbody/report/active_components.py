@@ -78,7 +78,7 @@ def neighbours(built: Simulation) -> tuple[float, float]:
     if upper is not None:
         sides.append((upper.heights[upper.patch[body]] - S[:, sphere.Z] - radius, ONLY_LOWER))
     for gap, other in sides:
-        touching = np.flatnonzero((np.abs(gap) < near * radius) & (S[:, sphere.SIDE] != other))
+        touching = np.flatnonzero((np.abs(gap) < near * radius) & (state.side != other))
         for b in np.unique(body[touching]):
             spots = touching[body[touching] == b]
             for k, i in enumerate(spots[:-1]):

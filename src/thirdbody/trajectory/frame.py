@@ -7,6 +7,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.measures import body_amounts, contact_maxima, map_densities
+from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
@@ -68,7 +69,7 @@ class FrameMaker:
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
         S = s.S[self.spheres]
-        spheres = {"points": S[:, :3].copy(), "velocity": S[:, sphere.END_VELOCITY3].copy()}
+        spheres = {"points": S[:, :3].copy(), "velocity": _sphere_velocities(s)[self.spheres]}
         if labels is not None:
             clump = s.order[s.body[self.spheres]]
             spheres["state"] = clumps["state"][clump]
@@ -122,7 +123,7 @@ class FrameMaker:
         s, B = self.state, self.state.B[self.given]
         arrays = {
             "points": B[:, body.POSITION3].copy(),
-            "quaternion": B[:, body.QUATERNION4].copy(),
+            "quaternion": orientations(s)[self.given],
             "velocity": B[:, body.VELOCITY3].copy(),
             "angular_velocity": B[:, body.SPIN3].copy(),
             "force": B[:, body.FORCE3].copy(),
@@ -275,6 +276,11 @@ def impulses_of(state: State) -> np.ndarray:
     return np.concatenate(
         [[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3], A[run_totals.DIRECT_IMPULSE3]]
     )
+
+
+def _sphere_velocities(state: State) -> np.ndarray:
+    """Return the velocities of all spheres (n, 3) [m/s], a view; a ball may share its row with its body."""
+    return state.B[:, body.VELOCITY3] if state.S is state.B else state.S[:, sphere.END_VELOCITY3]
 
 
 def _corners(state: State) -> np.ndarray | None:

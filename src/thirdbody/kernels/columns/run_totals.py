@@ -31,4 +31,5 @@ STORED_TANGENTIAL = table.scalar("stored_tangential", "J", "the same of the tang
 DIRECT_WORK = table.scalar("direct_work", "J", "dissipated by friction of direct contact of the plates")
 DIRECT_IMPULSE, DIRECT_IMPULSE3 = table.vector("direct_impulse", 3, "N s", "impulse of direct contact on the upper plate")
 DIRECT_FORCE, DIRECT_FORCE3 = table.vector("direct_force", 3, "N", "force of direct contact on the upper plate")
+BEHIND = table.scalar("behind", "s", "explicit: time by which the orientations of single spheres are behind; negative: ahead")
 WIDTH = table.width

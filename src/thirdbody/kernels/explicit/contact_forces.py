@@ -1,9 +1,9 @@
 """The contact pass: candidates -> overlaps -> tiles of the laws -> forces on bodies, group by group.
 
 A group is a fixed range of bodies, whatever the number of threads, with the candidates that its spheres own. It writes only to
-its own candidates, bodies and row of `sums`; its contacts' forces on bodies of other groups go to F, and those groups add them in
-a fixed order. So the result has the same bits for any number of threads. Mispredicted branches cost more than all arithmetic, so
-overlaps are computed for all candidates first, and the active ones are listed without a branch.
+its own candidates, forces on its bodies (`columns.body_force`) and row of `sums`; its contacts' forces on bodies of other groups
+go to F, and those groups add them in a fixed order. So the result has the same bits for any number of threads. Mispredicted
+branches cost more than all arithmetic, so overlaps are computed for all candidates first, and active ones are listed without one.
 """
 
 import numpy as np
@@ -28,7 +28,6 @@ from thirdbody.jit.simd import (
 from thirdbody.kernels import close_spots, first_body
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.columns import (
-    body,
     body_extra,
     contact_sums,
     geometry,
@@ -44,6 +43,7 @@ from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
+from thirdbody.kernels.explicit.group_forces import add_force, shift_of
 from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.normal_loss import add_normal_losses
@@ -78,18 +78,11 @@ def scratch_sizes(n_history, longest, interaction=False):
 
 
 @njit(**BARE)
-def add_force(b, B, force, torque):
-    """Add a force (4th lane: friction work) and a torque (4th lane: slip) to those on body b."""
-    store(B, b, body.FORCE, load(B, b, body.FORCE) + force)
-    store(B, b, body.TORQUE, load(B, b, body.TORQUE) + torque)
-
-
-@njit(**BARE)
 def scatter_plate_force(k, c, context, force, torque):
     """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
-    i, sums = np.uint64(context.own[k]), context.sums
+    i, sums, shift = np.uint64(context.own[k]), context.sums, shift_of(c >> 1, context)
     b = np.uint64(context.body[i])
-    add_force(b, context.B, force, torque + cross(arm_to_sphere(i, context.S), force))
+    add_force(b + np.uint64(shift), context.forces, force, torque + cross(arm_to_sphere(i, context.S), force))
     low, alone = is_lower(context.partner[k]), with_last(force, broadcast(0.0))
     total = np.int64(contact_sums.LOWER_FORCE) if low else np.int64(contact_sums.UPPER_FORCE)
     context.E[b, body_extra.UPPER_PUSH] += 0.0 if low else extract(force, 2)
@@ -97,7 +90,7 @@ def scatter_plate_force(k, c, context, force, torque):
 
 
 @njit(**BARE)
-def scatter_pair_force(k, context, force, torque, back):
+def scatter_pair_force(k, shift, context, force, torque, back):
     """Apply a contact between spheres to both bodies. `torque`, `back`: about the centres of owner and partner [N m]."""
     i, j, S, B = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B
     against = with_last(broadcast(0.0) - force, force)
@@ -106,9 +99,9 @@ def scatter_pair_force(k, context, force, torque, back):
         b, p = np.uint64(context.body[i]), np.uint64(context.body[j])
         torque = torque + cross(arm_to_sphere(i, S), force)
         back = back + cross(arm_to_sphere(j, S), against)
-    add_force(b, B, force, torque)
+    add_force(b + shift, context.forces, force, torque)
     if context.outer[k] < 0:
-        add_force(p, B, against, back)
+        add_force(p + shift, context.forces, against, back)
     else:
         store_remote_force(context.outer[k], against, back, context.F)
 
@@ -136,20 +129,20 @@ def scatter_plate_tile(n, c, slots, context, tile):
 
 
 @njit(**BARE_CHUNK)
-def scatter_pair_tile(n, slots, context, tile):
-    """Apply the contacts between spheres slots[:n] to their bodies."""
-    O, G = tile.outputs, tile.geometry  # noqa: E741
+def scatter_pair_tile(n, c, slots, context, tile):
+    """Apply the contacts between spheres slots[:n], of the row c of the sums, to their bodies."""
+    O, G, shift = tile.outputs, tile.geometry, np.uint64(shift_of(c >> 1, context))  # noqa: E741
     for q in range(0, n, 4):
         work, slip = broadcast(BODY_FRACTION) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
         f = four_rows(q + geometry.FORCE * TILE, G, work)
         t, w = four_rows(q + geometry.TORQUE * TILE, G, slip), four_rows(q + geometry.PARTNER_TORQUE * TILE, G, slip)
-        scatter_pair_force(np.uint64(slots[q]), context, f[0], t[0], w[0])
+        scatter_pair_force(np.uint64(slots[q]), shift, context, f[0], t[0], w[0])
         if q + 1 < n:
-            scatter_pair_force(np.uint64(slots[q + 1]), context, f[1], t[1], w[1])
+            scatter_pair_force(np.uint64(slots[q + 1]), shift, context, f[1], t[1], w[1])
         if q + 2 < n:
-            scatter_pair_force(np.uint64(slots[q + 2]), context, f[2], t[2], w[2])
+            scatter_pair_force(np.uint64(slots[q + 2]), shift, context, f[2], t[2], w[2])
         if q + 3 < n:
-            scatter_pair_force(np.uint64(slots[q + 3]), context, f[3], t[3], w[3])
+            scatter_pair_force(np.uint64(slots[q + 3]), shift, context, f[3], t[3], w[3])
 
 
 @njit(**BARE)
@@ -305,8 +298,8 @@ def split_scratch(scratch, n_history):
 
 
 @njit(**BARE)
-def book_losses(n, opened, flat, context, step, box, tile):
-    """End the contacts opened[:n]; return what friction and dashpots dissipated in them [J]."""
+def book_losses(n, c, opened, flat, context, step, box, tile):
+    """End the contacts opened[:n] of row c of the sums; return what friction and dashpots dissipated in them [J]."""
     damped = 0.0
     if context.force >= 0 or context.dashpots >= 0:
         gather_tile(n + -n % 4, opened, flat, context, step, box, tile)
@@ -314,7 +307,7 @@ def book_losses(n, opened, flat, context, step, box, tile):
         book_opened(n, context, tile)
     if context.dashpots >= 0:
         damped = book_opened_dashpots(n, step.dt, context, tile)
-    return end_contacts(n, opened, context, tile), damped
+    return end_contacts(n, shift_of(c >> 1, context), opened, context, tile), damped
 
 
 @njit(**BARE)
@@ -348,7 +341,7 @@ def apply_tile(n, c, slots, flat, context, step, tile):
     if flat:
         scatter_plate_tile(n, c, slots, context, tile)
     else:
-        scatter_pair_tile(n, slots, context, tile)
+        scatter_pair_tile(n, c, slots, context, tile)
     if context.loss_column >= 0:
         add_normal_losses(n, slots, context, tile)
     store_history(n, slots, context, tile)
@@ -384,7 +377,7 @@ def contact_forces(group, side, part, context, step, law):
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # padding for prefetching
     for t in range(0, o, TILE):
-        losses = book_losses(min(TILE, o - t), opened[t:], flat, context, step, box, tile)
+        losses = book_losses(min(TILE, o - t), c, opened[t:], flat, context, step, box, tile)
         lost, damped = lost + losses[0], damped + losses[1]
     spots = close_spots.spots_in(gaps)
     if flat and close_spots.interact(context):

@@ -5,7 +5,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import store
-from thirdbody.kernels.columns import body, law_output, remote_force
+from thirdbody.kernels.columns import body_force, law_output, remote_force
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import (
     gather_pair_contacts,
@@ -53,12 +53,12 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
 
 
 @njit(**BARE)
-def end_contacts(n, opened, context, tile):
-    """End the contacts opened[:n] that were closed; return the energy that they lost [J].
+def end_contacts(n, shift, opened, context, tile):
+    """End the contacts opened[:n] that were closed; return the energy that they lost [J]. `shift`: see `group_forces`.
 
     The loss is in the tile if `contact_dissipation` books it, else in the history (`contact_history.spring_energy`).
     """
-    partner, body_of, outer, B = context.partner, context.body, context.outer, context.B
+    partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
     total = 0.0
     for e in range(n):
         k = np.int64(opened[e])
@@ -68,9 +68,9 @@ def end_contacts(n, opened, context, tile):
         if context.measured > 0:
             measure_opened(k, lost, context)
         fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
-        B[body_of[context.own[k]], body.FRICTION_WORK] += fraction
+        forces[body_of[context.own[k]] + shift, body_force.FRICTION_WORK] += fraction
         if outer[k] >= 0:
             context.F[outer[k], remote_force.FRICTION_WORK] = fraction
         elif is_sphere(partner[k]):
-            B[body_of[partner[k]], body.FRICTION_WORK] += fraction
+            forces[body_of[partner[k]] + shift, body_force.FRICTION_WORK] += fraction
     return total

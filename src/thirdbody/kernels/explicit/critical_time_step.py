@@ -51,6 +51,7 @@ class Assembly(NamedTuple):
     S: Array
     B: Array
     E: Array
+    orientations: Array
     P: Array
     Q: Array
     D: Array
@@ -116,11 +117,11 @@ def approach(i, j, normal, context, horizon):
     """Return how much deeper a contact can get within the horizon, from present speeds and forces [m]; >= 0."""
     S, B, P, (n_x, n_y, n_z) = context.S, context.B, context.P, normal
     b = context.body[i]
-    v = S[i, sphere.END_VELOCITY] * n_x + S[i, sphere.END_VELOCITY + 1] * n_y + S[i, sphere.END_VELOCITY + 2] * n_z
+    v = S[i, sphere.MID_VELOCITY] * n_x + S[i, sphere.MID_VELOCITY + 1] * n_y + S[i, sphere.MID_VELOCITY + 2] * n_z
     a = (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[i, sphere.MASS]
     if is_sphere(j):
         b = context.body[j]
-        v -= S[j, sphere.END_VELOCITY] * n_x + S[j, sphere.END_VELOCITY + 1] * n_y + S[j, sphere.END_VELOCITY + 2] * n_z
+        v -= S[j, sphere.MID_VELOCITY] * n_x + S[j, sphere.MID_VELOCITY + 1] * n_y + S[j, sphere.MID_VELOCITY + 2] * n_z
         a -= (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[j, sphere.MASS]
     elif is_upper(j):
         p = patch_of_partner(j)
@@ -241,7 +242,14 @@ def candidate_bound(b, sums, context, matrices, m, bounds, shortest):
     with damping [s]. Returns the number of rows then, and the shortest steps."""
     by_frequency, by_both = shortest
     B, number, bodies = context.B, bounds.number, bounds.bodies
-    X, mass, K, K_2, C, C_2 = frame(b, B, context.E), B[b, body.MASS], matrices[0], matrices[1], matrices[2], matrices[3]
+    X, mass, K, K_2, C, C_2 = (
+        frame(b, context.E, context.orientations),
+        B[b, body.MASS],
+        matrices[0],
+        matrices[1],
+        matrices[2],
+        matrices[3],
+    )
     along, around = normalise(sums[0], mass, X, K)
     c_along, c_around = normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
@@ -274,7 +282,7 @@ _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = function_at(LAW)
 STIFFNESS = types.int64(
-    types.NamedTuple((types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly),
+    types.NamedTuple((types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly),
     types.NamedUniTuple(types.float64, 4, Horizon),
     types.int64,
     types.NamedTuple((_F2, _I1, _F2), Bounds),

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, transpose
-from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_scratch, sphere
+from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, transpose
+from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_scratch, orientation, sphere
 from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
 from thirdbody.kernels.rigid_body import (
     BODIES,
@@ -24,7 +24,6 @@ from thirdbody.kernels.rigid_body import (
     is_aliased,
     limits_of,
     place_sphere,
-    store_three,
     vector,
 )
 from thirdbody.kernels.rotation import free_rotation, matrix, spin
@@ -77,7 +76,7 @@ def drift_tile(n, dt, left, scratch):
         rotation = half * t_x, half * t_y, half * t_z
         momentum = half_kick(three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
         inertia = three(scratch, p + drift_scratch.INERTIA * BODIES)
-        at = p + body.QUATERNION * BODIES
+        at = p + drift_scratch.QUATERNION * BODIES
         old = (scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES], scratch[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
@@ -114,13 +113,6 @@ def check_limits(b, distance, relative_distance, x, limits, extrema):
 
 
 @njit(**BARE)
-def reset_forces(b, B):
-    """Reset the forces on body b for the contacts of this step; its friction work and slip go on."""
-    store_three(B, b, np.int64(body.FORCE), broadcast(0.0))
-    store_three(B, b, np.int64(body.TORQUE), broadcast(0.0))
-
-
-@njit(**BARE)
 def gather_columns(at, k, b, B, scratch):
     """Copy columns k to k + 3 of four bodies into the elements from `at` on."""
     fields = transpose(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
@@ -131,8 +123,9 @@ def gather_columns(at, k, b, B, scratch):
 
 
 @njit(**BARE)
-def gather_bodies(p, listed, B, E, scratch):
+def gather_bodies(p, listed, context, scratch):
     """Copy the four bodies listed[p:p + 4], none of a single sphere, into the elements from p on."""
+    B, E = context.B, context.E
     b = np.uint64(listed[p]), np.uint64(listed[p + 1]), np.uint64(listed[p + 2]), np.uint64(listed[p + 3])
     for k in range(body.POSITION, body.SPIN, 4):
         gather_columns(p + k * BODIES, k, b, B, scratch)
@@ -140,18 +133,19 @@ def gather_bodies(p, listed, B, E, scratch):
         gather_columns(p + k * BODIES, k, b, B, scratch)
     for k in range(0, body_extra.WIDTH_WITHOUT_EFFECTS, 4):
         gather_columns(p + (body.WIDTH + k) * BODIES, k, b, E, scratch)
+    gather_columns(p + drift_scratch.QUATERNION * BODIES, np.int64(orientation.QUATERNION), b, context.orientations, scratch)
 
 
 @njit(**BARE)
-def scatter_body(p, b, scratch, B, E):
+def scatter_body(p, b, scratch, context):
     """Copy the motion of body b back from element p of the chunk."""
+    B, E = context.B, context.E
     for k in range(3):
         B[b, body.POSITION + k] = scratch[p + (body.POSITION + k) * BODIES]
         B[b, body.VELOCITY + k] = scratch[p + (body.VELOCITY + k) * BODIES]
         E[b, body_extra.ANGULAR_MOMENTUM + k] = scratch[p + (drift_scratch.ANGULAR_MOMENTUM + k) * BODIES]
     for k in range(4):
-        B[b, body.QUATERNION + k] = scratch[p + (body.QUATERNION + k) * BODIES]
-    reset_forces(b, B)
+        context.orientations[b, orientation.QUATERNION + k] = scratch[p + (drift_scratch.QUATERNION + k) * BODIES]
 
 
 @njit(**BARE)
@@ -193,24 +187,24 @@ def prefetch_body(b, start, S, B):
 @njit(**BARE_CHUNK)
 def drift_bodies(c, context, step, scratch, listed):
     """Drift the bodies of chunk c and place their spheres (`place_spheres`). `listed`: numbers of those with several."""
-    start, S, B, E, D, moves = context.start, context.S, context.B, context.E, context.D, context.moves
+    start, S, B, D, moves = context.start, context.S, context.B, context.D, context.moves
     extrema = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     balls, limits, n = empty_extrema(), limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, body.SPHERE_INERTIA] != 0.0:
-            balls = drift_ball(b, start[b], S, B, step.dt, step.pending, balls)
+            balls = drift_ball(b, start[b], context, step, balls)
         else:
             listed[n] = b
             n += 1
     for p in range(n, n + -n % 4):
         listed[p] = listed[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
-        gather_bodies(np.int64(p), listed, B, E, scratch)
+        gather_bodies(np.int64(p), listed, context, scratch)
     drift_tile(n, step.dt, step.pending, scratch)
     for p in range(n):
         i = np.int64(listed[p])
-        scatter_body(p, i, scratch, B, E)
+        scatter_body(p, i, scratch, context)
         distance = scratch[p + drift_scratch.PATH * BODIES]
         extrema = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, extrema)
         place_spheres(p, i, context, step, scratch)

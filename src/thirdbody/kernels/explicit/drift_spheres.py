@@ -19,7 +19,7 @@ from thirdbody.jit.simd import (
     store,
     with_last,
 )
-from thirdbody.kernels.columns import body, domain, sphere
+from thirdbody.kernels.columns import body, domain, orientation, sphere
 from thirdbody.kernels.rigid_body import (
     BODIES,
     MAX_DISTANCE,
@@ -29,22 +29,23 @@ from thirdbody.kernels.rigid_body import (
     is_aliased,
     store_three,
 )
-from thirdbody.kernels.rotation import rotate_small
+from thirdbody.kernels.sphere_rotation import rotate_sphere
 
 
 @njit(**BARE)
-def drift_ball(b, s, S, B, dt, left, extrema):
+def drift_ball(b, s, context, step, extrema):
     """Apply half kick and full drift to body b, the single sphere s; return the updated extrema `extrema`.
 
-    `extrema`: see `empty_extrema`. The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that
-    follows each vector is preserved. A single-sphere body has no arm.
+    `extrema`: see `empty_extrema`. The last step's closing kick comes first if it is pending. The column that follows each vector
+    is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.sphere_rotation`).
     """
+    S, B, dt = context.S, context.B, step.dt
     x = load(B, b, body.POSITION)
     v = load(B, b, body.VELOCITY)
     w = load(B, b, body.SPIN)
     force = load(B, b, body.FORCE)
     torque = load(B, b, body.TORQUE)
-    none, again = broadcast(0.0), broadcast(left)
+    none, again = broadcast(0.0), broadcast(step.pending)
     fraction = broadcast(0.5 * dt) / set4(
         extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0
     )  # dt/2 over mass, inertia and radius in one division
@@ -57,15 +58,16 @@ def drift_ball(b, s, S, B, dt, left, extrema):
     store(B, b, body.POSITION, x)
     store(B, b, body.VELOCITY, v)
     store(B, b, body.SPIN, w)
-    store(B, b, body.FORCE, with_last(none, force))
-    store(B, b, body.TORQUE, with_last(none, torque))
-    store(B, b, body.QUATERNION, rotate_small(load(B, b, body.QUATERNION), broadcast(dt) * w))
+    if step.turn != 0.0:
+        q = load(context.orientations, b, orientation.QUATERNION)
+        store(context.orientations, b, orientation.QUATERNION, rotate_sphere(q, w, step.turn))
     if not is_aliased(S):
         store_three(S, s, np.int64(sphere.POSITION), x)
         store(S, s, sphere.MID_VELOCITY, v)
         store(S, s, sphere.MID_SPIN, w)
-    store_three(S, s, np.int64(sphere.END_VELOCITY), v + change)
-    store(S, s, sphere.END_SPIN, w + rotation)
+        force, torque = none, w  # what follows them in the row of a sphere has no meaning
+    store(S, s, sphere.END_VELOCITY, with_last(v + change, force))
+    store(S, s, sphere.END_SPIN, with_last(w + rotation, torque))
     square, (fastest, farthest, strange, low, high) = norm_squared(v), extrema
     return (
         max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,

@@ -4,9 +4,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, broadcast, broadcast_lane, extract, flush_below, load, prefetch, set4, store, with_last
+from thirdbody.jit.simd import broadcast, broadcast_lane, extract, flush_below, load, set4, store, with_last
 from thirdbody.kernels.columns import body, body_extra, chunk_motion, remote_force
-from thirdbody.kernels.explicit.contact_forces import add_force
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.explicit.group_forces import add_force, shift_of, store_forces
 from thirdbody.kernels.rigid_body import BODIES, NEGLIGIBLE_MOMENTUM, NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, REMOTE, spin_body
 
 
@@ -32,11 +33,11 @@ def kick_body(b, B, E, force, torque, dt):
 @njit(**BARE_CHUNK)
 def body_effect_forces(c, first, last, context, step, effects):
     """Apply body effects to bodies first to last of chunk c; effects see velocities at the end of the step."""
-    B, E, moves = context.B, context.E, context.moves
+    B, E, moves, orientations = context.B, context.E, context.moves, context.orientations
     effects(B, E, first, last, step.time, step.dt, context.effect_parameters)
     for b in range(first, last):
         kick_body(b, B, E, load(E, b, body_extra.EFFECT_FORCE), load(E, b, body_extra.EFFECT_TORQUE), step.dt)
-        spin_body(b, B, E)
+        spin_body(b, B, E, orientations)
         for k in range(3):
             B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
             B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
@@ -47,13 +48,12 @@ def body_effect_forces(c, first, last, context, step, effects):
 
 
 @njit(**BARE)
-def add_remote_forces(first, last, context):
+def add_remote_forces(first, last, shift, context):
     """Add the remote forces first to last to their partners, in that order, and clear their rows of F for the next contacts."""
-    B, E, F, remote_body, none = context.B, context.E, context.F, context.remote_body, broadcast(0.0)
+    E, F, remote_body, none = context.E, context.F, context.remote_body, broadcast(0.0)
     for f in range(first, last):
-        prefetch(B, np.uint64(remote_body[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
         row = np.uint64(context.remote_row[f])
-        add_force(np.uint64(remote_body[f]), B, load(F, row, remote_force.FORCE), load(F, row, remote_force.TORQUE))
+        add_force(remote_body[f] + shift, context.forces, load(F, row, remote_force.FORCE), load(F, row, remote_force.TORQUE))
         store(F, row, remote_force.FORCE, none)
         store(F, row, remote_force.TORQUE, none)
     if F.shape[1] > remote_force.WIDTH_WITHOUT_NORMAL_LOSS:
@@ -70,19 +70,21 @@ def gather_forces(c, context, step, effects):
     Kick and spins are computed only in recorded steps or with body effects: otherwise the drift of the next step includes the
     kick, with the forces at hand.
     """
-    B, E, cuts, has_effects = context.B, context.E, context.cuts, context.has_effects != 0
-    first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], context)
+    B, cuts, has_effects = context.B, context.cuts, context.has_effects != 0
+    first, last, shift = c * BODIES, min((c + 1) * BODIES, B.shape[0]), shift_of(c // GROUP, context)
+    add_remote_forces(cuts[REMOTE, c], cuts[REMOTE, c + 1], shift, context)
+    store_forces(first, last, shift, context)
     context.moves[c, chunk_motion.EFFECT_POWER] = 0.0
     if has_effects or step.record:
-        closing_kick(first, last, B, E, step.dt)
+        closing_kick(first, last, context, step.dt)
     if has_effects:
         body_effect_forces(c, first, last, context, step, effects)
 
 
 @njit(**BARE_CHUNK)
-def closing_kick(first, last, B, E, dt):
+def closing_kick(first, last, context, dt):
     """Apply the closing half kick to bodies first to last, and update their spins."""
+    B, E = context.B, context.E
     for b in range(first, last):
         kick_body(b, B, E, load(B, b, body.FORCE), load(B, b, body.TORQUE), dt)
-        spin_body(b, B, E)
+        spin_body(b, B, E, context.orientations)

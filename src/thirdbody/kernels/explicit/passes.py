@@ -12,6 +12,7 @@ from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
+from thirdbody.kernels.explicit.group_forces import reset_forces, shift_of
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.rigid_body import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
@@ -65,6 +66,8 @@ def work(task, part, begin, end, step, packed):
         alone = context.lowest[group] >= begin
         drift_groups(task, group, alone, part, context, step)
         if task == SWEEP:
+            last = min((group + 1) * GROUP * BODIES, context.B.shape[0])
+            reset_forces(group * GROUP * BODIES, last, shift_of(group, context), context)
             for side in range(WITH_PLATE, WITH_SPHERE + 1):
                 contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):

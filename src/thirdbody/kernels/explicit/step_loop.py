@@ -21,6 +21,7 @@ from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patch
 from thirdbody.kernels.rigid_body import BODIES, largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, LATE, OBSERVATION, WORK, context_of
+from thirdbody.kernels.sphere_rotation import steps_behind, weight_of
 
 
 class Stop(IntEnum):
@@ -78,6 +79,7 @@ def update_ledger(context, step):
     if plate >= 0 and P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
+    A[run_totals.BEHIND] = step.dt * steps_behind(np.int64(A[run_totals.STEPS]))
 
 
 @njit(**BARE_CHUNK)
@@ -164,7 +166,7 @@ def rebuild_needed(context, patch_path):
         distance = max(distance, moves[c, chunk_motion.MAX_PATH])
     A[run_totals.MAX_DISPLACEMENT] += distance
     if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin):
-        A[run_totals.MAX_DISPLACEMENT] = largest_displacement(context.X0, context.B, context.E)
+        A[run_totals.MAX_DISPLACEMENT] = largest_displacement(context.X0, context.B, context.E, context.orientations)
         return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
     return False
 
@@ -207,7 +209,8 @@ def run(budget, until, distance, dt, threads, packed):
         if last and context.R.shape[0] < context.own.shape[0]:
             return Stop.RECORD, -1, pending
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
-        step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending)
+        turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
+        step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)
         drive_patches(P, schedule, first, A[run_totals.TIME], dt)
         patch_path = drift_patches(P, dt, v_x, v_y)
         for task in range(EARLY, OBSERVATION + 1):
@@ -246,5 +249,5 @@ def advance(budget, until, distance, dt, threads, packed):
     code, who, pending = run(budget, until, distance, dt, threads, packed)
     if pending != 0.0:
         context = context_of(packed)
-        closing_kick(np.int64(0), np.int64(context.B.shape[0]), context.B, context.E, dt)
+        closing_kick(np.int64(0), np.int64(context.B.shape[0]), context, dt)
     return code, who

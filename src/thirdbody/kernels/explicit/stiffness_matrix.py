@@ -10,7 +10,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.columns import body_extra
+from thirdbody.kernels.rigid_body import quaternion
 from thirdbody.kernels.rotation import matrix
 
 SAFE = 1.0 + 1e-9
@@ -94,9 +95,10 @@ def times(v, X):
 
 
 @njit(**BARE)
-def frame(b, B, E):
+def frame(b, E, orientations):
     """Return the rows of the matrix from body b's moments to principal axes, over the roots of its inertias."""
-    q = matrix(B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3])
+    w, x, y, z = quaternion(b, orientations)
+    q = matrix(w, x, y, z)
     i = set4(
         1.0 / math.sqrt(E[b, body_extra.INERTIA]),
         1.0 / math.sqrt(E[b, body_extra.INERTIA + 1]),

@@ -310,7 +310,7 @@ def accept_step(context, active, m, motion, common, space):
     Z[step_start.OLD_WEIGHT] = weight_of_old(context, m, dt, active, space)
     damped = commit(context, active, m, motion, space)
     E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2] = momentum_of(
-        b, B, E
+        b, context
     )
     for k in range(3 if has_effect_columns(E) else 0):
         B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]

@@ -121,8 +121,8 @@ def accept_bodies(context, island, m, motion, pool):
 def label_bodies(context, tables, island, pool):
     """Update the labeller's memory of all bodies after their step."""
     observed = Observed(
-        context.own, context.partner, tables.all_edges, tables.all_incidence, context.B, context.E, context.H, context.R,
-        context.M, context.drag, context.n_history, context.width,
+        context.own, context.partner, tables.all_edges, tables.all_incidence, context.B, context.E,
+        context.orientations, context.H, context.R, context.M, context.drag, context.n_history, context.width,
     )  # fmt: skip
     for a in range(island.bodies.shape[0]):
         update_labeller(active_at(a, context, island), observed, context, space_at(a, pool))

@@ -183,7 +183,7 @@ def subtract_inertia(context, active, dt, J):
     """Subtract inertia and spring of the body; scale rotations and torques with its arm."""
     b, Z, B = active.number, active.start, context.B
     arm = 1.0 / Z[step_start.ARM]
-    xx, yy, zz, xy, xz, yz = inertia_of(b, B, context.E)
+    xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
     rate = Z[step_start.NOW] / dt
     square = Z[step_start.MASS_FRACTION] * rate * rate
     for k in range(3):

@@ -23,6 +23,7 @@ from thirdbody.kernels.columns import (
     geometry,
     law_input,
     law_output,
+    orientation,
     patch,
     rolling_input,
     rolling_output,
@@ -39,7 +40,7 @@ from thirdbody.kernels.contact_geometry import gather_plate_contact, slip_increm
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.predicates import is_upper
-from thirdbody.kernels.rigid_body import BodyMotion, place_body
+from thirdbody.kernels.rigid_body import BodyMotion, place_body, quaternion
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
 from thirdbody.kernels.rotation import matrix, rotate
 from thirdbody.kernels.rough_plates import update_surfaces
@@ -63,7 +64,7 @@ def save_start(context, active):
         Z[step_start.ANGULAR_MOMENTUM + k] = E[b, body_extra.ANGULAR_MOMENTUM + k]
         Z[step_start.SPIN + k] = B[b, body.SPIN + k]
     for k in range(4):
-        Z[step_start.QUATERNION + k] = B[b, body.QUATERNION + k]
+        Z[step_start.QUATERNION + k] = context.orientations[b, orientation.QUATERNION + k]
     Z[step_start.PATCH_HEIGHT] = P[p, patch.HEIGHT]
     Z[step_start.PATCH_VELOCITY] = P[p, patch.VELOCITY]
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
@@ -92,7 +93,7 @@ def set_configuration(context, active, y, dt):
         y[5] * arm,
     )
     for k in range(4):
-        B[b, body.QUATERNION + k] = q[k]
+        context.orientations[b, orientation.QUATERNION + k] = q[k]
     w = (y[3] * arm * inverse, y[4] * arm * inverse, y[5] * arm * inverse)
     w_end = (
         (now * y[3] - last * T[step_memory.LAST_COORDINATES + 3]) * arm,
@@ -114,11 +115,10 @@ def set_configuration(context, active, y, dt):
 
 
 @njit(**BARE)
-def inertia_of(b, B, E):
+def inertia_of(b, E, orientations):
     """Return the moments of inertia [kg m2] about world axes: xx, yy, zz, xy, xz, yz."""
-    a, b_, c, d, e, f, g, h, i = matrix(
-        B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3]
-    )
+    q = quaternion(b, orientations)
+    a, b_, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     i_x, i_y, i_z = E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2]
     return (
         a * a * i_x + b_ * b_ * i_y + c * c * i_z, d * d * i_x + e * e * i_y + f * f * i_z,
@@ -128,9 +128,10 @@ def inertia_of(b, B, E):
 
 
 @njit(**BARE)
-def momentum_of(b, B, E):
+def momentum_of(b, context):
     """Return the angular momentum (3,) [kg m2/s] in world axes from spin and orientation."""
-    xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
+    B = context.B
+    xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
     x, y, z = B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2]
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
@@ -366,7 +367,7 @@ def add_inertial_forces(context, active, y, dt, r):
     last = inertial * Z[step_start.BEFORE] / dt
     tether = Z[step_start.TETHER_STIFFNESS]
     fraction = Z[step_start.MASS_FRACTION]
-    l_1 = momentum_of(b, B, context.E)
+    l_1 = momentum_of(b, context)
     for k in range(3):
         r[k] -= (
             fraction

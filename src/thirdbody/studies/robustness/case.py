@@ -12,6 +12,7 @@ import numpy as np
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
+from thirdbody.engine.orientations import orientations
 from thirdbody.kernels.columns import body, body_extra, run_totals
 from thirdbody.rotations import rotation_matrices
 from thirdbody.scene.model import Scene
@@ -221,4 +222,4 @@ class CaseRun:
 
 def rotation_of(run: CaseRun, number: int = 0) -> np.ndarray:
     """Return the rotation matrix of a body (3, 3), body to world."""
-    return rotation_matrices(run.state.bodies.quaternion[number : number + 1])[0]
+    return rotation_matrices(orientations(run.state)[number : number + 1])[0]

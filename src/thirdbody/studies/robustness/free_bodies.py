@@ -100,7 +100,7 @@ def _flake(trial: Trial) -> CaseRun:
     E[:, body_extra.INERTIA3] *= FLAKE
     B[:, body.SPHERE_INERTIA] = 0.0
     B[:, body.SPIN3] = WOBBLE
-    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, run.state.orientations)
     run.ledger.start = run.ledger.peak = run.kinetic()
     return run
 
@@ -337,7 +337,7 @@ def _rotated_contact(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.nda
     def drive(target: np.ndarray, spin: np.ndarray) -> np.ndarray:
         B[:, body.VELOCITY3] = (target - B[:, body.POSITION3]) / step
         B[:, body.SPIN3] = spin
-        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, simulation.state.orientations)
         simulation.integrator.advance_to(time=simulation.state.time + 0.5 * step)
         slots = simulation.state.slots
         return slots.R[slots.histories.slip > 0.0][0].copy()
