@@ -34,6 +34,11 @@ times load and overlap where minima are searched for every `MOVED` radii.
 FARTHEST = 1e100
 """Bound of the coordinates [m] of a sphere that is somewhere."""
 
+HOLLOW = -0.5
+"""Sum of the turning of the normal along both principal directions, times the radius, below which a minimum may split: in a
+hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across.
+"""
+
 APART = 1.0 + 1e-9
 """Least distance over the radius plus reach in a row whose minimum has ended."""
 
@@ -182,13 +187,23 @@ def search_all(k, field, x, limits, tables):
 
 
 @njit(**BARE)
+def is_hollow(k, radius, Q):
+    """Return whether the surface at the closest point of row k is a hollow so narrow that the minimum may split.
+
+    The normal turns by the sum of k_i/(1 + k_i D) over the principal curvatures k_i at the distance D: large and negative there.
+    """
+    t = surface_contact.NORMAL_GRADIENT
+    return (Q[k, t] + Q[k, t + 1] + Q[k, t + 2]) * radius < HOLLOW
+
+
+@njit(**BARE)
 def may_split(k, field, radius, reach, Q):
     """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches."""
     if (radius + reach) * field[height_field.MAX_CURVATURE] < 1.0:
         return False
     a = 0
     while has_more(k, a, Q):
-        if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:
+        if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach and is_hollow(k + a, radius, Q):
             return True
         a += 1
     return False
