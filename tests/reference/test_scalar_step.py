@@ -27,8 +27,9 @@ from scalar_step import Reference
 
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import explicit, thread_tuner
+from thirdbody.engine.candidates import Candidates
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.state import Candidates, Physics
+from thirdbody.engine.state import Physics
 from thirdbody.kernels import schedule
 from thirdbody.kernels.columns import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE

@@ -247,8 +247,9 @@ def _kind(state: State) -> type[Implicit]:
 
         return ImplicitCommonPlate
     from thirdbody.engine.implicit import Implicit
+    from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
 
-    return Implicit
+    return ImplicitEnsemble if is_ensemble(state) else Implicit
 
 
 def carried_together(state: State) -> bool:

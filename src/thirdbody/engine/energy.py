@@ -21,8 +21,11 @@ def stored_energies(state: State) -> Stored:
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
         return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs, direct
-    loaded, R = state.slots.histories.slip > 0.0, state.slots.R
-    normal, tangential = (float(R[loaded, column].sum()) for column in (record.STORED_NORMAL, record.STORED_TANGENTIAL))
+    rows = state.slots.rows
+    loaded = rows.closed()
+    normal, tangential = (
+        float(rows.records(loaded, column).sum()) for column in (record.STORED_NORMAL, record.STORED_TANGENTIAL)
+    )
     return kinetic, normal, tangential, springs, direct
 
 

@@ -7,13 +7,15 @@ from typing import Any
 import numba
 import numpy as np
 
+from thirdbody.engine.candidates import Candidates, Numbers
+from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
 from thirdbody.engine.remote_rows import force_rows, remote_rows
-from thirdbody.engine.state import Array, Candidates, Numbers, State, refresh_spheres, table, unite
+from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
@@ -109,7 +111,7 @@ class Explicit:
             budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
             if code == step_loop.Stop.RECORD:  # no step was done
-                state.slots.R = table(state.slots.count, state.slots.R.shape[1])
+                state.slots.rows = AllRows(state.slots.H, table(state.slots.count, state.slots.R.shape[1]))
                 continue
             if code != step_loop.Stop.BUDGET or int(state.A[run_totals.STEPS]) % BUDGET == 0:
                 update_measures(state)  # at instants that do not depend on the wall time

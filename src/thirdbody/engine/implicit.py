@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.candidates import Numbers
 from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.implicit_surfaces import find_minima, surface_updates
@@ -23,7 +24,7 @@ from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
 from thirdbody.engine.plate_copies import own_patches
-from thirdbody.engine.state import Array, Numbers, State
+from thirdbody.engine.state import Array, State
 from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
@@ -106,14 +107,9 @@ class Implicit:
     """Tables of an earlier instant by their name in a snapshot: a run can go on from there only; empty: from now."""
 
     def __init__(
-        self,
-        state: State,
-        materials: list[Material],
-        tangents: Callable,
-        overlap: float,
-        accuracy: Accuracy | None = None,
+        self, state: State, materials: list[Material], tangents: Callable, overlap: float, accuracy: Accuracy | None = None,
         guards: Guards | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.accuracy = accuracy or Accuracy()
         self.state, self._tangents = state, tangents
         state.inertial = self.accuracy.inertia
@@ -202,15 +198,15 @@ class Implicit:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
-                self._call(waiting, partial(self.advance_bodies, first, last, until))
+                self._call(waiting, partial(self.advance_bodies, first, last, until), slice(first, last))
                 watch()
         self._collect()
 
-    def _call(self, bodies: int, advance: Callable[[float], None]) -> None:
-        """Advance so many bodies by one compiled call; of one trial step, if measures map where they are then."""
-        begun, before = clock.perf_counter(), self.memory[:, step_memory.TRIES].sum()
+    def _call(self, bodies: int, advance: Callable[[float], None], those: slice = slice(None)) -> None:
+        """Advance so many bodies of `those` by one compiled call; of one trial step, if measures map where they are then."""
+        begun, before = clock.perf_counter(), self.memory[those, step_memory.TRIES].sum()
         advance(1.0 if self._mapped else max(FEW, CALL * self.pace / bodies))
-        self.pace = float(self.memory[:, step_memory.TRIES].sum() - before) / max(clock.perf_counter() - begun, 1e-9)
+        self.pace = float(self.memory[those, step_memory.TRIES].sum() - before) / max(clock.perf_counter() - begun, 1e-9)
         if self._mapped:
             self._collect()
 
@@ -264,8 +260,8 @@ class Implicit:
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
-                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, orientations=s.orientations,
-                P=s.P, Q=slots.Q, H=slots.H, R=slots.R, M=s.M, pairs=physics.pairs, interaction=physics.interaction,
+                body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
+                **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
                 effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
                 update_surfaces=self._surface_updates[0], n_history=len(physics.history), rolling=physics.rolling, force=force,
                 moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
@@ -277,6 +273,10 @@ class Implicit:
                 accept_surfaces=self._surface_updates[1], paths=self.paths, **self._measures,
             )
         )  # fmt: skip
+
+    def _contact_tables(self) -> dict[str, Array]:
+        """Return spheres, histories and records."""
+        return {"S": self.state.S, "H": self.state.slots.H, "R": self.state.slots.R}
 
     def _plate_candidates(self) -> tuple[Numbers, Numbers]:
         """Return `edges` and `incidence` of the candidates with plates (`engine.state.Candidates`)."""

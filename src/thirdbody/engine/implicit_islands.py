@@ -12,12 +12,14 @@ from typing import Any
 import numba
 import numpy as np
 
+from thirdbody.engine.candidates import Numbers
+from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.expected_islands import LARGEST, MARGIN, island_stride
 from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.islands import Islands, islands_of
 from thirdbody.engine.measures import collect_measures, deposit_on_maps
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
-from thirdbody.engine.state import Array, Numbers, State
+from thirdbody.engine.state import Array, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
@@ -198,11 +200,10 @@ class ImplicitIslands(Implicit):
         state, old, n = self.state, self.state.slots, self.state.slots.n_plates
         keys = np.union1d(self._keys(own, partner), self._keys(old.own[n:], old.partner[n:]))
         pairs = (keys // state.n_spheres).astype(np.int32), (keys % state.n_spheres).astype(np.int32)
-        now = old.H, old.R
-        old.H, old.R = self._saved["H"], self._saved["R"]
+        now, old.rows = old.rows, AllRows(self._saved["H"], self._saved["R"])
         replace_pairs(state, *pairs)
         self._saved |= {"H": state.slots.H, "R": state.slots.R}
-        state.slots, (old.H, old.R) = old, now
+        state.slots, old.rows = old, now
         replace_pairs(state, *pairs)
         self._connect()
         number = self.islands.number

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.state import Candidates, Ints, State
+from thirdbody.engine.candidates import Candidates
+from thirdbody.engine.state import Ints, State
 from thirdbody.kernels.implicit.island_bundles import IslandTables
 
 

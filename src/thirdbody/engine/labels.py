@@ -17,10 +17,15 @@ def labels(state: State, drag: Array) -> Array:
     slots, physics = state.slots, state.physics
     out = np.zeros((state.n_bodies, physics.outputs))
     width = loaded_contact.MEMORY + physics.contact_memory
-    observed = Observed(
-        slots.own, slots.partner, slots.edges, slots.incidence, state.B, state.E, state.orientations,
-        slots.H, slots.R, state.M.copy(), drag, len(physics.history), width,
-    )  # fmt: skip
     scratch = np.empty(observed_body.WIDTH), np.empty((slots.max_per_body, width))
-    label_bodies(observed, state.A, physics.observe, physics.label, out, *scratch)
+    for first, last, H, R in slots.rows.batches(state.n_bodies):
+        bodies, low, high = slice(first, last), slots.edges[first], slots.edges[last]
+        # in batches the candidates of a body are those with plates, which are sorted by body
+        k = slice(low if first else 0, None)
+        observed = Observed(
+            slots.own[k], slots.partner[k], slots.edges[first : last + 1] - low, slots.incidence[low:high] - 2 * k.start,
+            state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
+            len(physics.history), width,
+        )  # fmt: skip
+        label_bodies(observed, state.A, physics.observe, physics.label, out[bodies], *scratch)
     return out

@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Candidates, Ints, Numbers, Physics, State, sides_of, table
+from thirdbody.engine.candidates import Candidates, Numbers, sides_of
+from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.state import Array, Ints, Physics, State, table
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.columns import contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
@@ -61,8 +63,8 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
         outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)), edges=spheres[state.start], incidence=incidence,
         near=np.flatnonzero(can_touch).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
-        cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q, H=H,
-        F=table(len(remote_body), remote_columns(state.physics)), R=R,
+        cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q,
+        F=table(len(remote_body), remote_columns(state.physics)), rows=AllRows(H, R),
     )  # fmt: skip
 
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.part_deposits import ROWS, STEPS, PartDeposits, joined_maps
 from thirdbody.engine.snapshot import Snapshot, restore, snapshot
-from thirdbody.engine.state import State, sides_of, table
+from thirdbody.engine.state import State, table
 from thirdbody.kernels.columns import run_totals
 from thirdbody.kernels.columns.sides import UPPER
 from thirdbody.kernels.predicates import BASINS
@@ -64,6 +65,7 @@ def _group_size() -> int:
 
 def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part: Range) -> None:
     """Restrict a simulation that has not started to the bodies of a part."""
+    keep_all_rows(integrator)
     begun = _cut(snapshot(state, integrator, ledger), state, part)
     n, shared = part.last - part.first, not has_own_patches(state)
     bodies, spheres = slice(part.first, part.last), slice(part.first_sphere, part.last_sphere)
@@ -90,6 +92,11 @@ def restrict(state: State, integrator: Explicit | Implicit, ledger: Ledger, part
     restore(begun, state, integrator, ledger)
 
 
+def keep_all_rows(integrator: Explicit | Implicit) -> None:
+    """Have an integrator that keeps rows of closed contacts only keep all: snapshots of parts, and of their whole, hold all."""
+    getattr(integrator, "keep_all_rows", lambda: None)()
+
+
 def has_own_patches(state: State) -> bool:
     """Return whether each body has a patch of the upper plate of its own."""
     return len(state.P) >= state.n_bodies and np.array_equal(state.patch, np.arange(state.n_bodies))
@@ -112,14 +119,14 @@ def _cut(captured: Snapshot, state: State, part: Range) -> Snapshot:
     own, partner = arrays["slots_own"], arrays["slots_partner"]
     mine = np.flatnonzero((own >= part.first_sphere) & (own < part.last_sphere))
     arrays["slots_own"] = own[mine] - np.int32(part.first_sphere)
-    arrays["slots_partner"] = _moved(partner[mine], part.first if own_patches else 0)
+    arrays["slots_partner"] = moved(partner[mine], part.first if own_patches else 0)
     for name in ("slots_H", "slots_R"):
         arrays[name] = arrays[name][mine]
     arrays["slots_Q"] = arrays["slots_Q"][mine[mine < len(arrays["slots_Q"])]]
     return Snapshot(arrays, captured.notes | {"plates": int(np.count_nonzero(mine < captured.notes["plates"]))})
 
 
-def _moved(partner: np.ndarray, patches: int) -> np.ndarray:
+def moved(partner: np.ndarray, patches: int) -> np.ndarray:
     """Return the partner codes after the patches were numbered from `patches` (negative: before 0) on."""
     return np.where(sides_of(partner) == UPPER, partner + np.int32(patches * BASINS), partner).astype(np.int32)
 
@@ -137,7 +144,7 @@ def join(parts: Sequence[Snapshot], cuts: Sequence[Range], state: State) -> Snap
     both = list(zip(parts, cuts, strict=True))
     arrays["slots_own"] = np.concatenate([part.arrays["slots_own"] + np.int32(cut.first_sphere) for part, cut in both])
     arrays["slots_partner"] = np.concatenate(
-        [_moved(part.arrays["slots_partner"], -cut.first if own_patches else 0) for part, cut in both]
+        [moved(part.arrays["slots_partner"], -cut.first if own_patches else 0) for part, cut in both]
     )
     for name in ("slots_Q", "slots_H", "slots_R"):
         arrays[name] = np.concatenate([part.arrays[name] for part in parts])

@@ -7,7 +7,7 @@ part act on a group, it adds them late: nobody else uses their rows.
 
 import numpy as np
 
-from thirdbody.engine.state import Candidates, Numbers
+from thirdbody.engine.candidates import Candidates, Numbers
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 

@@ -6,32 +6,38 @@ Data that follow from the scene (shapes, laws, schedules) are not stored: the ru
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.engine.candidates import Candidates
+from thirdbody.engine.contact_rows import ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
-from thirdbody.engine.state import Array, Candidates, State
+from thirdbody.engine.state import Array, State
 
 if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 
 FIXED = ("S", "B", "E", "orientations", "P", "A", "M", "X0")
-"""Tables of a state whose shape follows from the scene; without S where it is the same array as B."""
+"""Tables of a state whose shape follows from the scene; without S where it is the same array as B, or not kept."""
 
 SLOTS = ("own", "partner", "Q", "H", "R")
 """Arrays that define the candidates: pairs, closest points, histories and records."""
 
+CLOSED = "slots_closed"
+"""Numbers of the closed candidates, where only these have histories and records; without it all have."""
+
 
 @dataclass
 class Snapshot:
-    """Arrays by name, and notes that can be written as JSON."""
+    """Arrays by name, notes that can be written as JSON, and `pieces` (one or more) that make up further arrays."""
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     notes: dict[str, Any] = field(default_factory=dict)
+    pieces: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
@@ -39,9 +45,13 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
 
     Between two stops of an implicit run with contact between bodies they are those of an earlier instant (`Implicit.earlier`).
     """
-    slots = state.slots
-    arrays = _fixed(state)
-    arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
+    slots, pieces = state.slots, {}
+    arrays: dict[str, np.ndarray] = dict(_fixed(state))
+    if isinstance(slots.rows, ClosedRows):
+        arrays |= {CLOSED: slots.rows.closed(), "slots_own": slots.own, "slots_partner": slots.partner, "slots_Q": slots.Q}
+        pieces = dict(zip(("slots_H", "slots_R"), slots.rows.pieces(), strict=True))
+    else:
+        arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
     arrays |= state.part_deposits.arrays() if state.part_deposits else {}
     saved, notes = integrator.export_state()
     arrays |= {f"integrator_{name}": array for name, array in saved.items()}
@@ -49,11 +59,12 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     return Snapshot(arrays, {
         "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
         "energy_start": ledger.start, "energy_peak": ledger.peak,
-    })  # fmt: skip
+    }, pieces)  # fmt: skip
 
 
 def restore(captured: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
     """Restore a snapshot into a new run. Raises ValueError, with the run unchanged, on mismatch."""
+    captured = Snapshot(captured.arrays | {k: np.concatenate(parts) for k, parts in captured.pieces.items()}, captured.notes)
     own, fixed, notes = integrator.export_state()[0], _fixed(state), captured.notes
     check(captured.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
     slots = _slots(captured, state)
@@ -81,11 +92,14 @@ def _fixed(state: State) -> dict[str, Array]:
     """Return the tables `FIXED` by name."""
     measured = {"W": state.W} if state.physics.measures else {}
     measured |= {"maps": state.maps} if measured and state.part_deposits is None else {}
-    return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B} | measured
+    kept = state.spheres_kept is not None and state.spheres_kept is not state.B
+    return {name: getattr(state, name) for name in FIXED if name != "S" or kept} | measured
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
     """Return the candidates of a snapshot; index tables that follow from the pairs are computed again."""
+    if isinstance(state.slots.rows, ClosedRows):
+        return _closed_slots(captured, state)
     own, partner, Q, H, R = (captured.arrays[f"slots_{name}"] for name in SLOTS)
     empty = {f"slots_{name}": getattr(state.slots, name)[:0] for name in SLOTS}
     plates = int(captured.notes["plates"])
@@ -95,3 +109,20 @@ def _slots(captured: Snapshot, state: State) -> Candidates:
         R = np.zeros_like(wanted["slots_R"])
     check(captured.arrays | {"slots_R": R}, wanted)
     return slots_of(state, own, partner, plates, (Q, H, R))
+
+
+def _closed_slots(captured: Snapshot, state: State) -> Candidates:
+    """Return the candidates of a state of which only closed ones have rows: the pairs are those of the built scene."""
+    slots, arrays = state.slots, captured.arrays
+    rows = slots.rows
+    assert isinstance(rows, ClosedRows)
+    check(arrays, {"slots_own": slots.own, "slots_partner": slots.partner})
+    H, R = arrays["slots_H"], arrays["slots_R"]
+    closed = arrays.get(CLOSED)
+    if closed is None:  # written by a run that kept all rows, as one in parts does
+        closed = np.flatnonzero(H.any(axis=1))
+        H, R = H[closed], R[closed]
+    check(
+        {"slots_H": H, "slots_R": R}, {f"slots_{k}": np.empty((len(closed), w)) for k, w in zip("HR", rows.widths, strict=True)}
+    )
+    return replace(slots, rows=ClosedRows.restored(rows.edges, rows.size, closed, (H, R)))

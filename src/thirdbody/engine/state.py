@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.part_deposits import PartDeposits
 from thirdbody.engine.placed import Placed
@@ -16,31 +17,11 @@ from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    contact_state,
-    domain,
-    orientation,
-    patch,
-    record,
-    remote_force,
-    run_totals,
-    search_pose,
-    sphere,
-    surface_contact,
-)
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.columns import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
 from thirdbody.rotations import to_body, to_world
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Numbers = NDArray[np.int32]
-"""Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
 
 FLAT = np.zeros(0)
 """Heights of a flat plate."""
@@ -114,76 +95,13 @@ class Physics:
 
 
 @dataclass
-class Candidates:
-    """Sorted candidate contacts, those with plates first.
-
-    Q: closest points of rough plates, one row per candidate with a plate, or no rows. H: history, one row per candidate.
-    R: record of the last observed step, or no rows. F: remote forces. `closed` (n,): 1: in contact, else 0.
-    `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
-    `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
-    `outer` (n,): number of the remote force on the partner's body, `remote_body`; -1: both bodies are in one group.
-    `cuts` (3, chunks + 1): see `kernels.rigid_body`. `lowest` (groups,): first group whose contacts act on bodies of the group.
-    `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
-    """
-
-    own: Numbers
-    partner: Numbers
-    kind: Numbers
-    closed: NDArray[np.int8]
-    outer: Numbers
-    edges: Numbers
-    incidence: Numbers
-    near: Numbers
-    beginning: Numbers
-    remote_body: Numbers
-    cuts: Numbers
-    lowest: Numbers
-    needs: Numbers
-    n_plates: int
-    Q: Array
-    H: Array
-    F: Array
-    R: Array
-
-    @property
-    def count(self) -> int:
-        """Number of candidates."""
-        return len(self.own)
-
-    @property
-    def sides(self) -> Ints:
-        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`columns.sides`)."""
-        return sides_of(self.partner)
-
-    @property
-    def patches(self) -> Ints:
-        """Patch of the upper plate (n,) that is the partner of each candidate; negative for any other partner."""
-        return (-1 - self.partner.astype(np.int64)) // BASINS - 1
-
-    @property
-    def histories(self) -> Rows:
-        """Contact histories by name (`kernels.columns.contact_state`)."""
-        return Rows((self.H, contact_state.table))
-
-    @property
-    def records(self) -> Rows:
-        """Records of the candidates by name (`kernels.columns.record`)."""
-        return Rows((self.R, record.table))
-
-    @property
-    def max_per_body(self) -> int:
-        """Largest number of candidates of one body."""
-        return int(np.diff(self.edges).max(initial=0))
-
-
-@dataclass
 class State:
     """Tables at one synchronised instant; columns are declared in `kernels.columns`.
 
-    S may be the same array as B (`unite`). `side` (n_spheres,): what a sphere can touch
-    (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
-    the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and patches have inertia,
-    thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
+    S may be the same array as B (`unite`); where it is not kept (`forget_spheres`), it is made anew for each reader. `side`
+    (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
+    outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
+    patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
     """
 
     world: World
@@ -191,7 +109,7 @@ class State:
     B: Array
     E: Array
     orientations: Array
-    S: Array
+    spheres_kept: Array | None
     P: Array
     A: Array
     D: Array
@@ -213,6 +131,7 @@ class State:
     part_deposits: PartDeposits | None = None  # deposits of a part of a run, for the maps of the whole
     W: Array = field(default_factory=nothing_measured)
     maps: Array = field(default_factory=no_maps)
+    radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
     dt: float = 0.0
     searches: int = 0
     summed: bool = False
@@ -226,7 +145,21 @@ class State:
     @property
     def n_spheres(self) -> int:
         """Number of spheres."""
-        return len(self.S)
+        return len(self.offsets)
+
+    @property
+    def S(self) -> Array:
+        """Spheres: positions and velocities are those of their bodies at the end of the last step."""
+        return place_some(self, 0, self.n_bodies) if self.spheres_kept is None else self.spheres_kept
+
+    @S.setter
+    def S(self, rows: Array) -> None:
+        self.spheres_kept = rows
+
+    def forget_spheres(self) -> None:
+        """Keep of the spheres only what does not follow from their bodies."""
+        self.radii = self.S[:, sphere.RADIUS].copy()
+        self.spheres_kept = None
 
     @property
     def reach(self) -> float:
@@ -295,21 +228,6 @@ class State:
         return float(self.A[run_totals.DISTANCE])
 
 
-def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.predicates`)."""
-    return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
-
-
-def empty_slots(memory: int, record: int) -> Candidates:
-    """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
-    none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
-    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH_WITHOUT_NORMAL_LOSS)), np.zeros((0, record))
-    Q = np.zeros((0, surface_contact.WIDTH))
-    return Candidates(
-        none, none, none, none.astype(np.int8), none, none, none, none, none, none, cuts, none, none, 0, Q, H, F, R
-    )  # fmt: skip
-
-
 def memory_columns(physics: Physics) -> int:
     """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies, columns of the measures."""
     laws = max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH)
@@ -353,7 +271,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
-        world=world, physics=physics, B=B, E=E, orientations=orientations, S=S, P=P,
+        world=world, physics=physics, B=B, E=E, orientations=orientations, spheres_kept=S, P=P,
         A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
         schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
         X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts),
@@ -375,6 +293,17 @@ def unite(state: State) -> None:
         state.B[:, sphere.RADIUS] = state.S[:, sphere.RADIUS]
         state.S = state.B
         refresh_spheres(state)
+
+
+def place_some(state: State, first: int, last: int, into: Array | None = None) -> Array:
+    """Return the spheres of bodies `first` to `last` - 1, whose table is not kept; `into`: a table with room for them."""
+    low, high = int(state.start[first]), int(state.start[last])
+    S = table(high - low, sphere.WIDTH) if into is None else into[: high - low]
+    S[:, sphere.RADIUS] = state.radii[low:high]
+    start, B = state.start[first : last + 1] - low, state.B[first:last]
+    S[:, sphere.MASS] = np.repeat(B[:, body.MASS], np.diff(start))
+    body_pass.place_as_they_are(start, state.offsets[low:high], S, B, state.orientations[first:last])
+    return S
 
 
 def _limits(world: World, skin: float, reach: float) -> Array:

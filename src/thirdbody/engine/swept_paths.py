@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from thirdbody.engine.candidates import Numbers
 from thirdbody.engine.neighbours import search_pairs
-from thirdbody.engine.state import Array, Ints, Numbers, State
+from thirdbody.engine.state import Array, Ints, State
 from thirdbody.kernels.columns import domain, sphere, sphere_path
 from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.kernels.implicit.accept_step import ROUNDED

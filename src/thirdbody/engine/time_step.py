@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Candidates, Ints, State
+from thirdbody.engine.candidates import Candidates
+from thirdbody.engine.state import Array, Ints, State
 from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material

@@ -32,6 +32,12 @@ def argument_specs(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]
     )
 
 
+def first_words(kinds: Kinds) -> dict[str, int]:
+    """Return which word of the packed arguments is the first one of each, by name: the address, of a table."""
+    counts = [_word_count(kind) for kind in kinds.values()]
+    return dict(zip(kinds, np.concatenate(([0], np.cumsum(counts)[:-1])).tolist(), strict=True))
+
+
 def pack(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
     """Pack `given` (one field per entry of `expected`) into int64: addresses, shapes and scalars.
 

@@ -145,6 +145,16 @@ def place_all(start, offsets, S, B, E, orientations):
             place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v, w), 0.0)
 
 
+@njit(**DIRECT, **NO_COUNTS)
+def place_as_they_are(start, offsets, S, B, orientations):
+    """Place all spheres at the present poses of their bodies, with present velocities and spins; bodies stay as they are."""
+    for b in range(B.shape[0]):
+        x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
+        v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
+        w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
+        place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
+
+
 @njit(**BARE)
 def quaternion(b, orientations):
     """Return the orientation of body b."""

@@ -158,19 +158,23 @@ def _unmeasured(cost: FrameCost) -> list[str]:
 
 
 def memory_of(built: Simulation) -> int:
-    """Return the bytes of all tables of a simulation: of its state, its candidates and its integrator; a table counts once."""
+    """Return the bytes of all tables of a simulation: of its state, its candidates and its integrator; a table counts once.
+
+    Where closed contacts only have rows, these are as many as are expected in a run.
+    """
     tables = [_whole(each) for owner in (built.state, built.integrator) for each in _tables(owner)]
-    return sum({id(each): each.nbytes for each in tables}.values())
+    return sum({id(each): each.nbytes for each in tables}.values()) + built.state.slots.rows.expected_bytes(built.state.n_bodies)
 
 
 def _tables(owner: object) -> Iterator[np.ndarray]:
     """Yield the arrays that an object holds: as attributes, in tuples, and in lists of candidates."""
-    from thirdbody.engine.state import Candidates
+    from thirdbody.engine.candidates import Candidates
+    from thirdbody.engine.contact_rows import AllRows
 
     for value in owner if isinstance(owner, tuple) else vars(owner).values():
         if isinstance(value, np.ndarray):
             yield value
-        elif isinstance(value, tuple | Candidates):
+        elif isinstance(value, tuple | Candidates | AllRows):
             yield from _tables(value)
 
 

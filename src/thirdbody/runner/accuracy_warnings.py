@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.upper_plate import mean_value
-from thirdbody.kernels.columns import contact_state, patch
+from thirdbody.kernels.columns import contact_state, patch, record
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -58,7 +58,7 @@ def histories_shortened(simulation: Simulation) -> int:
     """Return the number of touching contacts whose law dropped part of its history (`dropped` > 0)."""
     slots, names = simulation.state.slots, simulation.choice.chain.history
     columns = [contact_state.LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
-    return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.histories.slip > 0.0)))
+    return int(np.count_nonzero((slots.rows.histories(slots.rows.closed(), columns) > 0.0).any(axis=1))) if columns else 0
 
 
 def _load_ratio(simulation: Simulation, loop: RunLoop) -> float | None:
@@ -84,8 +84,9 @@ def _damping_fraction(simulation: Simulation, lines: Mapping[str, float]) -> flo
 def patches_not_carried(simulation: Simulation) -> int:
     """Return the number of patches that carry less than the fraction `CARRIED` of their load."""
     P, slots = simulation.state.P, simulation.state.slots
-    upper = (slots.patches >= 0) & (slots.histories.slip > 0.0)
-    carried = np.bincount(slots.patches[upper], slots.records.normal_force[upper], len(P))
+    closed = slots.rows.closed()
+    patches, force = slots.patches[closed], slots.rows.records(closed, record.NORMAL_FORCE)
+    carried = np.bincount(patches[patches >= 0], force[patches >= 0], len(P))
     alone = (P[:, patch.FREE] > 0.0) & (P[:, patch.SPRING] == 0.0)
     return int(np.count_nonzero(alone & (carried < CARRIED * P[:, patch.LOAD])))
 

@@ -7,14 +7,15 @@ are the SHA-256 of all before them, so a damaged file is recognised. What has th
 from __future__ import annotations
 
 import hashlib
-import io
 import json
+import math
 import os
-from collections.abc import Iterable
+import zipfile
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 11
+VERSION = 12
+SLICE, ROWS = 1 << 24, 1 << 16
+"""Bytes of a file and rows of a table that are hashed at once."""
+
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"
@@ -108,8 +112,20 @@ def _named(things: Iterable[Any]) -> str:
 def _digest(arrays: list[np.ndarray]) -> str:
     digest = hashlib.sha256()
     for array in arrays:
-        digest.update(str((array.shape, array.dtype)).encode() + np.ascontiguousarray(array).tobytes())
+        digest.update(str((array.shape, array.dtype)).encode())
+        for row in range(0, len(array), ROWS):
+            digest.update(np.ascontiguousarray(array[row : row + ROWS]).tobytes())
     return digest.hexdigest()[:16]
+
+
+def _digest_of(path: Path, size: float = math.inf) -> Any:
+    """Return the SHA-256 of the first `size` bytes of a file, read in slices: a checkpoint may be larger than free memory."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while piece := file.read(int(min(size, SLICE))):
+            digest.update(piece)
+            size -= len(piece)
+    return digest
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = None) -> None:
@@ -125,9 +141,9 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = 
     try:
         part.unlink(missing_ok=True)
         with open(part, "xb") as file:  # a new file: never the target of a link
-            np.savez(file, **arrays)
-            file.flush()
-            file.write(hashlib.sha256(part.read_bytes()).digest())
+            _write_npz(file, arrays, checkpoint.snapshot.pieces)
+            file.flush()  # the checksum is taken from the file: sizes in it are known, and filled in, last
+            file.write(_digest_of(part).digest())
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, folder / FILE)
@@ -137,6 +153,21 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = 
             part.unlink(missing_ok=True)
         before = "the one before is kept" if (folder / FILE).exists() else "there is none before it"
         raise OutputError(f"{(named or folder) / FILE}: cannot be written ({error.strerror or error}); {before}") from error
+
+
+def _write_npz(file: BinaryIO, arrays: Mapping[str, np.ndarray], pieces: Mapping[str, list[np.ndarray]]) -> None:
+    """Write arrays as `numpy.savez` does; further ones are written piece by piece, so none is held twice."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+        for name, parts in [*((name, [array]) for name, array in arrays.items()), *pieces.items()]:
+            shape = (sum(len(part) for part in parts), *parts[0].shape[1:]) if parts[0].ndim else ()
+            header = {"descr": parts[0].dtype.str, "fortran_order": False, "shape": shape}
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array_header_2_0(entry, header)
+                for part in parts:
+                    for row in range(0, len(part), ROWS) if part.ndim else ():
+                        entry.write(np.ascontiguousarray(part[row : row + ROWS]).tobytes())
+                    if not part.ndim:
+                        entry.write(part.tobytes())
 
 
 def _sync(folder: Path) -> None:
@@ -159,13 +190,16 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     if not path.is_file():
         raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
     try:
-        content = memoryview(path.read_bytes())
+        with open(path, "rb") as file:
+            size = max(file.seek(0, os.SEEK_END) - DIGEST, 0)
+            file.seek(size)
+            whole = _digest_of(path, size).digest() == file.read()
+        if not whole:
+            raise InputError(Fault("", "is damaged (its checksum is wrong); this run cannot go on", str(path)))
+        with np.load(path) as archive:
+            arrays = dict(archive)
     except (OSError, MemoryError) as error:
         raise InputError(f"{path}: cannot be read ({error or 'too large'})") from error
-    if hashlib.sha256(content[:-DIGEST]).digest() != content[-DIGEST:]:
-        raise InputError(Fault("", "is damaged (its checksum is wrong); this run cannot go on", str(path)))
-    with np.load(io.BytesIO(content)) as archive:
-        arrays = dict(archive)
     notes = json.loads(arrays.pop(NOTES).tobytes())
     if (version := notes.pop("version")) != VERSION:
         raise InputError(f"{path}: format {version}, this version reads {VERSION}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import State, table
 from thirdbody.errors import InputError, nearest
 from thirdbody.runner.output_schedule import settling_frames
@@ -39,7 +40,7 @@ def has_records(state: State) -> bool:
     slots = state.slots
     if len(slots.R) >= slots.count:
         return True
-    slots.R = table(slots.count, slots.R.shape[1])
+    slots.rows = AllRows(slots.H, table(slots.count, slots.R.shape[1]))
     return False
 
 

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Any
 
 from thirdbody.errors import printable
@@ -12,6 +13,9 @@ from thirdbody.system.terminal import print_line, progress_bar
 
 LINES = 10
 """Lines of progress of a whole run where there is no terminal for a bar."""
+
+FIRST_LINE, NEXT_LINES = 20.0, 60.0
+"""Longest wall times to the first line and between two lines there [s]."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,14 @@ class Progress:
     frame: int  # frames written so far
     series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
     limit: str = ""  # what has limited the steps of an implicit run, such as "62 % of steps limited by ..."
+    left: float | None = None  # expected wall time, s, of large ensembles; None: as of the fraction
+
+    @property
+    def remaining(self) -> float:
+        """Expected wall time to the end [s]; NaN at the start."""
+        if self.left is not None:
+            return self.left
+        return self.elapsed / self.fraction * (1.0 - self.fraction) if self.fraction > 0.0 else math.nan
 
 
 Reporter = Callable[[Progress], None]
@@ -82,23 +94,34 @@ def headline(progress: Progress) -> str:
 
 @contextmanager
 def _bar(title: str) -> Iterator[Reporter]:
-    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 
-    line = TextColumn("{task.fields[line]}", markup=False)
-    with progress_bar(title[:40], 1.0, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line) as update:
-        yield lambda progress: update(completed=progress.fraction, line=printable(headline(progress)))
+    columns = (
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[left]}"),
+        TextColumn("{task.fields[line]}", markup=False),
+    )
+    with progress_bar(title[:40], 1.0, *columns) as update:
+        yield lambda progress: update(
+            completed=progress.fraction, left=_clock(progress.remaining), line=printable(headline(progress))
+        )
+
+
+def _clock(seconds: float) -> str:
+    """Return a duration as hours, minutes and seconds; "-:--:--" where it is not known."""
+    return "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
 
 
 def _plain() -> Reporter:
-    message = [-1]
+    message, due = [-1], [FIRST_LINE]
 
     def report(progress: Progress) -> None:
         tenth = int(LINES * progress.fraction)
-        if tenth <= message[0]:
+        if tenth <= message[0] and progress.elapsed < due[0]:
             return
-        message[0] = tenth
-        left = progress.elapsed / progress.fraction * (1.0 - progress.fraction) if progress.fraction > 0.0 else math.nan
-        remaining = "" if math.isnan(left) else f", {left:.0f} s left"
+        message[0], due[0] = tenth, progress.elapsed + NEXT_LINES
+        remaining = "" if math.isnan(progress.remaining) else f", {progress.remaining:.0f} s left"
         print(
             f"{100.0 * progress.fraction:3.0f} %  t = {progress.simulated:.4g} s, {progress.elapsed:.1f} s{remaining}  "
             f"{headline(progress)}",

@@ -16,6 +16,7 @@ from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
+from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.output_schedule import changeover_stop, targets
@@ -28,12 +29,16 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.implicit import Implicit
+    from thirdbody.engine.pilot import Work
 
 CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
 
 MIN_INTERVAL_OVER_COST = 20.0
 """Shortest wall time between checkpoints over the cost of the last one: at most a twentieth is spent."""
+
+REPORT_EVERY = 0.5
+"""Shortest wall time between two reports of progress, but for those of a frame [s]: one goes through all bodies."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,9 @@ class RunLoop:
         self.folder = self.resumed_as = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
-        self.written = self.started
+        self.written = self.reported = self.started
+        self.work: Work | None = None  # how the work is distributed over the time of the run, where that is known
+        self.limit = ""
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
@@ -65,6 +72,7 @@ class RunLoop:
         drag, bed = simulation.integrator.drag, bed_measures(simulation)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
         self.selection = selection_of(simulation.scene, self.maker)
+        self.maker.blocks = self.selection.blocks
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
         self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
@@ -91,6 +99,9 @@ class RunLoop:
         """Integrate to the end, output by output. Raises GuardStop and Interrupted."""
         simulation, integrator = self.simulation, self.simulation.integrator
         self.writer = writer
+        if self.report is not None:
+            self.work = self._expected_work()
+        self.begun = time.perf_counter()
         if not writer.frames:
             self.export_state()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
@@ -148,7 +159,7 @@ class RunLoop:
         elif getattr(integrator, "together", False):  # totals are summed at stops only
             self.ledger.watch(state)
         # bodies with their own step lengths have a common energy at stops only
-        if not integrator.divisible:
+        if not integrator.divisible and time.perf_counter() - self.reported > REPORT_EVERY:
             self._report_progress({})
         if self.means:
             self.means.watch()
@@ -207,8 +218,27 @@ class RunLoop:
             slow = self._implicit()
             simulated = slow.mean_time() if slow else self.simulation.state.time
             fraction = min(simulated / self.simulation.planned_time, 1.0)
-            limit = slow.describe_limit() if slow else ""
-            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, limit))
+            if slow and series:  # it goes through all steps of all bodies
+                self.limit = slow.describe_limit()
+            left = self._left(slow) if slow and self.work else None
+            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, self.limit, left))
+            self.reported = time.perf_counter()
+
+    def _expected_work(self) -> Work | None:
+        """Return how the work is distributed over the time that is left, None where that is not known."""
+        if not (slow := self._implicit()):
+            return None
+        from thirdbody.engine.implicit_ensemble import ImplicitEnsemble
+        from thirdbody.engine.pilot import expected_work
+
+        stops = islice(targets(self.simulation), self.reached, None)
+        return expected_work(slow, (stop[:2] for stop in stops if stop[2])) if isinstance(slow, ImplicitEnsemble) else None
+
+    def _left(self, slow: Implicit) -> float | None:
+        """Return the wall time that is left [s], by the work that is done; None before the first steps."""
+        assert self.work is not None
+        done = self.work.done(slow.totals[:, run_totals.TIME])
+        return (time.perf_counter() - self.begun) * (1.0 / done - 1.0) if done > 0.0 else None
 
     def _implicit(self) -> Implicit | None:
         """Return the integrator if it is implicit; importing its class here would compile its steps."""

@@ -61,7 +61,7 @@ def progress_bar(title: str, total: float | None, *columns: Any) -> Iterator[Cal
     name = TextColumn("{task.description}", markup=False)  # a title is text, not markup
     console = Console(file=terminal_of(sys.stderr))
     with Progress(name, *columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
-        yield partial(bar.update, bar.add_task(printable(title), total=total, line=""))
+        yield partial(bar.update, bar.add_task(printable(title), total=total, line="", left=""))
 
 
 @contextmanager

@@ -22,8 +22,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import Axis
+from thirdbody.kernels.columns import record
 from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.trajectory.names import ACCOMMODATION
 
@@ -64,11 +66,11 @@ def parts_of(mean: Array) -> dict[str, float]:
 def plate_contacts(state: State, side: int, drag: Array) -> tuple[Array, Array]:
     """Return the normal force of a plate on each body [N], and what its spin adds to the speed there [m/s], each (n_bodies,)."""
     slots, n = state.slots, state.n_bodies
-    records = slots.records
-    pressed = (slots.sides == side) & (slots.histories.slip > 0.0) & (records.normal_force > 0.0)
-    on = np.flatnonzero(pressed)
-    owner, force = state.body[slots.own[on]], records.normal_force[on]
-    added = np.sum(np.cross(state.bodies.spin[owner], records.point[on]) * drag, axis=1)
+    closed = slots.rows.closed()
+    force, points = (slots.rows.records(closed, columns) for columns in (record.NORMAL_FORCE, record.POINT3))
+    pressed = (sides_of(slots.partner[closed]) == side) & (force > 0.0)
+    owner, force = state.body[slots.own[closed[pressed]]], force[pressed]
+    added = np.sum(np.cross(state.bodies.spin[owner], points[pressed]) * drag, axis=1)
     total = np.bincount(owner, force, n)
     return total, np.divide(np.bincount(owner, force * added, n), total, out=np.zeros(n), where=total > 0.0)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.measures import body_amounts, contact_maxima, map_densities
 from thirdbody.engine.orientations import orientations
@@ -39,6 +40,7 @@ class FrameMaker:
         self.scene_time: Callable[[float], float] | None = None  # time of the scene at a computed time, where they differ
         self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
+        self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
         """Return the arrays that never change, by block."""
@@ -68,14 +70,20 @@ class FrameMaker:
         self.interval_means = self.means.finish() if self.means else {}
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
-        S = s.S[self.spheres]
+        series = self._series(clumps.get("state"), contacts)
+        spheres = self._spheres(clumps)
+        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
+
+    def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        if "spheres" not in self.blocks:
+            return {"points": np.zeros((0, 3))}
+        s, S = self.state, self.state.S[self.spheres]
         spheres = {"points": S[:, :3].copy(), "velocity": _sphere_velocities(s)[self.spheres]}
-        if labels is not None:
+        if "state" in clumps:
             clump = s.order[s.body[self.spheres]]
             spheres["state"] = clumps["state"][clump]
             spheres["state_reason"] = clumps["state_reason"][clump]
-        series = self._series(clumps.get("state"), contacts)
-        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
+        return spheres
 
     def _profiles(self) -> dict[str, np.ndarray]:
         """Return the profiles over the interval that ends now, of this instant where nothing is sampled between the frames."""
@@ -85,27 +93,52 @@ class FrameMaker:
         return self.profiler.profiles(self.profiler(self.state) if mean is None else mean, self.state)
 
     def _contacts(self) -> dict[str, np.ndarray]:
-        s, slots = self.state, self.state.slots
-        on = np.flatnonzero(slots.histories.slip > 0.0)
-        R, owner, partner, sides = slots.R[on], s.body[slots.own[on]], slots.partner[on], slots.sides[on]
+        """Return the arrays of the closed contacts: those that bodies and series need, and the others where they are written."""
+        on = self.state.slots.rows.closed()
+        needed = self._needed_of_contacts(on)
+        if "contacts" in self.blocks:
+            return needed | self._further_of_contacts(on, needed)
+        none = {name: values[:0] for name, values in needed.items()}
+        return self._further_of_contacts(on[:0], none) | needed
+
+    def _needed_of_contacts(self, on: np.ndarray) -> dict[str, np.ndarray]:
+        """Return what bodies and series of a frame need of the closed contacts."""
+        s, slots, rows = self.state, self.state.slots, self.state.slots.rows
+        partner = slots.partner[on]
+        sides = sides_of(partner)
         other = np.where(sides == DEBRIS, s.order[s.body[np.maximum(partner, 0)]], np.where(sides == LOWER, -1, -2))
-        tangential = R[:, record.TANGENTIAL_FORCE3]
-        size, limit = np.linalg.norm(tangential, axis=1), R[:, record.FRICTION_LIMIT]
-        eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
-        arrays = {
-            "points": s.bodies.position[owner] + R[:, record.POINT3],
-            "body": s.order[owner],
+        tangential, normal_force = rows.records(on, record.TANGENTIAL_FORCE3), rows.records(on, record.NORMAL_FORCE)
+        size, limit = np.linalg.norm(tangential, axis=1), rows.records(on, record.FRICTION_LIMIT)
+        return {
+            "body": s.order[s.body[slots.own[on]]],
             "partner": other,
             "side": sides.astype(np.uint8),
+            "normal_force": normal_force,
+            "force": normal_force[:, None] * rows.records(on, record.NORMAL3) + tangential,
+            "utilisation": np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0),
+            "peak_pressure": rows.records(on, record.PEAK_PRESSURE),
+        }
+
+    def _further_of_contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return all arrays of the closed contacts, in the order of the file; `needed`: those that are known."""
+        s, slots = self.state, self.state.slots
+        R = slots.rows.records(on, slice(None)) if len(on) else np.zeros((0, slots.rows.widths[1]))
+        slip = slots.rows.histories(on, contact_state.SLIP) if len(on) else np.zeros(0)
+        tangential = R[:, record.TANGENTIAL_FORCE3]
+        arrays = {
+            "points": s.bodies.position[s.body[slots.own[on]]] + R[:, record.POINT3],
+            "body": needed["body"],
+            "partner": needed["partner"],
+            "side": needed["side"],
             "normal": R[:, record.NORMAL3],
-            "normal_force": R[:, record.NORMAL_FORCE],
+            "normal_force": needed["normal_force"],
             "tangential_force": tangential,
-            "force": R[:, [record.NORMAL_FORCE]] * R[:, record.NORMAL3] + tangential,
-            "utilisation": eta,
-            "slip": slots.histories.slip[on] - contact_state.CLOSED,
+            "force": needed["force"],
+            "utilisation": needed["utilisation"],
+            "slip": slip - contact_state.CLOSED,
             "overlap": R[:, record.OVERLAP],
             "contact_radius": R[:, record.CONTACT_RADIUS],
-            "peak_pressure": R[:, record.PEAK_PRESSURE],
+            "peak_pressure": needed["peak_pressure"],
             "critical_slip": R[:, record.CRITICAL_SLIP],
         }
         if s.physics.moments:

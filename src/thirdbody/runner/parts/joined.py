@@ -16,7 +16,7 @@ from thirdbody import errors
 from thirdbody.atomic_files import write_whole
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.independence import coupling
-from thirdbody.engine.parts import join, ranges
+from thirdbody.engine.parts import join, keep_all_rows, ranges
 from thirdbody.engine.snapshot import Snapshot, restore
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop, OutputError, ThirdbodyError, UsageError
@@ -58,6 +58,7 @@ class Joined:
         self.whole, self.partition, self.state = simulation.integrator, partition, simulation.state
         self.stops = list(targets(simulation))
         self.ledger = Ledger(simulation.state)
+        keep_all_rows(simulation.integrator)
         self.at, self.joined, self.saved = 0, -1, -1  # next stop; last stop joined; last stop in a checkpoint
 
     def begin(self, folder: Path, stop: int) -> None:

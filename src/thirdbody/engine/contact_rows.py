@@ -1,0 +1,174 @@
+"""Histories and records of candidates: a row for each of them, or rows of closed contacts only, batch by batch of bodies.
+
+Of the twelve candidates of a clump of six spheres between two plates, some four are closed. An open one has no history
+(`kernels.contact_history.reset_history`), and its record is never read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.kernels.columns import contact_state
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int32]
+
+SPARE = 1.1
+"""Room in the rows of a batch over their number when they were allocated: few batches need new ones later."""
+
+EXPECTED = 4.0
+"""Closed contacts of a body, to estimate the memory of a run before its first step: 3.1 to 3.9 were counted in clumps of 4 to 8
+spheres between pressing and 5 um of drag."""
+
+
+@dataclass
+class AllRows:
+    """A row for each candidate: histories H; records R, or no rows where they are not needed."""
+
+    H: Array
+    R: Array
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """Number of columns of histories and of records."""
+        return self.H.shape[1], self.R.shape[1]
+
+    def expected_bytes(self, _bodies: int) -> int:
+        """Return the bytes that the rows will take besides those of H and R: none."""
+        return 0
+
+    def closed(self) -> NDArray[np.int64]:
+        """Return the numbers of the closed candidates."""
+        return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)
+
+    def histories(self, closed: NDArray[np.int64], columns: Any) -> Array:
+        """Return columns of the histories of the candidates that `closed` gave."""
+        return self.H[closed, columns]
+
+    def records(self, closed: NDArray[np.int64], columns: Any) -> Array:
+        """Return columns of the records of the candidates that `closed` gave."""
+        return self.R[closed, columns]
+
+    def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
+        """Yield the first body and the end of each batch with the rows of its candidates: here all of them at once."""
+        yield 0, bodies, self.H, self.R
+
+
+@dataclass
+class Batch:
+    """Closed candidates `on`, counted from the first one of the batch, and their rows; the tables may have spare rows."""
+
+    on: Numbers
+    H: Array
+    R: Array
+
+
+@dataclass
+class ClosedRows:
+    """Rows of closed contacts only. `edges` (batches + 1,): first candidate of each batch of `size` bodies."""
+
+    edges: NDArray[np.int64]
+    size: int
+    widths: tuple[int, int]
+    held: list[Batch] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, edges: NDArray[np.int64], size: int, H: Array, R: Array) -> ClosedRows:
+        """Return the closed ones of all rows."""
+        rows = cls(edges, size, (H.shape[1], R.shape[1]))
+        for low, high in zip(edges, edges[1:], strict=False):
+            rows.held.append(rows._compact(H[low:high], R[low:high]))
+        return rows
+
+    @classmethod
+    def restored(cls, edges: NDArray[np.int64], size: int, closed: NDArray[np.int64], rows: tuple[Array, Array]) -> ClosedRows:
+        """Return the rows of closed candidates, as `closed` and `pieces` gave them."""
+        H, R = rows
+        result, cuts = cls(edges, size, (H.shape[1], R.shape[1])), np.searchsorted(closed, edges)
+        for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
+            on = (closed[low:high] - first).astype(np.int32)
+            result.held.append(Batch(on, H[low:high].copy(), R[low:high].copy()))
+        return result
+
+    def _compact(self, H: Array, R: Array) -> Batch:
+        on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
+        room = int(SPARE * len(on))
+        batch = Batch(on, np.empty((room, H.shape[1])), np.empty((room, R.shape[1])))
+        self._copy(H, R, batch)
+        return batch
+
+    @staticmethod
+    def _copy(H: Array, R: Array, batch: Batch) -> None:
+        n = len(batch.on)
+        np.take(H, batch.on, axis=0, out=batch.H[:n], mode="clip")  # "raise" would copy through a buffer
+        np.take(R, batch.on, axis=0, out=batch.R[:n], mode="clip")
+
+    def expand(self, number: int, H: Array, R: Array) -> None:
+        """Write the rows of all candidates of a batch: zeros for open ones."""
+        batch = self.held[number]
+        n = len(batch.on)
+        H[:], R[:] = 0.0, 0.0
+        H[batch.on], R[batch.on] = batch.H[:n], batch.R[:n]
+
+    def keep(self, number: int, H: Array, R: Array) -> None:
+        """Keep the closed ones of the rows of all candidates of a batch."""
+        batch = self.held[number]
+        on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
+        if len(on) > len(batch.H):
+            self.held[number] = self._compact(H, R)
+            return
+        batch.on = on
+        self._copy(H, R, batch)
+
+    def closed(self) -> NDArray[np.int64]:
+        """Return the numbers of the closed candidates."""
+        return np.concatenate([batch.on + first for batch, first in zip(self.held, self.edges, strict=False)])
+
+    def pieces(self) -> tuple[list[Array], list[Array]]:
+        """Return histories and records of the closed candidates, batch by batch, without copies."""
+        return [each.H[: len(each.on)] for each in self.held], [each.R[: len(each.on)] for each in self.held]
+
+    def histories(self, _closed: NDArray[np.int64], columns: Any) -> Array:
+        """Return columns of the histories of the closed candidates."""
+        return np.concatenate([rows[:, columns] for rows in self.pieces()[0]])
+
+    def records(self, _closed: NDArray[np.int64], columns: Any) -> Array:
+        """Return columns of the records of the closed candidates."""
+        return np.concatenate([rows[:, columns] for rows in self.pieces()[1]])
+
+    def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
+        """Yield the first body and the end of each batch with the rows of its candidates, in tables that are used again."""
+        H, R = self.room()
+        for number, (low, high) in enumerate(zip(self.edges, self.edges[1:], strict=False)):
+            n = high - low
+            self.expand(number, H[:n], R[:n])
+            yield number * self.size, min((number + 1) * self.size, bodies), H[:n], R[:n]
+
+    def room(self) -> tuple[Array, Array]:
+        """Return tables with room for the candidates of any batch."""
+        largest = int(np.diff(self.edges).max(initial=0))
+        return np.zeros((largest, self.widths[0])), np.zeros((largest, self.widths[1]))
+
+    @property
+    def H(self) -> Array:
+        """Histories of all candidates: a table made anew, for readers that are not made for many bodies."""
+        return self._whole(0)
+
+    @property
+    def R(self) -> Array:
+        """Records of all candidates, as H."""
+        return self._whole(1)
+
+    def _whole(self, which: int) -> Array:
+        table = np.zeros((int(self.edges[-1]), self.widths[which]))
+        table[self.closed()] = np.concatenate(self.pieces()[which])
+        return table
+
+    def expected_bytes(self, bodies: int) -> int:
+        """Return the bytes that the rows are expected to take during a run."""
+        return int(SPARE * EXPECTED * bodies * (4 + 8 * sum(self.widths)))
