@@ -39,7 +39,7 @@ from thirdbody.kernels.columns import (
     sphere,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques
+from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
@@ -58,10 +58,6 @@ from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocit
 GROUP = 8
 """Chunks of bodies per group. The data of a group stay in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
 longer, since more contacts are between groups."""
-
-LIGHT = 16
-"""Largest history of a light law. Its cost per vector of eight is that of one contact, so its tiles are padded to whole vectors
-(63 contacts cost half as much again as 64); the cost of other laws is per contact."""
 
 LARGEST = 1e300
 """Bound of the square of a force [N2]; no force reaches it."""
@@ -384,7 +380,7 @@ def contact_forces(group, side, part, context, step, law):
         solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
-        filled = count + (-count % LINE if context.n_history <= LIGHT else 0)  # padded with the last contact
+        filled = padded(count, context.n_history)  # with the last contact
         if flat and close_spots.interact(context):
             close_spots.place_spots(t, count, filled, spots, tile.geometry)
         evaluate_laws(filled, here, flat, context, step, law, box, tile)

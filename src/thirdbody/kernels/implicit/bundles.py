@@ -119,7 +119,8 @@ def make_workspace(context):
     """Return the scratch for one body."""
     history = context.n_history
     tile = Tile(
-        np.empty((law_input.HISTORY + history + rolling_input.WIDTH) * TILE),
+        # laws compute whole vectors (`contact_geometry.padded`): elements without a contact must have a pair type
+        np.zeros((law_input.HISTORY + history + rolling_input.WIDTH) * TILE),
         np.empty((law_output.HISTORY + history + rolling_output.WIDTH) * TILE),
         np.empty(contact_tangent.SPOTS_WIDTH * TILE),
         np.empty(geometry.WIDTH * TILE),

@@ -107,8 +107,8 @@ def make_pool(context, bodies, pairs, band):
     given = (law_input.HISTORY + history + rolling_input.WIDTH) * TILE
     results = (law_output.HISTORY + history + rolling_output.WIDTH) * TILE
     slopes, shape = contact_tangent.SPOTS_WIDTH * TILE, geometry.WIDTH * TILE
-    return Pool(
-        np.empty((bodies, given)), np.empty((bodies, results)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
+    return Pool(  # inputs as in `make_workspace`
+        np.zeros((bodies, given)), np.empty((bodies, results)), np.empty((bodies, slopes)), np.empty((bodies, shape)),
         np.zeros((bodies, TILE), np.int64), np.zeros((bodies, row)), np.zeros((bodies, 4, FREEDOMS)),
         np.empty((bodies, FREEDOMS, FREEDOMS)), np.zeros((bodies, step_contacts.WIDTH)),
         np.zeros((bodies, 1, contact_sums.WIDTH)), np.zeros(observed_body.WIDTH), np.empty((row, context.width)),

@@ -36,7 +36,7 @@ from thirdbody.kernels.columns import (
     surface_contact,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.contact_geometry import gather_plate_contact, slip_increment, transport_frames
+from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.predicates import is_upper
@@ -156,8 +156,9 @@ def active_contacts(context, active, y, motion, space):
             tile.geometry[m + (geometry.MID_VELOCITY + 2) * TILE] += patch_velocity
         slots[m] = k
         m += 1
-    transport_frames(m, motion.dt, tile)
-    slip_increment(m, motion.dt, tile)
+    computed = padded(m, context.n_history)
+    transport_frames(computed, motion.dt, tile)
+    slip_increment(computed, motion.dt, tile)
     for q in range(m):
         if context.rolling > 0:
             gather_rolling(q, slots[q], context, motion, tile)
@@ -253,7 +254,7 @@ def residual(context, active, m, y, motion, space):
     b, tile, r, diagnostics = active.number, space.tile, space.residual, space.diagnostics
     if interact(context):
         relieve(m, tile)
-    law_at(context.law)(tile.inputs, tile.outputs, m, context.pairs)
+    law_at(context.law)(tile.inputs, tile.outputs, padded(m, context.n_history), context.pairs)
     if interact(context):
         restore(m, tile)
         add_interaction_energy(m, tile)
