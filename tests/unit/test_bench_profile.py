@@ -47,7 +47,7 @@ def test_every_pass_of_a_small_layer_is_measured(bench, monkeypatch):
     parts = sum(run[part]["ns"] for part in (breakdown.LOOP, *breakdown.EVENTS))
     assert run["steps"] == 130 and 0.0 < parts <= run["ns"] and run["search"]["calls"] > 0.0
     traffic = {table.name: table for table in report["traffic"]}
-    assert traffic["bodies"].bytes == 200 * 2 * 256  # four cache lines there and back
+    assert traffic["bodies"].bytes == 200 * 2 * 160  # the row of a ball there and back
     assert traffic["histories of contacts"].bytes == report["contacts"] * 2 * 64
     assert traffic["lists: owner and partner"].bytes == 8 * slots.count and "spheres of their own" not in traffic
     page = io.StringIO()
