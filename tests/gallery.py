@@ -49,6 +49,9 @@ ENTRIES = {
     "three_spot": Entry(f"{RENDER} --body 0 --frame 6"),
     "scanned_debris": Entry(f"{RENDER} --zoom 0.4"),
     "sheared_debris": Entry(),
+    "million": Entry(
+        settings='--set debris.0.count=400 --set \'domain.size=["448 um", "336 um"]\' --set solver.distance="20 um"'
+    ),
     "yielding_debris": Entry(f"{RENDER} --zoom 0.3 --color plastic_work"),
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),

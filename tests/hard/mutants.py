@@ -21,7 +21,7 @@ SCENES = sorted(path for path in (ROOT / "scenes").glob("*.toml"))
 
 # few bodies: the oracle is about faults, and a sound scene should be built in a hundredth of a second
 SMALL = {name: (36, ["30 um", "30 um"]) for name in ("dense_layer", "angular_bed")} | {
-    "scanned_debris": (3, ["40 um", "30 um"]), "sticky_submicron": (36, ["1 um", "1 um"]),
+    "scanned_debris": (3, ["40 um", "30 um"]), "million": (36, ["150 um", "120 um"]), "sticky_submicron": (36, ["1 um", "1 um"]),
 }  # fmt: skip
 
 LONG = "x" * 100_000

@@ -19,8 +19,8 @@ SHORT = {"debris.0.count": "16", "solver.distance": "1 um", "output.every": "0.1
 NAMES = ["roller_bearing", "scanned_debris", "sheared_debris", "sliding_flakes"]
 # Scenes of other kinds, with tests of their own.
 OTHERS = [
-    "angular_bed", "dense_layer", "fretting", "fretting_rig", "grooves", "mixed_population", "rough_plates", "sticky_submicron",
-    "three_spot", "wear_map", "yielding_debris",
+    "angular_bed", "dense_layer", "fretting", "fretting_rig", "grooves", "million", "mixed_population", "rough_plates",
+    "sticky_submicron", "three_spot", "wear_map", "yielding_debris",
 ]  # fmt: skip
 
 

@@ -31,6 +31,7 @@ SHORT = {
         "debris.0.count": "8", "debris.1.count": "3", "domain.size": ["40 um", "30 um"], "solver.distance": "0.5 um",
         "plates.upper.load": "1 mN",
     },
+    "million.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "sticky_submicron.toml": {"debris.0.count": "40", "domain.size": ["1.2 um", "1 um"], "solver.distance": "0.1 um"},
     "wear_map.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "three_spot.toml": {"solver.distance": "20 nm"},
