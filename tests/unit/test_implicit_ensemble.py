@@ -1,5 +1,9 @@
 """Ensembles keep rows of closed contacts only: same bits as with all rows, also after a checkpoint, and less memory."""
 
+import ctypes
+import mmap
+import signal
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +81,37 @@ def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
     assert batched.state.spheres_kept is None
     for stop in STOPS:
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
+
+
+def behind_a_wall(table: np.ndarray) -> np.ndarray:
+    """Return a copy of a table; memory before it cannot be read: a process that tries is killed."""
+    wall = -(-(1 << 20) // mmap.PAGESIZE) * mmap.PAGESIZE
+    memory = mmap.mmap(-1, wall + table.nbytes)
+    copy = np.frombuffer(memory, np.float64, table.size, wall).reshape(table.shape)
+    copy[:] = table
+    address = ctypes.c_void_p(copy.ctypes.data - wall)
+    assert ctypes.CDLL(None).mprotect(address, ctypes.c_size_t(wall), 0) == 0
+    return copy
+
+
+def run_behind_walls() -> None:
+    """Integrate batches whose tables have nothing before them."""
+    for module in (implicit, implicit_ensemble):
+        module.BATCH = 8
+    integrator = built().integrator
+    for name in ("_H", "_R", "_S"):
+        setattr(integrator, name, behind_a_wall(getattr(integrator, name)))
+    for stop in STOPS:
+        integrator.advance_to(time=stop)
+    integrator.label()
+
+
+def test_no_row_outside_of_a_batch_is_read():
+    """Tables of a batch begin with its rows: the first rows of all, which kernels may read for any other, do not exist."""
+    child = get_context("spawn").Process(target=run_behind_walls)
+    child.start()
+    child.join()
+    assert child.exitcode == 0, signal.Signals(-child.exitcode).name if child.exitcode < 0 else child.exitcode
 
 
 def test_snapshot_goes_on_with_the_same_bits(small_batches):

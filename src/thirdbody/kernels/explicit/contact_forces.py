@@ -242,7 +242,8 @@ def write_points(q, k, context, motion, G):
     i, j, S, R = context.own[k], context.partner[k], context.S, context.R
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
     n = (G[q + geometry.NORMAL * TILE], G[q + (geometry.NORMAL + 1) * TILE], G[q + (geometry.NORMAL + 2) * TILE])
-    arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(max(j, 0), S))
+    # of a plate the owner's row, which exists: of all spheres an ensemble has those of one batch
+    arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(j if is_sphere(j) else i, S))
     for d in range(3):
         R[k, record.POINT + d] = arm[d] - a_i * n[d]
         R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
