@@ -125,12 +125,12 @@ def test_a_checkpoint_that_cannot_be_written_keeps_the_one_before(runs, cut, nam
 def test_a_checkpoint_cut_short_by_the_disk_is_not_taken_for_one(runs, cut, monkeypatch):
     before, old = names(cut), (cut / FILE).read_bytes()
 
-    def half(file, **_arrays):
+    def half(file, *_arrays):
         file.write(b"PK" * 1000)
         raise FULL
 
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.np, "savez", half)
+        patch.setattr(checkpoint, "_write_npz", half)
         with pytest.raises(OutputError, match="checkpoint.npz: cannot be written .No space left.*the one before is kept"):
             take_up(cut)
     assert (cut / FILE).read_bytes() == old

@@ -205,7 +205,7 @@ def test_a_checkpoint_that_cannot_be_written_names_the_folder_of_the_run(old, mo
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("thirdbody.runner.checkpoint.np.savez", full)
+    monkeypatch.setattr("thirdbody.runner.checkpoint._write_npz", full)
     with pytest.raises(OutputError) as report:
         start(old, overwrite=True)
     assert str(report.value).startswith(f"{old / CHECKPOINT}: cannot be written") and REPLACEMENT not in str(report.value)

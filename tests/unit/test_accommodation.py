@@ -10,9 +10,12 @@ import pytest
 from balls import BALLS, edited
 
 import thirdbody
+from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.kernels import schedule as motion
+from thirdbody.kernels.columns import contact_state, record
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.predicates import BASINS
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, parts_of, plate_speed, transmitting_weights
 from thirdbody.trajectory.accommodation_fractions import accommodation_fractions, accommodation_text, short_accommodation_text
@@ -20,6 +23,9 @@ from thirdbody.trajectory.names import ACCOMMODATION
 
 V, R = 0.5, 5e-6  # m/s, m
 DRAG = np.array([1.0, 0.0, 0.0])
+CODES = {LOWER: -1, UPPER: -1 - BASINS, DEBRIS: 0}
+"""Partner codes (`kernels.predicates`) of the lower plate, the first patch and a sphere."""
+
 TOP, BOTTOM = (UPPER, (0.0, 0.0, R)), (LOWER, (0.0, 0.0, -R))
 
 
@@ -29,9 +35,10 @@ def state_of(bodies, contacts, meet=True):
     side, point = zip(*place, strict=True)
     velocity, spin = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
     velocity[:, 0], spin[:, 1] = np.array(bodies).T
-    records = SimpleNamespace(normal_force=np.array(force, float), point=np.array(point, float))
-    slip = SimpleNamespace(slip=np.full(len(body), 1e-300))
-    slots = SimpleNamespace(sides=np.array(side), records=records, histories=slip, own=np.array(body))
+    H, R = np.zeros((len(body), contact_state.MIN_WIDTH)), np.zeros((len(body), record.WIDTH))
+    H[:, contact_state.SLIP] = 1e-300  # closed
+    R[:, record.NORMAL_FORCE], R[:, record.POINT3] = force, point
+    slots = SimpleNamespace(partner=np.array([CODES[each] for each in side]), own=np.array(body), rows=AllRows(H, R))
     upper = SimpleNamespace(schedule=Schedule(x=(Segment(0.0, motion.POLYNOMIAL, 0.0, V),)))
     world = SimpleNamespace(upper=upper, lower=0, debris_meets=meet)
     rows = SimpleNamespace(velocity=velocity, spin=spin)

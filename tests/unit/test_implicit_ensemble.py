@@ -78,7 +78,7 @@ def assert_same(one: Simulation, other: Simulation) -> None:
 def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
     batched, whole = built(), with_all_rows(monkeypatch)
     assert isinstance(batched.state.slots.rows, ClosedRows) and isinstance(whole.state.slots.rows, AllRows)
-    assert batched.state.spheres_kept is None
+    assert batched.state.sphere_table is None
     for stop in STOPS:
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
 

@@ -48,11 +48,11 @@ class AllRows:
 
     def histories(self, closed: NDArray[np.int64], columns: Any) -> Array:
         """Return columns of the histories of the candidates that `closed` gave."""
-        return self.H[closed, columns]
+        return self.H[:, columns][closed]
 
     def records(self, closed: NDArray[np.int64], columns: Any) -> Array:
         """Return columns of the records of the candidates that `closed` gave."""
-        return self.R[closed, columns]
+        return self.R[:, columns][closed]
 
     def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
         """Yield the first body and the end of each batch with the rows of its candidates: here all of them at once."""
@@ -75,14 +75,14 @@ class ClosedRows:
     edges: NDArray[np.int64]
     size: int
     widths: tuple[int, int]
-    held: list[Batch] = field(default_factory=list)
+    compact: list[Batch] = field(default_factory=list)
 
     @classmethod
     def of(cls, edges: NDArray[np.int64], size: int, H: Array, R: Array) -> ClosedRows:
         """Return the closed ones of all rows."""
         rows = cls(edges, size, (H.shape[1], R.shape[1]))
         for low, high in zip(edges, edges[1:], strict=False):
-            rows.held.append(rows._compact(H[low:high], R[low:high]))
+            rows.compact.append(rows._compact(H[low:high], R[low:high]))
         return rows
 
     @classmethod
@@ -92,13 +92,13 @@ class ClosedRows:
         result, cuts = cls(edges, size, (H.shape[1], R.shape[1])), np.searchsorted(closed, edges)
         for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
             on = (closed[low:high] - first).astype(np.int32)
-            result.held.append(Batch(on, H[low:high].copy(), R[low:high].copy()))
+            result.compact.append(Batch(on, H[low:high].copy(), R[low:high].copy()))
         return result
 
     def _compact(self, H: Array, R: Array) -> Batch:
         on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
-        room = int(SPARE * len(on))
-        batch = Batch(on, np.empty((room, H.shape[1])), np.empty((room, R.shape[1])))
+        n = int(SPARE * len(on))
+        batch = Batch(on, np.empty((n, H.shape[1])), np.empty((n, R.shape[1])))
         self._copy(H, R, batch)
         return batch
 
@@ -110,28 +110,28 @@ class ClosedRows:
 
     def expand(self, number: int, H: Array, R: Array) -> None:
         """Write the rows of all candidates of a batch: zeros for open ones."""
-        batch = self.held[number]
+        batch = self.compact[number]
         n = len(batch.on)
         H[:], R[:] = 0.0, 0.0
         H[batch.on], R[batch.on] = batch.H[:n], batch.R[:n]
 
     def keep(self, number: int, H: Array, R: Array) -> None:
         """Keep the closed ones of the rows of all candidates of a batch."""
-        batch = self.held[number]
+        batch = self.compact[number]
         on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
         if len(on) > len(batch.H):
-            self.held[number] = self._compact(H, R)
+            self.compact[number] = self._compact(H, R)
             return
         batch.on = on
         self._copy(H, R, batch)
 
     def closed(self) -> NDArray[np.int64]:
         """Return the numbers of the closed candidates."""
-        return np.concatenate([batch.on + first for batch, first in zip(self.held, self.edges, strict=False)])
+        return np.concatenate([batch.on + first for batch, first in zip(self.compact, self.edges, strict=False)])
 
     def pieces(self) -> tuple[list[Array], list[Array]]:
         """Return histories and records of the closed candidates, batch by batch, without copies."""
-        return [each.H[: len(each.on)] for each in self.held], [each.R[: len(each.on)] for each in self.held]
+        return [each.H[: len(each.on)] for each in self.compact], [each.R[: len(each.on)] for each in self.compact]
 
     def histories(self, _closed: NDArray[np.int64], columns: Any) -> Array:
         """Return columns of the histories of the closed candidates."""
@@ -143,13 +143,13 @@ class ClosedRows:
 
     def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
         """Yield the first body and the end of each batch with the rows of its candidates, in tables that are used again."""
-        H, R = self.room()
+        H, R = self.scratch()
         for number, (low, high) in enumerate(zip(self.edges, self.edges[1:], strict=False)):
             n = high - low
             self.expand(number, H[:n], R[:n])
             yield number * self.size, min((number + 1) * self.size, bodies), H[:n], R[:n]
 
-    def room(self) -> tuple[Array, Array]:
+    def scratch(self) -> tuple[Array, Array]:
         """Return tables with room for the candidates of any batch."""
         largest = int(np.diff(self.edges).max(initial=0))
         return np.zeros((largest, self.widths[0])), np.zeros((largest, self.widths[1]))

@@ -41,14 +41,14 @@ class ImplicitEnsemble(Implicit):
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
         if state.S is not state.B:
             state.forget_spheres()
-        self._make_room()
+        self._make_scratch()
 
-    def _make_room(self) -> None:
+    def _make_scratch(self) -> None:
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        self._H, self._R = rows.room()
+        self._H, self._R = rows.scratch()
         starts = np.append(state.start[:-1:BATCH], state.start[-1])
-        largest = int(np.diff(starts).max()) if state.spheres_kept is None else 0
+        largest = int(np.diff(starts).max()) if state.sphere_table is None else 0
         self._S = table(largest, sphere.WIDTH)
 
     def keep_all_rows(self) -> None:
@@ -60,7 +60,7 @@ class ImplicitEnsemble(Implicit):
         state = self.state
         if isinstance(state.slots.rows, AllRows):
             return super()._contact_tables()
-        return {"S": self._S if state.spheres_kept is None else state.S, "H": self._H, "R": self._R}
+        return {"S": self._S if state.sphere_table is None else state.S, "H": self._H, "R": self._R}
 
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
@@ -72,7 +72,7 @@ class ImplicitEnsemble(Implicit):
             low, high = number * BATCH, min((number + 1) * BATCH, self.state.n_bodies)
             n = int(rows.edges[number + 1] - rows.edges[number])
             rows.expand(number, self._H[:n], self._R[:n])
-            if self.state.spheres_kept is None:
+            if self.state.sphere_table is None:
                 place_some(self.state, low, high, self._S)
             kernel.advance_bodies(max(first, low), min(last, high), until, tries, self._context_of(number))
             rows.keep(number, self._H[:n], self._R[:n])
@@ -82,7 +82,7 @@ class ImplicitEnsemble(Implicit):
         packed, rows, start = self._context().copy(), self.state.slots.rows, self.state.start
         assert isinstance(rows, ClosedRows)
         skipped = {"H": (self._H, rows.edges[number]), "R": (self._R, rows.edges[number])}
-        if self.state.spheres_kept is None:
+        if self.state.sphere_table is None:
             skipped["S"] = self._S, start[number * BATCH]
         for name, (array, first) in skipped.items():
             packed[WORDS[name]] -= int(first) * array.strides[0]

@@ -46,7 +46,7 @@ def expected_work(integrator: ImplicitEnsemble, stops: Iterable[tuple[float, flo
     rows, n = integrator.state.slots.rows, integrator.state.n_bodies
     if n < FEWEST or not isinstance(rows, ClosedRows):
         return None
-    groups = [_alone(integrator, rows, k * (len(rows.held) - 1) // SAMPLES) for k in range(SAMPLES)]
+    groups = [_alone(integrator, rows, k * (len(rows.compact) - 1) // SAMPLES) for k in range(SAMPLES)]
     times, tries = [integrator.state.time], [_tries(groups)]
     try:
         for stop in stops:
@@ -75,9 +75,9 @@ def _alone(integrator: ImplicitEnsemble, rows: ClosedRows, number: int) -> Impli
     state.offsets, state.body, state.patch = whole.offsets[low:high].copy(), whole.body[low:high] - first, np.arange(n)
     state.side = whole.side[low:high]
     state.start = whole.start[first : first + n + 1] - low
-    state.S = place_some(whole, first, first + n) if whole.spheres_kept is None else state.B
+    state.S = place_some(whole, first, first + n) if whole.sphere_table is None else state.B
     k = slice(int(whole.slots.edges[first]), int(whole.slots.edges[first + n]))
-    H, R = rows.room()
+    H, R = rows.scratch()
     rows.expand(number, H[: (count := int(rows.edges[number + 1] - rows.edges[number]))], R[:count])
     own, partner = whole.slots.own[k] - np.int32(low), moved(whole.slots.partner[k], first)
     here = slice(0, k.stop - k.start)

@@ -92,8 +92,8 @@ def _fixed(state: State) -> dict[str, Array]:
     """Return the tables `FIXED` by name."""
     measured = {"W": state.W} if state.physics.measures else {}
     measured |= {"maps": state.maps} if measured and state.part_deposits is None else {}
-    kept = state.spheres_kept is not None and state.spheres_kept is not state.B
-    return {name: getattr(state, name) for name in FIXED if name != "S" or kept} | measured
+    own_table = state.sphere_table is not None and state.sphere_table is not state.B
+    return {name: getattr(state, name) for name in FIXED if name != "S" or own_table} | measured
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:

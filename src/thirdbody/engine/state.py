@@ -109,7 +109,7 @@ class State:
     B: Array
     E: Array
     orientations: Array
-    spheres_kept: Array | None
+    sphere_table: Array | None
     P: Array
     A: Array
     D: Array
@@ -150,16 +150,16 @@ class State:
     @property
     def S(self) -> Array:
         """Spheres: positions and velocities are those of their bodies at the end of the last step."""
-        return place_some(self, 0, self.n_bodies) if self.spheres_kept is None else self.spheres_kept
+        return place_some(self, 0, self.n_bodies) if self.sphere_table is None else self.sphere_table
 
     @S.setter
     def S(self, rows: Array) -> None:
-        self.spheres_kept = rows
+        self.sphere_table = rows
 
     def forget_spheres(self) -> None:
         """Keep of the spheres only what does not follow from their bodies."""
         self.radii = self.S[:, sphere.RADIUS].copy()
-        self.spheres_kept = None
+        self.sphere_table = None
 
     @property
     def reach(self) -> float:
@@ -271,7 +271,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
-        world=world, physics=physics, B=B, E=E, orientations=orientations, spheres_kept=S, P=P,
+        world=world, physics=physics, B=B, E=E, orientations=orientations, sphere_table=S, P=P,
         A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
         schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
         X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts),
