@@ -40,7 +40,7 @@ class ImplicitEnsemble(Implicit):
         slots.rows = ClosedRows.of(edges, BATCH, slots.H, slots.R)
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
         if state.S is not state.B:
-            state.forget_spheres()
+            state.drop_spheres()
         self._make_scratch()
 
     def _make_scratch(self) -> None:

@@ -98,7 +98,7 @@ class Physics:
 class State:
     """Tables at one synchronised instant; columns are declared in `kernels.columns`.
 
-    S may be the same array as B (`unite`); where it is not kept (`forget_spheres`), it is made anew for each reader. `side`
+    S may be the same array as B (`unite`); where it is not kept (`drop_spheres`), it is made anew for each reader. `side`
     (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
     outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
     patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
@@ -156,7 +156,7 @@ class State:
     def S(self, rows: Array) -> None:
         self.sphere_table = rows
 
-    def forget_spheres(self) -> None:
+    def drop_spheres(self) -> None:
         """Keep of the spheres only what does not follow from their bodies."""
         self.radii = self.S[:, sphere.RADIUS].copy()
         self.sphere_table = None
