@@ -47,7 +47,7 @@ from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
 from thirdbody.kernels.implicit.residual import active_contacts, set_configuration
 from thirdbody.kernels.implicit.residual import residual as write_residual
-from thirdbody.kernels.implicit.surface_steps import update_accepted, update_trial
+from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import UPDATE, RoughPlates
@@ -198,7 +198,7 @@ def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: 
     given = tables(rows) | {
         "own": np.arange(rows, dtype=np.int32) // (2 * BASINS), "partner": (-1 - BASINS * plate - basins).astype(np.int32),
         "Q": np.zeros((rows, surface_contact.WIDTH)), "lower": lower, "upper": upper,
-        "update_surfaces": address(update_trial, UPDATE),
+        "update_surfaces": address(update_trial, UPDATE), "surface_tangents": address(update_tangents, UPDATE),
     }  # fmt: skip
     Q, S, P, H, D, Z = (given[name] for name in ("Q", "S", "P", "H", "D", "starts"))
     Z[0, step_start.QUATERNION : step_start.QUATERNION + 4] = q / np.linalg.norm(q)

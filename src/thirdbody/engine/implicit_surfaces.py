@@ -1,6 +1,7 @@
 """Rough plates under the implicit integrator: what is compiled for them, and their contacts at the start."""
 
 import math
+from typing import NamedTuple
 
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
@@ -9,13 +10,24 @@ from thirdbody.kernels.columns import surface_contact
 from thirdbody.kernels.rough_plates import UPDATE
 
 
-def surface_updates(state: State) -> tuple[int, int]:
-    """Return the addresses of what updates contacts with rough plates, in trials and in accepted steps; 0: both are flat."""
-    if not state.world.rough:
-        return 0, 0
-    from thirdbody.kernels.implicit.surface_steps import update_accepted, update_trial
+class SurfaceUpdates(NamedTuple):
+    """Addresses of what updates contacts with rough plates; 0: both are flat."""
 
-    return address(update_trial, UPDATE), address(update_accepted, UPDATE)
+    trial: int = 0
+    """In each trial of a step."""
+    accepted: int = 0
+    """In accepted steps."""
+    tangents: int = 0
+    """Before each Jacobian."""
+
+
+def surface_updates(state: State) -> SurfaceUpdates:
+    """Return the addresses of what updates contacts with rough plates."""
+    if not state.world.rough:
+        return SurfaceUpdates()
+    from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
+
+    return SurfaceUpdates(address(update_trial, UPDATE), address(update_accepted, UPDATE), address(update_tangents, UPDATE))
 
 
 def find_minima(state: State) -> None:

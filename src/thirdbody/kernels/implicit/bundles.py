@@ -52,8 +52,9 @@ KINDS: Kinds = {
     "paths": _TABLE,
     # largest number of candidates of a body; address of the laws' tangents
     "max_per_body": types.int64, "tangents": types.int64,
-    # address of the function that takes the closest points of rough plates as those of an accepted step (`surface_steps`)
-    "accept_surfaces": types.int64,
+    # addresses of the functions that take the closest points of rough plates as those of an accepted step, and that write what
+    # the Jacobian needs of them (`surface_steps`)
+    "accept_surfaces": types.int64, "surface_tangents": types.int64,
 }  # fmt: skip
 """Types of all arguments of an implicit step, by name."""
 

@@ -56,6 +56,7 @@ from thirdbody.kernels.implicit.residual import (
 )
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.rough_plates import update_by
 from thirdbody.kernels.signatures import LAW
 
 tangents_at = function_at(LAW)
@@ -150,7 +151,9 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
         for j in range(FREEDOMS):
             J[i, j] = 0.0
     if first_body.is_rough(context):
-        add_rough_contacts(m, active.number, dt, context, space)
+        b = active.number
+        update_by(context.surface_tangents, context.edges[b], context.edges[b + 1], context)
+        add_rough_contacts(m, b, dt, context, space)
     else:
         for q in range(m):
             add_contact(contact_at(q, active.number, dt, context, False, space), False, J)

@@ -92,8 +92,6 @@ def follow_step(k, field, x, ends, tables):
             Q[k + a, surface_contact.DISTANCE] = Q[k + a, surface_contact.START_DISTANCE] - path
             continue
         follow(k + a, field, x, guess_of(k + a, field, Q), tables)
-        if not ends and is_bent(k + a, tables):
-            write_gradient_change(k + a, field, x, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k]), Q)
         for b in range(a):
             same = has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field)
             if same and not is_apart(k + b, Q):
@@ -109,6 +107,15 @@ def follow_step(k, field, x, ends, tables):
 def centre_of(k, tables):
     """Return the centre of the sphere of row k (3,) in the coordinates of its plate [m]."""
     return first_body.to_surface(tables.partner[k], first_body.centre(tables.own[k], tables.S), tables.P)
+
+
+@njit(**BARE_CHUNK)
+def write_changes(k, field, tables):
+    """Write the changes of the gradients at the minima of the sphere whose first row is k that touch."""
+    Q, radius, x = tables.Q, tables.S[tables.own[k], sphere.RADIUS], centre_of(k, tables)
+    for a in range(BASINS):
+        if has_minimum(k, a, Q) and is_bent(k + a, tables):
+            write_gradient_change(k + a, field, x, radius, is_upper(tables.partner[k]), Q)
 
 
 @njit(**BARE_CHUNK)
@@ -149,4 +156,14 @@ def update_accepted(first, last, tables):
     k = next_rough(first, last, tables)
     while k < last:
         accept_sphere(k, tables.upper if is_upper(tables.partner[k]) else tables.lower, tables)
+        k = next_rough(k + BASINS, last, tables)
+
+
+@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+def update_tangents(first, last, tables):
+    """Update what the Jacobian alone needs in the rows of candidates first to last, for the positions of the last trial."""
+    k = next_rough(first, last, tables)
+    while k < last:
+        if tables.Q[k, surface_contact.MINIMA] != 0.0:
+            write_changes(k, tables.upper if is_upper(tables.partner[k]) else tables.lower, tables)
         k = next_rough(k + BASINS, last, tables)
