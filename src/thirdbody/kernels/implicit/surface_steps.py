@@ -35,7 +35,7 @@ NEARBY = 0.25
 """In units of a cell: within this distance of where it was at the start of the step a minimum is surely the same one."""
 
 FAR = 1.02
-"""Distance over the radius beyond which a minimum that cannot touch in a trial is not followed."""
+"""Distance over the radius beyond which a minimum that cannot touch in a step is not followed: its distance is then a bound."""
 
 
 @njit(**BARE)
@@ -84,7 +84,7 @@ def follow_step(k, field, x, ends, tables):
     Of two that meet, the one that moved farther is apart; with `ends` it ends.
     """
     Q, path = tables.Q, displacement_in(k, x, tables.Q)
-    far = math.inf if ends or not has_heights(field) else FAR * tables.S[tables.own[k], sphere.RADIUS] + tables.D[domain.REACH]
+    far = FAR * tables.S[tables.own[k], sphere.RADIUS] + tables.D[domain.REACH] if has_heights(field) else math.inf
     for a in range(BASINS):
         if not has_minimum(k, a, Q):
             continue
