@@ -263,15 +263,14 @@ class Implicit:
                 body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
                 **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
                 effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
-                update_surfaces=self._surface_updates.trial, n_history=len(physics.history), rolling=physics.rolling, force=force,
-                moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
+                n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, twist=twist,
+                stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
                 width=loaded_contact.MEMORY + physics.contact_memory,
                 has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
-                accept_surfaces=self._surface_updates.accepted, surface_tangents=self._surface_updates.tangents,
-                paths=self.paths, **self._measures,
+                paths=self.paths, **self._surface_updates._asdict(), **self._measures,
             )
         )  # fmt: skip
 

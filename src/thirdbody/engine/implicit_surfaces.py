@@ -13,11 +13,11 @@ from thirdbody.kernels.rough_plates import UPDATE
 class SurfaceUpdates(NamedTuple):
     """Addresses of what updates contacts with rough plates; 0: both are flat."""
 
-    trial: int = 0
+    update_surfaces: int = 0
     """In each trial of a step."""
-    accepted: int = 0
+    accept_surfaces: int = 0
     """In accepted steps."""
-    tangents: int = 0
+    surface_tangents: int = 0
     """Before each Jacobian."""
 
 
