@@ -14,6 +14,7 @@ from thirdbody.render.force_tubes import nearest_image
 from thirdbody.render.picture_data import FREE_SCALE, PictureData, domain_of, read_picture_data
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.rebuilt_spheres import rows_of
+from thirdbody.trajectory.sample import ELSEWHERE
 
 UNLABELLED = "#5A626C"
 
@@ -86,7 +87,7 @@ def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: 
     chosen = chosen[np.argsort(-contacts["normal_force"][chosen], kind="stable")]
     sign = np.where(first[chosen], 1.0, -1.0)[:, None]
     partner = np.where(first[chosen], contacts["partner"][chosen], contacts["body"][chosen])
-    names = {-1: "lower plate", -2: "upper plate"}
+    names = {-1: "lower plate", -2: "upper plate", ELSEWHERE: "particle not in the file"}
     load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
     force, normal = contacts["force"][chosen], contacts["normal"][chosen]
     tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)

@@ -219,7 +219,8 @@ def _facts(run: Run, frame: int, count: int) -> str:
         facts.append(f"sliding distance {with_unit(run.series['distance'][number], 'm')}")
     if math.isfinite(run.friction.value):  # of the run, not of this frame
         facts.append(f"friction coefficient {run.friction.short_text}")
-    facts.append(f"{count} particle{'s' if count != 1 else ''}")
+    of = f" of {run.scene_bodies}" if count < run.scene_bodies else ""
+    facts.append(f"{count}{of} particle{'s' if count != 1 else ''}")
     if surface := run.surface("lower"):
         low, high = (quantity_text(float(z), "m") for z in (surface.heights.min(), surface.heights.max()))
         facts.append(f"lower plate {low} to {high}, dark to light")

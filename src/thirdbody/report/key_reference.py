@@ -15,7 +15,7 @@ from thirdbody.laws.measures import layout_of
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.keys import Key, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
-from thirdbody.trajectory.names import FRACTION, SERIES, TABLES, Name
+from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
 
 KEY_HEADINGS = ("key", "for", "value", "unit", "default", "meaning", "example")
 NAME_HEADINGS = ("name", "unit", "meaning")
@@ -69,6 +69,7 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
     tables = {table: dict(names) for table, names in TABLES.items()}
     for labeller in {id(one): one for family in registry.families.values() if (one := family.labeller)}.values():
         tables["series"] |= {f"fraction_{state}": FRACTION for state in labeller.states}
+        tables["series"] |= {f"count_{reason}": COUNT for reason in labeller.reasons}
         tables["bodies"] |= _labels(labeller)
     tables |= {"measures": {}, "maps": {}}
     for measure in registry.measures.values():

@@ -181,28 +181,44 @@ def states_report(path: Path, frame: int | None, json: bool) -> None:
 
 def _states_over_frames(run: Run, json: bool) -> None:
     from thirdbody.report.forecast_check import compare_forecast
+    from thirdbody.trajectory.run_summary import state_counts
     from thirdbody.trajectory.state_groups import states_by_group
 
     names = run.state_names
-    rows = []
-    for k in range(run.frames):
-        counts = {name: int(np.count_nonzero(run.states[k] == code)) for code, name in enumerate(names)}
-        rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
+    counts = state_counts(run) if run.frames else {}
+    rows = [
+        {"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]),
+         **{name: int(values[k]) for name, values in counts.items()}}
+        for k in range(run.frames)
+    ]  # fmt: skip
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
     if json:
         groups = {f"{kind}s": rows_of_kind for kind, rows_of_kind in states_by_group(run).items()}
-        print_json({"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups)
+        whole = {"reasons_of_all": of_all} if rows and (of_all := _reasons_of_all(run)) else {}
+        print_json({"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups | whole)
         return
     if not rows:
         print_line(f"{run.path}: no frames yet")
         return
+    if run.states.shape[1] < run.scene_bodies:
+        print(f"{run.states.shape[1]} of {run.scene_bodies} bodies are in the file: groups and reasons are theirs, states over "
+              "frames are those of all")  # fmt: skip
+        print()
     _print_groups(run, run.frames - 1)
     headings = ["frame", "time", "distance", *names]
     table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
-    for state, counts in last.items():
-        print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+    for state, by_reason in last.items():
+        print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in by_reason.items()))
+    if of_all := _reasons_of_all(run):
+        print_line("reasons of all bodies: " + ", ".join(f"{reason} {count}" for reason, count in of_all.items()))
     _print_forecast(compare_forecast(run))
+
+
+def _reasons_of_all(run: Run) -> dict[str, int]:
+    """Return the number of bodies of the scene with each reason at the last frame; none where the file holds all bodies."""
+    counts = {name: int(run.series[f"count_{name}"][-1]) for name in run.reason_names if f"count_{name}" in run.series}
+    return {name: count for name, count in counts.items() if count}
 
 
 def _print_forecast(result: dict[str, Any]) -> None:

@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from thirdbody.errors import OutputError
+from thirdbody.trajectory.output_selection import CLUMPS, CONTACTS, SPHERES, Selection
+from thirdbody.trajectory.polydata_block import Storage
 from thirdbody.trajectory.reader import FILE_NAME
+from thirdbody.trajectory.schema import Arrays, Frame
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -18,6 +24,9 @@ if TYPE_CHECKING:
 
 SECONDS, LARGEST_NUMBER = 0.3, 32
 """Seconds and largest number of frames of the measurement, without the first, which creates all arrays."""
+
+CONTACTS_PER_BODY, SINGLE = 3, 4
+"""Contacts of a body in an estimate; bytes of a number in single precision."""
 
 
 class FrameCost(NamedTuple):
@@ -31,16 +40,6 @@ class FrameCost(NamedTuple):
 
 def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
     """Measure the cost of frames of `integrator`, a trial copy of that of `built`."""
-    try:
-        with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
-            seconds, first = _write_frames(built, integrator, Path(folder) / FILE_NAME)
-        return FrameCost(seconds, first, frame_bytes(built))
-    except (OSError, OutputError) as error:
-        return FrameCost(math.nan, 0, frame_bytes(built), str(error))
-
-
-def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path) -> tuple[float, int]:
-    """Return the seconds of a frame after the first one, and the bytes of the file with the first one."""
     from thirdbody.engine.energy import Ledger
     from thirdbody.runner.measurements import selection_of
     from thirdbody.runner.simulate import run_header
@@ -48,27 +47,48 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
     from thirdbody.trajectory.frame import FrameMaker
     from thirdbody.trajectory.writer import TrajectoryWriter
 
-    state, pressure = integrator.state, PeakPressure(built)
-    maker = FrameMaker(state, Ledger(state), built.labeller, integrator.drag)
-    selection = selection_of(built.scene, maker)
+    maker = FrameMaker(integrator.state, Ledger(integrator.state), built.labeller, integrator.drag)
+    selection, maker.watch = selection_of(built.scene, maker), PeakPressure(built).update
 
-    def write(writer: TrajectoryWriter) -> None:
-        frame = maker.frame(integrator.label() if built.labeller else None)
-        writer.append(selection.frame(frame))
-        pressure.update(frame.contacts)
+    def frame() -> Frame:
+        return selection.frame(maker.frame(integrator.label() if built.labeller else None))
 
-    static = selection.static(maker.static(), state)
-    with TrajectoryWriter(path, run_header(built), static, surfaces=built.surfaces, selection=selection) as writer:
-        write(writer)
-        first, started, number = path.stat().st_size, time.perf_counter(), 0
-        while number < LARGEST_NUMBER and time.perf_counter() - started < SECONDS:
-            write(writer)
-            number += 1
-        return (time.perf_counter() - started) / number, first
+    size = frame_bytes(frame(), selection)
+    try:
+        with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
+            path, static = Path(folder) / FILE_NAME, selection.static(maker)
+            with TrajectoryWriter(path, run_header(built), static, surfaces=built.surfaces, selection=selection) as writer:
+                writer.append(frame())
+                first = path.stat().st_size
+                return FrameCost(_mean_seconds(lambda: writer.append(frame())), first, size)
+    except (OSError, OutputError) as error:
+        return FrameCost(math.nan, 0, size, str(error))
 
 
-def frame_bytes(built: Simulation) -> int:
-    """Return the bytes of a frame, with three contacts per body."""
-    state = built.state
-    margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
-    return state.n_bodies * (8 * (24 + margins) + 2 + 3 * 150) + state.n_spheres * (24 + 12 + 2)
+def _mean_seconds(write: Callable[[], None]) -> float:
+    """Return the mean wall time of some calls [s]."""
+    started, number = time.perf_counter(), 0
+    while number < LARGEST_NUMBER and time.perf_counter() - started < SECONDS:
+        write()
+        number += 1
+    return (time.perf_counter() - started) / number
+
+
+def frame_bytes(frame: Frame, selection: Selection) -> int:
+    """Return the bytes of such a frame, with three contacts per body where contacts are written, before compression."""
+    contacts = CONTACTS_PER_BODY * len(frame.clumps["points"]) if CONTACTS in selection.blocks else 0
+    rows = {SPHERES: len(frame.spheres["points"]), CLUMPS: len(frame.clumps["points"]), CONTACTS: contacts}
+    return sum(
+        count * width * (SINGLE if kind == "f" and _is_single(selection.storage(block), name) else size)
+        for block, count in rows.items()
+        for name, (kind, size, width) in _columns(frame.block(block)).items()
+    )
+
+
+def _columns(arrays: Arrays) -> dict[str, tuple[str, int, int]]:
+    """Return kind of numbers, bytes of one, and numbers per row of each array."""
+    return {name: (v.dtype.kind, v.dtype.itemsize, int(np.prod(v.shape[1:]))) for name, v in arrays.items()}
+
+
+def _is_single(storage: Storage, name: str) -> bool:
+    return storage.single_points if name == "points" else storage.single

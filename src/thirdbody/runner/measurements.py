@@ -18,6 +18,7 @@ from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
 from thirdbody.trajectory.output_selection import ALL, Selection
 from thirdbody.trajectory.profiles import AXES, Profiler
+from thirdbody.trajectory.sample import sample_of
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -65,7 +66,10 @@ def profiler_of(simulation: Simulation) -> Profiler | None:
 
 
 def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
-    """Return what of a frame the scene has written. Raises InputError for arrays that the bodies do not have."""
+    """Return what of a frame the scene has written, and have `maker` make no more of it.
+
+    Raises InputError for arrays that the bodies do not have.
+    """
     output = scene.output
     known = ["position", *maker.body_arrays()] if output.arrays is not None else []
     unknown = [name for name in output.arrays or () if name not in known]
@@ -74,6 +78,9 @@ def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
         raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
     blocks = tuple(name for name in ALL if output.blocks is None or name in output.blocks)
     arrays = None if output.arrays is None else tuple(output.arrays)
+    maker.blocks = blocks
+    if output.sample is not None and output.sample < maker.state.n_bodies:
+        maker.follow(sample_of(output.sample, maker.state.n_bodies))
     return Selection(blocks, arrays, output.precision == "float32", output.compress)
 
 

@@ -72,7 +72,7 @@ class RunLoop:
         drag, bed = simulation.integrator.drag, bed_measures(simulation)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, drag, self.means, bed, profiler)
         self.selection = selection_of(simulation.scene, self.maker)
-        self.maker.blocks = self.selection.blocks
+        self.maker.watch = self.pressure.update
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
         self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
@@ -204,7 +204,6 @@ class RunLoop:
         if not self.files.usable:
             self.writer.sync()  # the run that it replaces is lost then
             self.files.publish()
-        self.pressure.update(frame.contacts)
         self._report_progress(dict(frame.series))
         # after the frame, which shows what went wrong
         self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))

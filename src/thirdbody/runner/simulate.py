@@ -186,7 +186,7 @@ def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
     path = files.path / FILE_NAME
     if checkpoint is None or not checkpoint.frames:
         surfaces = loop.simulation.surfaces
-        static = loop.selection.static(loop.maker.static(), loop.simulation.state)
+        static = loop.selection.static(loop.maker)
         return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, loop.selection)
     with open_run(path) as before:
         # warnings of an earlier part still hold for it
@@ -208,7 +208,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
     if profiles is not None:
         units |= {name: entry.unit for name, entry in PROFILES.items()}
     if labeller is not None:
-        units |= {f"fraction_{name}": "1" for name in labeller.states}
+        units |= {f"fraction_{name}": "1" for name in labeller.states} | {f"count_{name}": "1" for name in labeller.reasons}
     measures = simulation.state.physics.measures
     units |= measures.layout.units() if measures else {}
     test = {}
@@ -232,6 +232,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         "debris_contact": debris_contact(simulation),
         **({"speed_scale": simulation.speed_scale.report()} if simulation.speed_scale else {}),
         **({} if scene.output.blocks is None else {"blocks": scene.output.blocks}),
+        **({} if scene.output.sample is None else {"scene_bodies": simulation.state.n_bodies}),
         "warnings": simulation.warnings,
         **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
         "versions": {

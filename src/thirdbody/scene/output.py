@@ -33,7 +33,7 @@ def _bins_alone(value: Any, info: ValidationInfo) -> Any:
     return {"bins": _BINS.read(value, info)}
 
 
-STORED = ("blocks", "arrays", "precision", "compress")
+STORED = ("sample", "blocks", "arrays", "precision", "compress")
 """Keys of `output` about the run file."""
 
 
@@ -48,6 +48,11 @@ class Output(Part):
     every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
     profiles: Annotated[Profiles, BeforeValidator(_bins_alone), ShortForm({"type": "integer"} | _BINS.limits())] | None = None
     """Number of slabs between the plates for profiles of velocity, stress and more; or a table with an axis. Example: 20."""
+    sample: Annotated[int, Whole(ge=1)] | None = None
+    """Number of bodies that the run file holds; all by default. They are spread over the populations.
+
+    Of the others it has their part in all series, and the number of bodies with each reason of a state. Example: 10000.
+    """
     blocks: Annotated[list[Annotated[Literal["spheres", "clumps", "contacts"], Choice()]], listing("a list of blocks")] | None = (
         None
     )

@@ -18,6 +18,7 @@ from thirdbody.trajectory.accommodation import accommodation, has_accommodation,
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.profiles import Profiler
+from thirdbody.trajectory.sample import Sample
 from thirdbody.trajectory.schema import Frame
 
 
@@ -41,25 +42,43 @@ class FrameMaker:
         self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
         self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
+        self.sample: Sample | None = None
+        self.watch: Callable[[dict[str, np.ndarray]], None] | None = None  # gets all contacts of each frame, written or not
+
+    def follow(self, sample: Sample) -> None:
+        """Restrict frames to a sample of the bodies; series are those of all."""
+        s, self.sample = self.state, sample
+        self.spheres = self.spheres[sample.has(s.order[s.body[self.spheres]])]
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
         """Return the arrays that never change, by block."""
         s = self.state
+        given = self.given if self.sample is None else self.given[self.sample.bodies]
         clumps = {
-            "id": np.arange(s.n_bodies),
-            "population": s.population[self.given],
-            "material": s.material[self.given],
-            "mass": s.bodies.mass[self.given],
-            "diameter": 2.0 * s.rayleigh_radius[self.given],
+            "id": np.arange(len(given)),
+            "population": s.population[given],
+            "material": s.material[given],
+            "mass": s.bodies.mass[given],
+            "diameter": 2.0 * s.rayleigh_radius[given],
         }
-        spheres = {"radius": s.spheres.radius[self.spheres], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
+        if self.sample is not None:
+            clumps["scene_id"] = self.sample.bodies
+        spheres = {
+            "radius": s.spheres.radius[self.spheres], "id": np.arange(len(self.spheres)), "clump": self._bodies_of_spheres()
+        }  # fmt: skip
         return {"spheres": spheres, "clumps": clumps}
+
+    def _bodies_of_spheres(self) -> np.ndarray:
+        """Return the body of each sphere that is written, as it is numbered in the file."""
+        number = self.state.order[self.state.body[self.spheres]]
+        return number if self.sample is None else self.sample.row[number]
 
     def body_arrays(self) -> list[str]:
         """Return the names of the arrays of the bodies, without those that never change."""
         width = 2 + len(self.labeller.margins) + len(self.labeller.extras) if self.labeller else 0
         labels = np.zeros((self.state.n_bodies, width)) if self.labeller else None
-        return [name for name in self._clumps(labels, self._contacts()) if name != "points"]
+        closed = self._needed_of_contacts(self.state.slots.rows.closed())
+        return [name for name in self._clumps(labels, closed) if name != "points"]
 
     def frame(self, labels: np.ndarray | None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
@@ -68,11 +87,16 @@ class FrameMaker:
         """
         s = self.state
         self.interval_means = self.means.finish() if self.means else {}
-        contacts = self._contacts()
-        clumps = self._clumps(labels, contacts)
-        series = self._series(clumps.get("state"), contacts)
-        spheres = self._spheres(clumps)
-        return Frame(s.time, spheres, clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
+        on = self.state.slots.rows.closed()
+        closed = self._needed_of_contacts(on)
+        if self.watch is not None:
+            self.watch(closed)
+        clumps = self._clumps(labels, closed)
+        series = self._series(clumps, closed)
+        if self.sample is not None:
+            clumps = {name: values[self.sample.bodies] for name, values in clumps.items()}
+        contacts = self._contacts(on, closed)
+        return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if "spheres" not in self.blocks:
@@ -80,7 +104,7 @@ class FrameMaker:
         s, S = self.state, self.state.S[self.spheres]
         spheres = {"points": S[:, :3].copy(), "velocity": _sphere_velocities(s)[self.spheres]}
         if "state" in clumps:
-            clump = s.order[s.body[self.spheres]]
+            clump = self._bodies_of_spheres()
             spheres["state"] = clumps["state"][clump]
             spheres["state_reason"] = clumps["state_reason"][clump]
         return spheres
@@ -92,14 +116,15 @@ class FrameMaker:
         mean = self.interval_means.get("profiles")
         return self.profiler.profiles(self.profiler(self.state) if mean is None else mean, self.state)
 
-    def _contacts(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the closed contacts: those that bodies and series need, and the others where they are written."""
-        on = self.state.slots.rows.closed()
-        needed = self._needed_of_contacts(on)
-        if "contacts" in self.blocks:
-            return needed | self._further_of_contacts(on, needed)
-        none = {name: values[:0] for name, values in needed.items()}
-        return self._further_of_contacts(on[:0], none) | needed
+    def _contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the arrays of the closed contacts that are written; `on`, `needed`: of all that are closed."""
+        chosen: Any = slice(None)
+        if "contacts" not in self.blocks:
+            chosen = slice(0)
+        elif self.sample is not None:
+            chosen = self.sample.has(needed["body"]) | self.sample.has(needed["partner"])
+        arrays = self._all_of_contacts(on[chosen], {name: values[chosen] for name, values in needed.items()})
+        return arrays if self.sample is None else self.sample.of_contacts(arrays)
 
     def _needed_of_contacts(self, on: np.ndarray) -> dict[str, np.ndarray]:
         """Return what bodies and series of a frame need of the closed contacts."""
@@ -119,7 +144,7 @@ class FrameMaker:
             "peak_pressure": rows.records(on, record.PEAK_PRESSURE),
         }
 
-    def _further_of_contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _all_of_contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return all arrays of the closed contacts, in the order of the file; `needed`: those that are known."""
         s, slots = self.state, self.state.slots
         R = slots.rows.records(on, slice(None)) if len(on) else np.zeros((0, slots.rows.widths[1]))
@@ -257,8 +282,8 @@ class FrameMaker:
             return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
 
-    def _series(self, states: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, Any]:
-        s = self.state
+    def _series(self, clumps: dict[str, np.ndarray], contacts: dict[str, np.ndarray]) -> dict[str, Any]:
+        s, states = self.state, clumps.get("state")
         upper, lower, direct = self._mean_forces()
         lines = self.ledger.lines(s)
         both = upper + direct
@@ -288,6 +313,9 @@ class FrameMaker:
         if states is not None and self.labeller is not None:
             for code, name in enumerate(self.labeller.states):
                 series[f"fraction_{name}"] = float(np.mean(states == code))
+            if self.sample is not None:
+                reasons = np.bincount(clumps["state_reason"], minlength=len(self.labeller.reasons))
+                series |= {f"count_{name}": int(count) for name, count in zip(self.labeller.reasons, reasons, strict=False)}
         if self.bed is not None:
             series |= self._bed_series(self.bed, 0.5 * (abs(upper[2]) + abs(lower[2])), lines)
         return series | {f"energy_{name}": value for name, value in lines.items()}

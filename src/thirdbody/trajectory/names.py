@@ -95,6 +95,7 @@ BED = (
 """Series of the measures of a bed."""
 
 FRACTION = Name("1", "Fraction of bodies in this state.")
+COUNT = Name("1", "Number of bodies with this reason for their state; with `output.sample` only.")
 
 SPHERES = {
     "position": Name("m", "Centre of the sphere, (S, 3)."),
@@ -108,6 +109,7 @@ SPHERES = {
 CLUMPS = {
     "position": Name("m", "Centre of mass, (B, 3)."),
     "id": Name("1", "Number of the body."),
+    "scene_id": Name("1", "Number of the body in the scene; with `output.sample` only."),
     "population": Name("1", "Its population, a code of `population_names`."),
     "material": Name("1", "Its material, a code of `material_names`."),
     "mass": Name("kg", "Mass."),
@@ -136,7 +138,9 @@ CLUMPS = {
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
     "body": Name("1", "Body that owns the contact."),
-    "partner": Name("1", "The other body; -1: lower plate, -2: upper plate."),
+    "partner": Name(
+        "1", "The other body; -1: lower plate, -2: upper plate, -3: a body not in the file (`output.sample`)."
+    ),
     "side": Name("1", "What it touches: 0 lower plate, 1 upper plate, 2 debris."),
     "normal": Name("1", "Unit normal from partner to owner, (C, 3)."),
     "normal_force": Name("N", "Normal force, positive in compression."),

@@ -13,6 +13,7 @@ import numpy as np
 from thirdbody.engine.state import State
 from thirdbody.kernels.columns import sphere
 from thirdbody.rotations import to_body
+from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.polydata_block import Storage
 from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER
 from thirdbody.trajectory.schema import Frame
@@ -46,8 +47,6 @@ class Selection(NamedTuple):
             changes[CLUMPS] = {name: values for name, values in frame.clumps.items() if name in names}
         if SPHERES not in self.blocks:
             changes[SPHERES] = {"points": frame.spheres["points"][:0]}
-        if CONTACTS not in self.blocks:
-            changes[CONTACTS] = {name: values[:0] for name, values in frame.contacts.items()}
         return replace(frame, **changes) if changes else frame
 
     def storage(self, block: str) -> Storage:
@@ -55,17 +54,20 @@ class Selection(NamedTuple):
         # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
         return Storage(self.single or block == SPHERES, self.single, self.compress and block in (CLUMPS, SPHERES))
 
-    def static(self, arrays: dict[str, dict[str, np.ndarray]], state: State) -> dict[str, dict[str, np.ndarray]]:
+    def static(self, maker: FrameMaker) -> dict[str, dict[str, np.ndarray]]:
         """Return the arrays that never change, with the places of the spheres where these are computed on reading."""
-        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: local_centers(state)}} if self.rebuilds else arrays
+        arrays = maker.static()
+        if not self.rebuilds:
+            return arrays
+        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: local_centers(maker.state, maker.spheres)}}
 
 
 EVERYTHING = Selection()
 """Selection of a scene that names none."""
 
 
-def local_centers(state: State) -> np.ndarray:
-    """Return the centres of the spheres in the axes of their bodies (S, 3) [m], spheres in the order of the scene."""
-    of_body = state.body[state.given_spheres]
-    arm = state.S[state.given_spheres, sphere.POSITION3] - state.bodies.position[of_body]
+def local_centers(state: State, rows: np.ndarray) -> np.ndarray:
+    """Return the centres of spheres in the axes of their bodies (S, 3) [m]; `rows` (S,): those of the spheres."""
+    of_body = state.body[rows]
+    arm = state.S[rows, sphere.POSITION3] - state.bodies.position[of_body]
     return to_body(state.bodies.quaternion[of_body], arm)

@@ -54,6 +54,11 @@ class Run(RunArrays):
     """
 
     @cached_property
+    def scene_bodies(self) -> int:
+        """Number of bodies of the scene: more than the file holds where `output.sample` restricts it."""
+        return int(self.header.get("scene_bodies", self.rows("clumps", 0) if self.frames else 0))
+
+    @cached_property
     def drag(self) -> Drag:
         """Motion of the upper plate: displacement, turns, whole cycles of a stroke."""
         from thirdbody.trajectory.plate_motion import Drag

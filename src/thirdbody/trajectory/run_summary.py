@@ -30,7 +30,9 @@ def figures(run: Run) -> dict[str, Any]:
     if not run.frames:
         return {"frames": 0}
     series = run.series
-    result: dict[str, Any] = {"frames": run.frames, "bodies": run.rows("clumps", 0)}
+    result: dict[str, Any] = {"frames": run.frames, "bodies": run.scene_bodies}
+    if run.rows("clumps", 0) < run.scene_bodies:
+        result["bodies_in_file"] = run.rows("clumps", 0)
     result["duration"] = float(run.times[-1] - run.times[0])
     if "distance" in series:
         result["distance"] = float(series["distance"][-1])
@@ -52,11 +54,16 @@ def figures(run: Run) -> dict[str, Any]:
     if run.rate_test is not None:
         result["rate_test"] = run.rate_test.to_dict()
     if run.has_states and result["bodies"]:
-        counts = np.bincount(run.bodies(-1)["state"], minlength=len(run.state_names))
-        fractions = (counts / counts.sum()).tolist()
-        result["fractions"] = dict(zip(run.state_names, fractions, strict=False))
+        result["fractions"] = {name: float(counts[-1]) / result["bodies"] for name, counts in state_counts(run).items()}
         result |= {f"{kind}s": rows for kind, rows in states_by_group(run).items()}
     return result
+
+
+def state_counts(run: Run) -> dict[str, np.ndarray]:
+    """Return the number of bodies of the scene in each state, (F,) each."""
+    if len(run.states[0]) == run.scene_bodies:
+        return {name: np.count_nonzero(run.states == code, axis=1) for code, name in enumerate(run.state_names)}
+    return {name: np.rint(run.series[f"fraction_{name}"] * run.scene_bodies).astype(np.int64) for name in run.state_names}
 
 
 def _late_mean(run: Run, name: str) -> float:

@@ -29,7 +29,7 @@ _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
     "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
-    STATIC_TEXT: dict, PROFILES: dict, "measures": list, "blocks": list,
+    STATIC_TEXT: dict, PROFILES: dict, "measures": list, "blocks": list, "scene_bodies": int,
 }  # fmt: skip
 _WORDS = ("blocks", "state_names", "reason_names", "materials", "populations", "effects", "measures", "warnings")
 
