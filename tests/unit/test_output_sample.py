@@ -13,7 +13,7 @@ import thirdbody
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.sample import ELSEWHERE, TURNED, sample_of
+from thirdbody.trajectory.sample import ELSEWHERE, REVERSED, sample_of
 
 BED = Path(__file__).parents[2] / "scenes" / "dense_layer.toml"
 SHORT = {
@@ -71,16 +71,16 @@ def test_contacts_are_those_of_the_bodies_in_the_file(runs):
     every, mine = whole.contacts(-1), some.contacts(-1)
     in_file = np.isin(every["body"], ids), np.isin(every["partner"], ids)
     chosen = in_file[0] | in_file[1]
-    turned = ~in_file[0][chosen]
-    assert turned.any() and (~turned).any() and (mine["partner"] == ELSEWHERE).any()
+    from_partner = ~in_file[0][chosen]
+    assert from_partner.any() and (~from_partner).any() and (mine["partner"] == ELSEWHERE).any()
     one, other = every["body"][chosen], every["partner"][chosen]
-    assert np.array_equal(ids[mine["body"]], np.where(turned, other, one))
-    far = np.where(turned, one, other)
+    assert np.array_equal(ids[mine["body"]], np.where(from_partner, other, one))
+    far = np.where(from_partner, one, other)
     here = mine["partner"] >= 0
     assert np.array_equal(ids[mine["partner"][here]], far[here])
     assert np.array_equal(mine["partner"] == ELSEWHERE, (far >= 0) & ~np.isin(far, ids))
     for name in set(every) - {"body", "partner"}:
-        signs = np.where(turned, -1.0, 1.0) if name in TURNED else np.ones(len(turned))
+        signs = np.where(from_partner, -1.0, 1.0) if name in REVERSED else np.ones(len(from_partner))
         assert np.array_equal((mine[name].T * signs).T, every[name][chosen]), name
 
 

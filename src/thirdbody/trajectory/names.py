@@ -138,9 +138,7 @@ CLUMPS = {
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
     "body": Name("1", "Body that owns the contact."),
-    "partner": Name(
-        "1", "The other body; -1: lower plate, -2: upper plate, -3: a body not in the file (`output.sample`)."
-    ),
+    "partner": Name("1", "The other body; -1: lower plate, -2: upper plate, -3: a body not in the file (`output.sample`)."),
     "side": Name("1", "What it touches: 0 lower plate, 1 upper plate, 2 debris."),
     "normal": Name("1", "Unit normal from partner to owner, (C, 3)."),
     "normal_force": Name("N", "Normal force, positive in compression."),

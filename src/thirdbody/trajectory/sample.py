@@ -19,7 +19,7 @@ ELSEWHERE = -3
 SEED = 1
 """Of the choice of bodies: runs of one scene hold the same ones."""
 
-TURNED = ("force", "normal", "tangential_force", "moment")
+REVERSED = ("force", "normal", "tangential_force", "moment")
 """Arrays of contacts that are those of the owner by the partner."""
 
 
@@ -38,11 +38,11 @@ class Sample(NamedTuple):
     def of_contacts(self, arrays: dict[str, Array]) -> dict[str, Array]:
         """Return contacts of bodies in the file as it holds them; `arrays`: with numbers of the scene."""
         own, partner = arrays["body"], arrays["partner"]
-        turned = ~self.has(own)
-        first, second = np.where(turned, partner, own), np.where(turned, own, partner)
+        from_partner = ~self.has(own)
+        first, second = np.where(from_partner, partner, own), np.where(from_partner, own, partner)
         numbers = {"body": self.row[first], "partner": np.where(second < 0, second, self.row[np.maximum(second, 0)])}
-        signs = np.where(turned, -1.0, 1.0)[:, None]
-        return arrays | {name: signs * arrays[name] for name in TURNED if name in arrays} | numbers
+        signs = np.where(from_partner, -1.0, 1.0)[:, None]
+        return arrays | {name: signs * arrays[name] for name in REVERSED if name in arrays} | numbers
 
 
 def sample_of(count: int, bodies: int) -> Sample:
