@@ -17,7 +17,7 @@ FAR = 67108864.0
 
 def update_labels(reference: Any, v: tuple[float, float]) -> None:
     """Let the labeller observe all bodies of a reference; `v` is the mean velocity of the upper plate."""
-    behind = reference.columns - 2 * reference.physics.contact_memory
+    behind = max(contact_state.LAW + len(reference.physics.history), contact_state.MIN_WIDTH)
     speed = (v[0] * v[0] + v[1] * v[1]) ** 0.5
     for b, B in enumerate(reference.B):
         seen = [entry for entry in reference.slots(b) if reference.memory[reference.pairs[entry[0]]][contact_state.SLIP] != 0.0]

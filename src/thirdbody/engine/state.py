@@ -228,10 +228,13 @@ class State:
         return float(self.A[run_totals.DISTANCE])
 
 
-def memory_columns(physics: Physics) -> int:
-    """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies, columns of the measures."""
+def memory_columns(physics: Physics, meets: bool) -> int:
+    """Return the width of H: engine's columns, laws' history, labeller's memory, columns of the measures.
+
+    The labeller's memory is there for the owner and, where bodies meet each other (`meets`), for its partner.
+    """
     laws = max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH)
-    return laws + 2 * physics.contact_memory + (physics.measures.layout.width if physics.measures else 0)
+    return laws + (2 if meets else 1) * physics.contact_memory + (physics.measures.layout.width if physics.measures else 0)
 
 
 def table(rows: int, columns: int) -> Array:
@@ -278,7 +281,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         side=placed.sides().astype(np.int8), start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
         population=placed.populations, rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics), record_width(physics.rolling)), skin=skin,
+        slots=empty_slots(memory_columns(physics, world.debris_meets), record_width(physics.rolling)), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )  # fmt: skip
     if physics.measures:

@@ -76,7 +76,8 @@ def _draw_spectrum(axes: Axes, statistics: Statistics) -> None:
         x, power = wavelength[inside], spectrum.power[shown][inside]
         slope = 2.0 + 2.0 * law.hurst
         line = np.exp(np.mean(np.log(power) - slope * np.log(x))) * x**slope
-        axes.loglog(x, line, color=LINE_COLORS["vermilion"], lw=1.5, label=f"Hurst exponent {law.hurst:.2f}")
+        doubt = "" if law.is_certain else ", uncertain"
+        axes.loglog(x, line, color=LINE_COLORS["vermilion"], lw=1.5, label=f"Hurst exponent {law.hurst:.2f}{doubt}")
     axes.invert_xaxis()
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")

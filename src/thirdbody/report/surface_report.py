@@ -18,13 +18,6 @@ PICTURES, SCANS = (".png", ".pdf", ".svg"), (".npz",)
 SCENES = (".toml",)
 
 
-WIDE_BAND = 3.0
-"""Ratio of the longest to the shortest wavelength of a power law from which on its exponent is reported as it is.
-
-Of random surfaces with an exponent of 0.8 it is found as 0.81 over a ratio of 4, 0.82 over one of 3.4, and 0.46 over one of 2.
-"""
-
-
 class Described(NamedTuple):
     """A surface with its statistics: what is drawn and printed. Heights (n_y, n_x) [m], spacing [m], notes."""
 
@@ -135,7 +128,7 @@ def law_text(statistics: Statistics) -> str:
     if law is None:
         return "follows no power law"
     above = f"flat above {pretty(law.long, 'length')}" if law.rolls_off else f"no roll-off up to {pretty(law.long, 'length')}"
-    doubt = "" if law.long >= WIDE_BAND * law.short else "; uncertain, as the band is narrow"
+    doubt = "" if law.is_certain else "; uncertain, as the band is narrow"
     return f"Hurst exponent {law.hurst:.2f} from {pretty(law.long, 'length')} to {pretty(law.short, 'length')}, {above}{doubt}"
 
 

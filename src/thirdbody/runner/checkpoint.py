@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 12
+VERSION = 13
 SLICE, ROWS = 1 << 24, 1 << 16
 """Bytes of a file and rows of a table that are hashed at once."""
 

@@ -18,6 +18,12 @@ FEWEST = 5
 SCATTER = 0.5
 """Largest rms deviation of ln C from the law; a sum of a few waves has a larger one."""
 
+WIDE_BAND = 3.0
+"""Ratio of the longest to the shortest wavelength of a power law from which on its exponent is reported as it is.
+
+Of random surfaces with an exponent of 0.8 it is found as 0.81 over a ratio of 4, 0.82 over one of 3.4, and 0.46 over one of 2.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
@@ -41,6 +47,11 @@ class PowerLaw:
     long: float
     short: float
     rolls_off: bool
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the band is wide enough for the exponent to mean something."""
+        return self.long >= WIDE_BAND * self.short
 
 
 def radial_spectrum(heights: np.ndarray, spacing: tuple[float, float], periodic: bool) -> Spectrum:
