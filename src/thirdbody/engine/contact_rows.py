@@ -54,7 +54,10 @@ class AllRows:
         """Return columns of the records of the candidates that `closed` gave."""
         return self.R[:, columns][closed]
 
-    def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
+    number = 1
+    """Number of batches."""
+
+    def batches(self, bodies: int, _first: int = 0, _last: int = 1) -> Iterator[tuple[int, int, Array, Array]]:
         """Yield the first body and the end of each batch with the rows of its candidates: here all of them at once."""
         yield 0, bodies, self.H, self.R
 
@@ -141,11 +144,19 @@ class ClosedRows:
         """Return columns of the records of the closed candidates."""
         return np.concatenate([rows[:, columns] for rows in self.pieces()[1]])
 
-    def batches(self, bodies: int) -> Iterator[tuple[int, int, Array, Array]]:
-        """Yield the first body and the end of each batch with the rows of its candidates, in tables that are used again."""
+    @property
+    def number(self) -> int:
+        """Number of batches."""
+        return len(self.edges) - 1
+
+    def batches(self, bodies: int, first: int, last: int) -> Iterator[tuple[int, int, Array, Array]]:
+        """Yield the first body and the end of the batches `first` to `last` - 1 with the rows of their candidates.
+
+        These are in tables that are used again for the next batch.
+        """
         H, R = self.scratch()
-        for number, (low, high) in enumerate(zip(self.edges, self.edges[1:], strict=False)):
-            n = high - low
+        for number in range(first, last):
+            n = self.edges[number + 1] - self.edges[number]
             self.expand(number, H[:n], R[:n])
             yield number * self.size, min((number + 1) * self.size, bodies), H[:n], R[:n]
 

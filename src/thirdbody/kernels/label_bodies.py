@@ -32,7 +32,7 @@ def compact_loaded(C, n):
     return m
 
 
-@njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
+@njit(LABEL_BODIES, nogil=True, **DIRECT, **NO_COUNTS)
 def label_bodies(context, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 

@@ -19,7 +19,7 @@ from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
-from thirdbody.runner.output_schedule import changeover_stop, targets
+from thirdbody.runner.output_schedule import changeover_stop, planned_frames, targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder, new_rate_test
 from thirdbody.runner.yield_check import PeakPressure
@@ -60,6 +60,7 @@ class RunLoop:
         self.folder = self.resumed_as = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
+        self.frame_cost, self.aside = 0.0, 0.0  # wall time [s] of the last frame, and of all frames and checkpoints so far
         self.written = self.reported = self.started
         self.work: Work | None = None  # how the work is distributed over the time of the run, where that is known
         self.limit = ""
@@ -101,7 +102,7 @@ class RunLoop:
         self.writer = writer
         if self.report is not None:
             self.work = self._expected_work()
-        self.begun = time.perf_counter()
+        self.begun, self.aside = time.perf_counter(), 0.0
         if not writer.frames:
             self.export_state()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
@@ -131,6 +132,7 @@ class RunLoop:
         write_checkpoint(self.files.work_folder, checkpoint, self.folder)
         self.written = time.perf_counter()
         self.cost = self.written - begun
+        self.aside += self.cost
 
     def _save_changeover(self) -> None:
         """Write the checkpoint from which the rate test begins."""
@@ -195,7 +197,7 @@ class RunLoop:
 
     def _write(self) -> None:
         """Write a frame of the current state."""
-        simulation = self.simulation
+        simulation, begun = self.simulation, time.perf_counter()
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
         try:
             self.writer.append(self.selection.frame(frame))
@@ -209,6 +211,8 @@ class RunLoop:
         self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))
         if slow := self._implicit():
             slow.refuse_created_energy()
+        self.frame_cost = time.perf_counter() - begun
+        self.aside += self.frame_cost
 
     def _report_progress(self, series: dict[str, Any]) -> None:
         """Report the progress so far."""
@@ -234,10 +238,18 @@ class RunLoop:
         return expected_work(slow, (stop[:2] for stop in stops if stop[2])) if isinstance(slow, ImplicitEnsemble) else None
 
     def _left(self, slow: Implicit) -> float | None:
-        """Return the wall time that is left [s], by the work that is done; None before the first steps."""
+        """Return the wall time that is left [s], by the work that is done; None before the first steps.
+
+        Frames are counted as long as the last one, checkpoints with the part of the time that they may take.
+        """
         assert self.work is not None
         done = self.work.done(slow.totals[:, run_totals.TIME])
-        return (time.perf_counter() - self.begun) * (1.0 / done - 1.0) if done > 0.0 else None
+        if done <= 0.0:
+            return None
+        frames = planned_frames(self.simulation) - self.writer.frames
+        checkpoints = self.cost / (self.cost + max(self.every, MIN_INTERVAL_OVER_COST * self.cost)) if self.cost else 0.0
+        steps = (time.perf_counter() - self.begun - self.aside) * (1.0 / done - 1.0)
+        return (steps + frames * self.frame_cost) / (1.0 - checkpoints)
 
     def _implicit(self) -> Implicit | None:
         """Return the integrator if it is implicit; importing its class here would compile its steps."""

@@ -20,6 +20,8 @@ one plate by its weight or hits it, passes nothing on and does not count. Where 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from thirdbody.engine.candidates import sides_of
@@ -45,8 +47,9 @@ def accommodation(drag: Array, state: State) -> Array:
     The mean of the last number over time is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,):
     unit vector of the first motion of the upper plate. The contacts must have records.
     """
-    upper, upper_rim = plate_contacts(state, UPPER, drag)
-    lower, lower_rim = plate_contacts(state, LOWER, drag)
+    contacts = pressed_contacts(state)
+    upper, upper_rim = plate_contacts(state, UPPER, drag, contacts)
+    lower, lower_rim = plate_contacts(state, LOWER, drag, contacts)
     weights = transmitting_weights(upper, lower, state.world.debris_meets)
     if weights is None:
         return np.zeros(len(ACCOMMODATION) + 1)
@@ -63,14 +66,32 @@ def parts_of(mean: Array) -> dict[str, float]:
     return {name: float(x) / loaded if loaded > 0.0 else np.nan for name, x in zip(ACCOMMODATION, mean, strict=False)}
 
 
-def plate_contacts(state: State, side: int, drag: Array) -> tuple[Array, Array]:
-    """Return the normal force of a plate on each body [N], and what its spin adds to the speed there [m/s], each (n_bodies,)."""
-    slots, n = state.slots, state.n_bodies
+class Pressed(NamedTuple):
+    """Contacts with a normal force (n,): what they touch, number of the body, force [N], contact point from its centre (n, 3)."""
+
+    side: Array
+    body: Array
+    force: Array
+    point: Array
+
+
+def pressed_contacts(state: State) -> Pressed:
+    """Return the contacts that push."""
+    slots = state.slots
     closed = slots.rows.closed()
-    force, points = (slots.rows.records(closed, columns) for columns in (record.NORMAL_FORCE, record.POINT3))
-    pressed = (sides_of(slots.partner[closed]) == side) & (force > 0.0)
-    owner, force = state.body[slots.own[closed[pressed]]], force[pressed]
-    added = np.sum(np.cross(state.bodies.spin[owner], points[pressed]) * drag, axis=1)
+    force = slots.rows.records(closed, record.NORMAL_FORCE)
+    on = force > 0.0
+    point, pressed = slots.rows.records(closed, record.POINT3)[on], closed[on]
+    return Pressed(sides_of(slots.partner[pressed]), state.body[slots.own[pressed]], force[on], point)
+
+
+def plate_contacts(state: State, side: int, drag: Array, contacts: Pressed) -> tuple[Array, Array]:
+    """Return the normal force of a plate on each body [N], and what its spin adds to the speed there [m/s], each (n_bodies,)."""
+    n, on = state.n_bodies, contacts.side == side
+    owner, force, spin, point = contacts.body[on], contacts.force[on], state.bodies.spin, contacts.point[on]
+    along_x = spin[owner, 1] * point[:, 2] - spin[owner, 2] * point[:, 1]
+    along_y = spin[owner, 2] * point[:, 0] - spin[owner, 0] * point[:, 2]
+    added = along_x * drag[0] + along_y * drag[1]
     total = np.bincount(owner, force, n)
     return total, np.divide(np.bincount(owner, force * added, n), total, out=np.zeros(n), where=total > 0.0)
 
