@@ -25,6 +25,9 @@ _ALONG = 0.9
 _PALE, _PALE_NUMBERS = 0.45, 0.2
 """Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable."""
 
+SMALLEST_DRAWN = 0.7
+"""Mean diameter of the spheres in pixels below which their mean colours are drawn instead."""
+
 _ANGLE = 24.0
 """Vertical angle of view [degrees]."""
 
@@ -64,6 +67,7 @@ class Viewport:
         self._ceiling = float(self.scaled(np.array([0.0, 0.0, height]))[2])
         self._bottom = float(self._low[2]) - self._thickness
         self._corners = [self._low - [0, 0, self._thickness], self._high + [0, 0, self._thickness]]
+        self._pixels = canvas.size[0] * (viewport[2] - viewport[0]), canvas.size[1] * (viewport[3] - viewport[1])
         self._add_spheres(data.inside(low, high))
         if data.has_plates:
             self._add_plates()
@@ -81,9 +85,33 @@ class Viewport:
         white = _PALE if data.legend.limits is None else _PALE_NUMBERS
         colors = data.colors if data.tubes is None else pale(data.colors, white)
         centers, radii = self.scaled(data.centers[chosen]), data.radii[chosen] * self.scale
+        cells = self._cells()
+        if len(centers) and 2.0 * float(np.mean(radii)) < SMALLEST_DRAWN * float(np.max((self._high - self._low)[:2] / cells)):
+            self._add_map(centers, colors[chosen], cells)
+            return
         if data.has_plates and len(centers) and "lower" not in data.surfaces:
             self._add_shadows(centers, radii)
         self._outer.add_spheres(centers, radii, colors[chosen])
+
+    def _cells(self) -> np.ndarray:
+        """Return the number of cells along x and y, about one per pixel of the picture (2,)."""
+        extent = (self._high - self._low)[:2]
+        return np.maximum(1, np.rint(extent * float(np.min(self._pixels / extent)))).astype(np.int64)
+
+    def _add_map(self, centers: np.ndarray, colors: np.ndarray, cells: np.ndarray) -> None:
+        """Draw the mean colour of the spheres in each cell on a plane through their middle: single ones would be lost."""
+        low, high = self._low[:2], self._high[:2]
+        column, row = np.clip((centers[:, :2] - low) / (high - low) * cells, 0, cells - 1).astype(np.int64).T
+        at, total = row * cells[0] + column, int(np.prod(cells))
+        count = np.bincount(at, minlength=total)
+        sums = np.column_stack([np.bincount(at, colors[:, k], total) for k in range(3)])
+        drawn = np.flatnonzero(count)
+        x, y = (np.linspace(low[k], high[k], cells[k] + 1) for k in range(2))
+        z = float(np.mean(centers[:, 2]))
+        grid = pyvista.StructuredGrid(*np.meshgrid(x, y, [z], indexing="ij"))
+        mesh = grid.extract_cells(drawn).extract_surface(algorithm="dataset_surface")
+        mesh.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
+        self._outer.add(mesh, scalars="color", rgb=True, lighting=False)
 
     def _add_shadows(self, centers: np.ndarray, radii: np.ndarray) -> None:
         """Draw a disc on the lower plate under each sphere: without it the height of a body is not visible."""
