@@ -53,6 +53,14 @@ def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
     assert pixels[:45].min() < 100 and pixels[-45:].min() < 100
 
 
+def test_bodies_smaller_than_a_pixel_are_a_map_of_their_colours(tmp_path):
+    """Drawn as spheres, 0.03 and 0.0007 of the whole keep the hues of sliding and rolling: shadows make the rest grey."""
+    skip_unless_drawable()
+    path = write_layer(tmp_path / "run.vtkhdf", 16000, frames=1)
+    pixels = read_pixels(render(path, tmp_path / "a.png", size=(260, 200)))[:, :145]
+    assert hue_share(pixels, STATE_COLORS["sliding"]) > 0.05 and hue_share(pixels, STATE_COLORS["rolling"]) > 0.01
+
+
 def test_a_picture_reports_what_it_was_drawn_from(layer, tmp_path):
     skip_unless_drawable()
     with Image.open(render(layer, tmp_path / "a.png", frame=0, size=(640, 360), view="top")) as picture:

@@ -105,13 +105,13 @@ class Viewport:
         at, total = row * cells[0] + column, int(np.prod(cells))
         count = np.bincount(at, minlength=total)
         sums = np.column_stack([np.bincount(at, colors[:, k], total) for k in range(3)])
-        drawn = np.flatnonzero(count)
+        drawn = count > 0
         x, y = (np.linspace(low[k], high[k], cells[k] + 1) for k in range(2))
         z = float(np.mean(centers[:, 2]))
         grid = pyvista.StructuredGrid(*np.meshgrid(x, y, [z], indexing="ij"))
-        mesh = grid.extract_cells(drawn).extract_surface(algorithm="dataset_surface")
-        mesh.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
-        self._outer.add(mesh, scalars="color", rgb=True, lighting=False)
+        part = grid.extract_cells(drawn)
+        part.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
+        self._outer.add(part.extract_surface(), scalars="color", rgb=True, lighting=False)
 
     def _add_shadows(self, centers: np.ndarray, radii: np.ndarray) -> None:
         """Draw a disc on the lower plate under each sphere: without it the height of a body is not visible."""
