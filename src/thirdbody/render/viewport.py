@@ -1,5 +1,7 @@
 """View of a part of the domain: spheres, plates, force tubes, the drag arrow, a scale bar, and its camera."""
 
+from typing import Any
+
 import numpy as np
 import pyvista
 
@@ -108,7 +110,7 @@ class Viewport:
         drawn = count > 0
         x, y = (np.linspace(low[k], high[k], cells[k] + 1) for k in range(2))
         z = float(np.mean(centers[:, 2]))
-        grid = pyvista.StructuredGrid(*np.meshgrid(x, y, [z], indexing="ij"))
+        grid: Any = pyvista.StructuredGrid(*np.meshgrid(x, y, [z], indexing="ij"))
         part = grid.extract_cells(drawn)
         part.cell_data["color"] = np.rint(sums[drawn] / count[drawn, None]).astype(np.uint8)
         self._outer.add(part.extract_surface(), scalars="color", rgb=True, lighting=False)
