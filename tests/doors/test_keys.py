@@ -8,6 +8,7 @@ import re
 import pytest
 from pydantic import TypeAdapter
 from steel import STEEL
+from thirdbody_three_spot.classify import REASONS
 
 from thirdbody import errors
 from thirdbody.engine.implicit import Accuracy
@@ -75,10 +76,11 @@ DIRECT = {"direct_force", "load_share_debris", "energy_direct_elastic", "energy_
 """Series of plates with direct contact only."""
 
 CALLED_FOR = {
-    "series": {"energy_plastic", "energy_adhesion"}, "bodies": {"plastic_work", "adhesion_work", "agglomerate"},
+    "series": {"energy_plastic", "energy_adhesion"} | {f"count_{reason}" for reason in REASONS},
+    "bodies": {"plastic_work", "adhesion_work", "agglomerate", "scene_id"},
     "contacts": {"twist_moment", "twist_utilisation"},
 }  # fmt: skip
-"""Names of effects that this scene does not call for."""
+"""Names of effects, and of a sample of the bodies, that this scene does not call for."""
 
 
 @pytest.fixture(scope="module")
