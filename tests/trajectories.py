@@ -6,6 +6,11 @@ import json
 from pathlib import Path
 
 import h5py
+import pytest
+
+import thirdbody
+from thirdbody.errors import Interrupted
+from thirdbody.runner.simulate import execute, prepare
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -22,3 +27,13 @@ def contents(folder: Path) -> dict[str, bytes]:
     for clock in ("wall_time", "sphere_steps_per_second"):
         del summary[clock]
     return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
+
+
+def whole_and_resumed(scene, folder):
+    """Run a scene into `whole`, interrupted and resumed into `cut`, and check that both files hold the same bits."""
+    execute(prepare(scene), folder / "whole")
+    numbers = iter(range(10**9))
+    with pytest.raises(Interrupted):
+        execute(prepare(scene), folder / "cut", stop=lambda: next(numbers) >= 3)
+    thirdbody.resume(folder / "cut", progress=False).close()
+    assert contents(folder / "cut") == contents(folder / "whole")

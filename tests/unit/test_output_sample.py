@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ensembles import SCENE
-from trajectories import contents
+from trajectories import whole_and_resumed
 
 import thirdbody
-from thirdbody.errors import InputError, Interrupted
-from thirdbody.runner.simulate import execute, prepare
+from thirdbody.errors import InputError
 from thirdbody.trajectory.rebuilt_spheres import rows_of
 from thirdbody.trajectory.sample import ELSEWHERE, REVERSED, sample_of
 
@@ -114,12 +113,7 @@ def test_what_reads_a_run_reads_a_sampled_one(runs, tmp_path, command):
 def test_a_resumed_run_has_the_bits_of_the_whole_one(tmp_path):
     settings = EXPLICIT | {"output.sample": 3, "output.blocks": ["clumps"], "output.precision": "float32"}
     scene = thirdbody.Scene.parse(SCENE).with_settings(settings)
-    execute(prepare(scene), tmp_path / "whole")
-    numbers = iter(range(10**9))
-    with pytest.raises(Interrupted):
-        execute(prepare(scene), tmp_path / "cut", stop=lambda: next(numbers) >= 3)
-    thirdbody.resume(tmp_path / "cut", progress=False).close()
-    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    whole_and_resumed(scene, tmp_path)
     with thirdbody.open(tmp_path / "whole") as run:
         assert np.array_equal(run.spheres(-1)["clump"][[0, -1]], [0, 2])
 

@@ -8,11 +8,10 @@ import h5py
 import numpy as np
 import pytest
 from ensembles import SCENE
-from trajectories import contents
+from trajectories import whole_and_resumed
 
 import thirdbody
-from thirdbody.errors import InputError, Interrupted
-from thirdbody.runner.simulate import execute, prepare
+from thirdbody.errors import InputError
 from thirdbody.trajectory import validate
 from thirdbody.trajectory.reader import FILE_NAME
 
@@ -128,12 +127,7 @@ def test_faults(tmp_path, settings, message):
 
 def test_a_resumed_run_has_the_bits_of_the_whole_one(tmp_path):
     scene = thirdbody.Scene.parse(SCENE).with_settings(EXPLICIT | FEW)
-    execute(prepare(scene), tmp_path / "whole")
-    numbers = iter(range(10**9))
-    with pytest.raises(Interrupted):
-        execute(prepare(scene), tmp_path / "cut", stop=lambda: next(numbers) >= 3)
-    thirdbody.resume(tmp_path / "cut", progress=False).close()
-    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    whole_and_resumed(scene, tmp_path)
     with thirdbody.open(tmp_path / "whole") as one, thirdbody.open(tmp_path / "cut") as other:
         # the largest peak pressure of all frames, which the file does not hold
         assert one.summary()["peak_pressure"] == other.summary()["peak_pressure"] > 0.0

@@ -54,16 +54,24 @@ def figures(run: Run) -> dict[str, Any]:
     if run.rate_test is not None:
         result["rate_test"] = run.rate_test.to_dict()
     if run.has_states and result["bodies"]:
-        result["fractions"] = {name: float(counts[-1]) / result["bodies"] for name, counts in state_counts(run).items()}
+        result["fractions"] = _last_fractions(run)
         result |= {f"{kind}s": rows for kind, rows in states_by_group(run).items()}
     return result
 
 
 def state_counts(run: Run) -> dict[str, np.ndarray]:
     """Return the number of bodies of the scene in each state, (F,) each."""
-    if len(run.states[0]) == run.scene_bodies:
+    if run.rows("clumps", 0) == run.scene_bodies:
         return {name: np.count_nonzero(run.states == code, axis=1) for code, name in enumerate(run.state_names)}
     return {name: np.rint(run.series[f"fraction_{name}"] * run.scene_bodies).astype(np.int64) for name in run.state_names}
+
+
+def _last_fractions(run: Run) -> dict[str, float]:
+    """Return the fraction of the bodies of the scene in each state at the last frame; no other frame is read."""
+    if run.rows("clumps", 0) < run.scene_bodies:
+        return {name: float(run.series[f"fraction_{name}"][-1]) for name in run.state_names}
+    counts = np.bincount(run.bodies(-1)["state"], minlength=len(run.state_names))
+    return dict(zip(run.state_names, (counts / counts.sum()).tolist(), strict=False))
 
 
 def _late_mean(run: Run, name: str) -> float:

@@ -12,7 +12,9 @@ OFFSET, OFFSET2 = table.vector(
     "offset", 2, "m", "closest point of the surface, along x and y from below the centre of the sphere"
 )
 START, START2 = table.vector("start", 2, "m", "the same at the start of the last step")
-START_DISTANCE = table.scalar("start_distance", "m", "implicit: the distance at the start of the step")
+START_DISTANCE = table.scalar(
+    "start_distance", "m", "implicit: the distance at the start of the step, or a lower bound of one too far to touch"
+)
 DISTANCE = table.scalar("distance", "m", "from the surface to the centre of the sphere; without a minimum: none is shorter")
 MINIMA = table.scalar("minima", "", "in the first row of a sphere: bits of the rows that have a minimum")
 ENDED = table.scalar(
