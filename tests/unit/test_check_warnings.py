@@ -17,6 +17,7 @@ from thirdbody.quantity import duration, file_size
 from thirdbody.report import scene_check as check
 from thirdbody.report.active_components import part_warnings
 from thirdbody.report.heat_check import expected_heat
+from thirdbody.report.wear_check import expected_wear
 from thirdbody.runner.run_warnings import run_warnings
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import Scene
@@ -124,6 +125,21 @@ def test_hot_spots_are_warned_of_unless_a_measure_has_them():
     assert not any("friction heats" in warning for warning in part_warnings(measured))
     slow = expected_heat(build(scene()))
     assert slow.assumed and slow.excess < 1e-3
+
+
+def test_deep_wear_is_warned_of_unless_a_measure_has_it():
+    """h = k N/(pi a^2) s with the radius a of Hertz and k = 1e-14 m3/J: 14 nm after 1 mm under 0.01 mN, 0.4 of the overlap."""
+    far = scene(('distance = "10 nm"', 'distance = "1 mm"'), ('every = "10 nm"', 'every = "1 mm"'))
+    built = build(far)
+    wear, radius = expected_wear(built), float(built.state.spheres.radius[0])
+    a = (3.0 * 1e-5 * radius / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
+    assert wear.depth == pytest.approx(1e-14 * 1e-5 / (math.pi * a**2) * built.schedule.path(0.0, built.planned_time), rel=1e-9)
+    assert wear.fraction == pytest.approx(wear.depth * radius / a**2, rel=1e-9) and wear.fraction > 0.3
+    worn = [warning for warning in part_warnings(built) if "a spot of steel/steel that slides all the way wears" in warning]
+    assert len(worn) == 1 and "measures.wear" in worn[0]
+    measured = build(far.with_settings({"measures.wear": {"plates": "1e-14 m3/J"}}))
+    assert not any("that slides all the way wears" in warning for warning in part_warnings(measured))
+    assert expected_wear(build(scene())).fraction < 0.01
 
 
 def test_a_usual_scene_has_no_warning():

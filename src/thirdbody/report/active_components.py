@@ -13,8 +13,8 @@ from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 from thirdbody.laws.elasticity import e_star
 from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
+from thirdbody.report import heat_check, wear_check
 from thirdbody.report.adhesion_check import adhesion_warnings, remarks
-from thirdbody.report.heat_check import MEASURE, expected_heat, heat_warnings
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def part_warnings(built: Simulation) -> list[str]:
         result.append(
             f"the drag, {speed:.3g} m/s, is {speed / wave:.2g} of the slowest shear wave: contacts are computed as quasi-static"
         )
-    return result + adhesion_warnings(built, load) + heat_warnings(built)
+    return result + adhesion_warnings(built, load) + heat_check.heat_warnings(built) + wear_check.wear_warnings(built)
 
 
 def neighbours(built: Simulation) -> tuple[float, float]:
@@ -117,8 +117,10 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
     for name in discover().measures:
         named = name in {measure.name for measure in built.choice.measures}
         reason = "the scene names it" if named else "the scene does not name it"
-        if name == MEASURE and (heat := expected_heat(built)) is not None:
+        if name == heat_check.MEASURE and (heat := heat_check.expected_heat(built)) is not None:
             reason += f"; a spot of {heat.pair} gets {heat.excess:.1g} K hotter at the top speed"
+        if name == wear_check.MEASURE and (wear := wear_check.expected_wear(built)) is not None:
+            reason += f"; a spot of {wear.pair} that slides all the way wears by some {pretty(wear.depth, 'length')}"
         rows.append(_row(f"measure: {name}", named, reason, NS["law"] * contacts_of(built)))
     return rows
 
