@@ -11,7 +11,7 @@ from steel import STEEL
 from thirdbody_three_spot.classify import REASONS
 
 from thirdbody import errors
-from thirdbody.engine.implicit import Accuracy
+from thirdbody.engine.accuracy import Accuracy
 from thirdbody.laws.registry import discover
 from thirdbody.report.key_reference import all_keys, all_names
 from thirdbody.runner.simulate import run

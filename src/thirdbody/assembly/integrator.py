@@ -217,7 +217,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     tangents = choice.chain.tangents
     assert tangents is not None  # checked by `plan`
     # imported here: an explicit run then compiles none of it
-    from thirdbody.engine.implicit import Accuracy
+    from thirdbody.engine.accuracy import Accuracy
 
     choice.set_parameters("implicit", LARGEST_FRICTION)
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):

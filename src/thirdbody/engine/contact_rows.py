@@ -6,7 +6,6 @@ Of the twelve candidates of a clump of six spheres between two plates, some four
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,9 +56,13 @@ class AllRows:
     number = 1
     """Number of batches."""
 
-    def batches(self, bodies: int, _first: int = 0, _last: int = 1) -> Iterator[tuple[int, int, Array, Array]]:
-        """Yield the first body and the end of each batch with the rows of its candidates: here all of them at once."""
-        yield 0, bodies, self.H, self.R
+    def batch(self, _number: int) -> tuple[slice, Array, Array]:
+        """Return the bodies of a batch and the rows of their candidates: here all of them at once."""
+        return slice(None), self.H, self.R
+
+    def scratch(self) -> tuple[()]:
+        """Return the tables that `batch` needs: none."""
+        return ()
 
 
 @dataclass
@@ -149,16 +152,11 @@ class ClosedRows:
         """Number of batches."""
         return len(self.edges) - 1
 
-    def batches(self, bodies: int, first: int, last: int) -> Iterator[tuple[int, int, Array, Array]]:
-        """Yield the first body and the end of the batches `first` to `last` - 1 with the rows of their candidates.
-
-        These are in tables that are used again for the next batch.
-        """
-        H, R = self.scratch()
-        for number in range(first, last):
-            n = self.edges[number + 1] - self.edges[number]
-            self.expand(number, H[:n], R[:n])
-            yield number * self.size, min((number + 1) * self.size, bodies), H[:n], R[:n]
+    def batch(self, number: int, H: Array, R: Array) -> tuple[slice, Array, Array]:
+        """Return the bodies of a batch and the rows of their candidates, in tables that `scratch` gave."""
+        n = self.edges[number + 1] - self.edges[number]
+        self.expand(number, H[:n], R[:n])
+        return slice(number * self.size, (number + 1) * self.size), H[:n], R[:n]
 
     def scratch(self) -> tuple[Array, Array]:
         """Return tables with room for the candidates of any batch."""

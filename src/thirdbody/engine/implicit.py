@@ -9,12 +9,13 @@ number of threads.
 import math
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.candidates import Numbers
 from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
@@ -31,6 +32,7 @@ from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.threads import parts_of, share
 from thirdbody.kernels.columns import (
     body_solution,
     domain,
@@ -51,7 +53,7 @@ from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.laws.contract import Material
 
 BATCH = 512
-"""Bodies per compiled call."""
+"""Bodies per call, or per part of one."""
 
 CALL, PACE, FEW = 1.0, 1e4, 8.0
 """Target wall time [s] of a compiled call, since a stop is handled only after it; trial steps per second assumed before they are
@@ -76,23 +78,6 @@ UNLOADED = 0.01
 """Assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere."""
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Settings of the step control.
-
-    `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
-    `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved.
-    """
-
-    tolerance: float = 5e-4
-    radii: float = 20.0
-    largest_step: float = math.inf
-    growth: float = 2.0
-    inertia: bool = True
-    skip_unsolved: bool = False
-
-
 class Implicit:
     """Implicit integrator of a state whose bodies touch only the plates.
 
@@ -101,6 +86,7 @@ class Implicit:
     """
 
     divisible, together = False, False
+    per_call = BATCH
     meets = False
     """Whether bodies have contact with each other."""
     earlier: dict[str, Array] = {}
@@ -195,8 +181,8 @@ class Implicit:
             self._refuse_stopped()
 
     def _advance_to(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
-        for first in range(0, self.state.n_bodies, BATCH):
-            last = min(first + BATCH, self.state.n_bodies)
+        for first in range(0, self.state.n_bodies, self.per_call):
+            last = min(first + self.per_call, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
                 self._call(waiting, partial(self.advance_bodies, first, last, until), slice(first, last))
                 watch()
@@ -246,7 +232,8 @@ class Implicit:
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
-        kernel.advance_bodies(first, last, until, tries, self._context())
+        context, parts = self._context(), parts_of(first, last) if tries > FEW else [(first, last)]
+        share(parts, lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""

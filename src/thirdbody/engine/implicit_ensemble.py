@@ -1,25 +1,41 @@
 """Implicit integrator of many bodies that touch only flat plates: tables of contacts and spheres exist for one batch at a time.
 
-Bodies are advanced batch by batch. Only closed contacts keep their rows between two calls (`engine.contact_rows`); spheres are
-placed from their bodies (`engine.state.place_some`), with the same bits. A clump of six spheres then takes 3.5 kB, not 7.4.
+Bodies are advanced batch by batch, each by one of the threads. Only closed contacts keep their rows between two calls
+(`engine.contact_rows`); spheres are placed from their bodies (`engine.state.place_some`), with the same bits. A clump of six spheres
+then takes 3.5 kB, not 7.4.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, place_some, table
 from thirdbody.jit.packed_arguments import first_words
+from thirdbody.jit.threads import share
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import KINDS
 
 WORDS = first_words(KINDS)
 """Where the address of each table is in the packed arguments."""
+
+BATCHES = 16
+"""Batches of a thread in a call: at its end others wait for half a batch on average."""
+
+
+class Scratch(NamedTuple):
+    """Histories, records and spheres of a batch."""
+
+    H: Array
+    R: Array
+    S: Array
 
 
 def is_ensemble(state: State) -> bool:
@@ -41,15 +57,14 @@ class ImplicitEnsemble(Implicit):
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
         if state.S is not state.B:
             state.drop_spheres()
-        self._make_scratch()
 
-    def _make_scratch(self) -> None:
+    def _make_scratch(self) -> Scratch:
+        """Return tables with room for the rows and the spheres of any batch."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        self._H, self._R = rows.scratch()
         starts = np.append(state.start[:-1:BATCH], state.start[-1])
         largest = int(np.diff(starts).max()) if state.sphere_table is None else 0
-        self._S = table(largest, sphere.WIDTH)
+        return Scratch(*rows.scratch(), table(largest, sphere.WIDTH))
 
     def keep_all_rows(self) -> None:
         """Go on with rows for all candidates and a table of all spheres, as a part of a run, or its whole, does."""
@@ -57,33 +72,56 @@ class ImplicitEnsemble(Implicit):
         slots.rows, state.S = AllRows(slots.H, slots.R), state.S
 
     def _contact_tables(self) -> dict[str, Array]:
-        state = self.state
-        if isinstance(state.slots.rows, AllRows):
+        rows, state = self.state.slots.rows, self.state
+        if isinstance(rows, AllRows):
             return super()._contact_tables()
-        return {"S": self._S if state.sphere_table is None else state.S, "H": self._H, "R": self._R}
+        H, R = (np.zeros((0, width)) for width in rows.widths)
+        return {"S": np.zeros((0, sphere.WIDTH)) if state.sphere_table is None else state.S, "H": H, "R": R}
+
+    @property
+    def per_call(self) -> int:  # type: ignore[override]
+        """Largest number of bodies in a call."""
+        return BATCH if isinstance(self.state.slots.rows, AllRows) else BATCH * BATCHES * numba.get_num_threads()
 
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
-        rows = self.state.slots.rows
-        if isinstance(rows, AllRows):
+        if isinstance(self.state.slots.rows, AllRows):
             super().advance_bodies(first, last, until, tries)
             return
-        for number in range(first // BATCH, -(-last // BATCH)):
-            low, high = number * BATCH, min((number + 1) * BATCH, self.state.n_bodies)
-            n = int(rows.edges[number + 1] - rows.edges[number])
-            rows.expand(number, self._H[:n], self._R[:n])
-            if self.state.sphere_table is None:
-                place_some(self.state, low, high, self._S)
-            kernel.advance_bodies(max(first, low), min(last, high), until, tries, self._context_of(number))
-            rows.keep(number, self._H[:n], self._R[:n])
+        context = self._context()
 
-    def _context_of(self, number: int) -> Array:
-        """Return the packed arguments for a batch: the tables begin with its rows, which kernels count from the first of all."""
-        packed, rows, start = self._context().copy(), self.state.slots.rows, self.state.start
+        def worker() -> Callable[[int], None]:
+            scratch = self._make_scratch()
+
+            def advance(number: int) -> None:
+                low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
+                if self._waiting(low, high, until):
+                    self._advance_batch(
+                        number, lambda packed: kernel.advance_bodies(low, high, until, tries, packed), scratch, context
+                    )
+
+            return advance
+
+        share(range(first // BATCH, -(-last // BATCH)), worker)
+
+    def _advance_batch(self, number: int, advance: Callable[[Array], None], scratch: Scratch, context: Array) -> None:
+        """Advance bodies of a batch, with rows for all its candidates and spheres while it is advanced."""
+        state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        skipped = {"H": (self._H, rows.edges[number]), "R": (self._R, rows.edges[number])}
+        n = int(rows.edges[number + 1] - rows.edges[number])
+        rows.expand(number, scratch.H[:n], scratch.R[:n])
+        if state.sphere_table is None:
+            place_some(state, number * BATCH, min((number + 1) * BATCH, state.n_bodies), scratch.S)
+        advance(self._context_of(number, scratch, context))
+        rows.keep(number, scratch.H[:n], scratch.R[:n])
+
+    def _context_of(self, number: int, scratch: Scratch, context: Array) -> Array:
+        """Return the packed arguments for a batch: the tables begin with its rows, which kernels count from the first of all."""
+        packed, rows, start = context.copy(), self.state.slots.rows, self.state.start
+        assert isinstance(rows, ClosedRows)
+        first = {"H": (scratch.H, rows.edges[number]), "R": (scratch.R, rows.edges[number])}
         if self.state.sphere_table is None:
-            skipped["S"] = self._S, start[number * BATCH]
-        for name, (array, first) in skipped.items():
-            packed[WORDS[name]] -= int(first) * array.strides[0]
+            first["S"] = scratch.S, start[number * BATCH]
+        for name, (array, skipped) in first.items():
+            packed[WORDS[name]] = array.ctypes.data - int(skipped) * array.strides[0]
         return packed

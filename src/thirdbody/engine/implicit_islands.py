@@ -31,7 +31,7 @@ REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
 
 RADII = 2.0
-"""Longest drag of a step in radii of the largest contact (less than that of a body alone, `Accuracy.radii`): in longer ones a
+"""Longest drag of a step in radii of the largest contact (less than that of a body alone, `engine.accuracy`): in longer ones a
 contact between bodies that begins to slide is labelled late."""
 
 STATE, SLOTS = ("B", "E", "orientations", "S", "P", "M"), ("Q", "H", "R")

@@ -6,6 +6,7 @@ A module apart, so that the step loop compiles without it.
 import numpy as np
 from numba import njit, types
 
+from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.kernels.columns import loaded_contact, run_totals
 from thirdbody.kernels.labeller_input import Observed, body_contacts, body_row
@@ -14,7 +15,9 @@ from thirdbody.kernels.signatures import LABEL, OBSERVE
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")
 OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 6 + (_F1, types.int64, types.int64), Observed)
-LABEL_BODIES = types.void(OBSERVED, _F1, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2)
+LABEL_BODIES = types.void(OBSERVED, _F1, types.int64, types.int64, _F2, _F1, _F2)
+
+observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
 
 
 @njit(**BARE)
@@ -36,13 +39,13 @@ def compact_loaded(C, n):
 def label_bodies(context, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
-    `context`: with a copy of the labeller's memory. Scratch: `observed` (observed_body.WIDTH,) and `table` (largest
-    number of contacts of a body, width).
+    `context`: with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch: `observed`
+    (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
     """
     for b in range(context.B.shape[0]):
         n = body_contacts(b, context, table)
         body_row(b, context, A, observed)
         if A[run_totals.ELAPSED] > 0.0:
-            observe(table[:n], n, observed, context.M[b])
+            observe_at(observe)(table[:n], n, observed, context.M[b])
         n = compact_loaded(table, n)
-        label(table[:n], n, observed, context.M[b], out[b])
+        label_at(label)(table[:n], n, observed, context.M[b], out[b])

@@ -7,10 +7,10 @@ and is of second order: at 1 m/s, where inertia governs sliding, the same error 
 """
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
@@ -40,9 +40,6 @@ from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, val
 from thirdbody.kernels.signatures import OBSERVE
 
 observe_at = function_at(OBSERVE)
-
-BODIES = 8
-"""Bodies per chunk, which share a workspace; small enough to spread a few bodies over all cores."""
 
 
 @njit(**BARE)
@@ -131,9 +128,17 @@ def step(context, active, until, space):
         update_labeller(active, context, context, space)
 
 
-@njit(**CHUNK)
-def advance_chunk(low, high, until, tries, packed):
-    """Advance bodies low to high - 1 in sequence, with one workspace."""
+PACKED = types.Array(types.int64, 1, "C")
+
+
+@njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), nogil=True, **DIRECT)
+def advance_bodies(low, high, until, tries, packed):
+    """Advance bodies `low` to `high` - 1 in sequence to the time `until` [s], with individual time steps.
+
+    A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
+    `memory` (step_memory.CODE) and stays at the end of its last step. `packed`: a packed `ImplicitContext`. Threads may advance
+    different bodies at once.
+    """
     context = context_of(packed)
     space, start = make_workspace(context), np.zeros(step_start.WIDTH)
     for b in range(low, high):
@@ -145,18 +150,3 @@ def advance_chunk(low, high, until, tries, packed):
             and active.memory[step_memory.TRIES] < last
         ):
             step(context, active, until, space)
-
-
-PACKED = types.Array(types.int64, 1, "C")
-
-
-@njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), parallel=True, **OPTIONS)
-def advance_bodies(low, high, until, tries, packed):
-    """Advance bodies `low` to `high` - 1 to the time `until` [s], with individual time steps.
-
-    A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
-    `memory` (step_memory.CODE) and stays at the end of its last step. `packed`: a packed `ImplicitContext`.
-    """
-    for c in prange((high - low + BODIES - 1) // BODIES):
-        begin_at = low + c * BODIES
-        advance_chunk(begin_at, min(begin_at + BODIES, high), until, tries, packed)

@@ -14,7 +14,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
+from thirdbody.kernels.implicit.bdf2 import PACKED, update_labeller
 from thirdbody.kernels.implicit.bundles import FREEDOMS, active_body, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import Outcome, factorise, newton, substitute
@@ -47,6 +47,9 @@ from thirdbody.kernels.implicit.step_control import (
 )
 from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.predicates import is_upper
+
+BODIES = 8
+"""Bodies per chunk, which share a workspace; small enough to spread a few bodies over all cores."""
 
 
 @njit(**BARE)
