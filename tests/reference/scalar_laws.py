@@ -216,12 +216,12 @@ def within(moment: float, viscous: float, limit: float) -> tuple[float, float]:
 def fitted(
     x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float
 ) -> tuple[float, float, tuple[float, float]]:
-    """(x, y) plus the largest share, at most all, of the viscous part that stays within the limit; and that part."""
+    """(x, y) plus the viscous part, returned to the limit along its own direction; and what that adds to (x, y)."""
     d_x, d_y = -viscosity * v_x, -viscosity * v_y
-    dd, td = d_x * d_x + d_y * d_y, x * d_x + y * d_y
-    room = max(limit * limit - x * x - y * y, 0.0)
-    share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)
-    return x + share * d_x, y + share * d_y, (share * d_x, share * d_y)
+    size, most = math.hypot(x + d_x, y + d_y), max(limit, math.hypot(x, y))
+    back = most / size if size > most else 1.0
+    added = back * d_x - (1.0 - back) * x, back * d_y - (1.0 - back) * y
+    return x + added[0], y + added[1], added
 
 
 class Effects:

@@ -159,7 +159,7 @@ def test_without_the_tangential_dashpot_both_engines_walk_the_same_path(bare, na
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_the_rule_for_dashpot_and_friction_limit_costs_a_few_percent(full, name):
-    # see `friction_rule` in the file: our spring keeps mu N in sliding, LAMMPS' only what the dashpot leaves of it
+    # both cut the sum of spring and dashpot at mu N; then our spring keeps mu N, LAMMPS' only what the dashpot leaves of it
     assert full[name] == pytest.approx(LAMMPS["trace_full"][name], rel=0.03)
 
 

@@ -7,6 +7,10 @@ Schwager and Poeschel 2007, and alpha(e) follows from it by bisection.
 The coefficient is alpha sqrt((2/3) m k_n) with the stiffness k_n = 2 E* a of any circular elastic contact, so the law needs the
 contact radius only. Under another elastic force d^p the restitution is independent of speed, too, and the damping ratio is
 sqrt(5 p/(3 p + 3)) times that of Hertz: 1.05 for a cone, p = 2.
+
+The tangential dashpot adds its force to that of the spring, and the sum is returned to the friction limit (the nearest point of
+the circle): so it always dissipates, and the force of a contact that slides changes steadily as its motion turns. The spring
+keeps the limit; LAMMPS and LIGGGHTS leave it what the dashpot leaves.
 """
 
 import math
