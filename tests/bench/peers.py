@@ -13,9 +13,9 @@ the rounds, least and largest; above 1 we are faster. Contacts are counted from 
 
 What is not the same. Our dashpot gives the restitution of a contact that cannot pull, and is 13 % stronger for it; LAMMPS'
 `granular` and LIGGGHTS let a contact pull at its end; `gran` damps by a constant. All cut spring plus dashpot at the friction
-limit; they leave the spring what the dashpot leaves, ours keeps the limit, and is rescaled when the contact area shrinks. Energies
-of S and C agree to per mille, of T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies' translation). Nothing
-is written while it is timed.
+limit; they leave the spring what the dashpot leaves, ours keeps the limit, and is rescaled when the contact area shrinks. The
+energies of S and C agree to per mille, of T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies'
+translation). Nothing is written while it is timed.
 
 The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
 the time per step of 1 to 1000 bodies; --profile what one core of this machine can do, and for every pass of the step how near it

@@ -1,8 +1,8 @@
 """Implicit integrator of many bodies that touch only flat plates: tables of contacts and spheres exist for one batch at a time.
 
 Bodies are advanced batch by batch, each by one of the threads. Only closed contacts keep their rows between two calls
-(`engine.contact_rows`); spheres are placed from their bodies (`engine.state.place_some`), with the same bits. A clump of six spheres
-then takes 3.5 kB, not 7.4.
+(`engine.contact_rows`); spheres are placed from their bodies (`engine.state.place_some`), with the same bits. A clump of six
+spheres then takes 3.5 kB, not 7.4.
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ def compact_loaded(C, n):
 def label_bodies(context, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
-    `context`: with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch: `observed`
-    (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
+    `context`: with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch:
+    `observed` (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
     """
     for b in range(context.B.shape[0]):
         n = body_contacts(b, context, table)
