@@ -99,8 +99,8 @@ def run_behind_walls() -> None:
     for module in (implicit, implicit_ensemble):
         module.BATCH = 8
     integrator = built().integrator
-    for name in ("_H", "_R", "_S"):
-        setattr(integrator, name, behind_a_wall(getattr(integrator, name)))
+    scratch = integrator._make_scratch()
+    integrator._make_scratch = lambda: implicit_ensemble.Scratch(*map(behind_a_wall, scratch))
     for stop in STOPS:
         integrator.advance_to(time=stop)
     integrator.label()

@@ -32,7 +32,7 @@ from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
-from thirdbody.jit.threads import parts_of, share
+from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.columns import (
     body_solution,
     domain,
@@ -233,7 +233,7 @@ class Implicit:
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
         context, parts = self._context(), parts_of(first, last) if tries > FEW else [(first, last)]
-        share(parts, lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
+        distribute(parts, lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""

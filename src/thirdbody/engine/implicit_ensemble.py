@@ -18,7 +18,7 @@ from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, place_some, table
 from thirdbody.jit.packed_arguments import first_words
-from thirdbody.jit.threads import share
+from thirdbody.jit.threads import distribute
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import KINDS
@@ -102,7 +102,7 @@ class ImplicitEnsemble(Implicit):
 
             return advance
 
-        share(range(first // BATCH, -(-last // BATCH)), worker)
+        distribute(range(first // BATCH, -(-last // BATCH)), worker)
 
     def _advance_batch(self, number: int, advance: Callable[[Array], None], scratch: Scratch, context: Array) -> None:
         """Advance bodies of a batch, with rows for all its candidates and spheres while it is advanced."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.function_pointers import address
-from thirdbody.jit.threads import share
+from thirdbody.jit.threads import distribute
 from thirdbody.kernels.columns import loaded_contact, observed_body
 from thirdbody.kernels.labeller_input import Observed
 from thirdbody.kernels.signatures import LABEL, OBSERVE
@@ -30,7 +30,7 @@ def labels(state: State, drag: Array) -> Array:
 
         return label
 
-    share(range(rows.number), worker)
+    distribute(range(rows.number), worker)
     return out
 
 

@@ -22,7 +22,7 @@ def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     return [(low, min(low + size, last)) for low in range(first, last, size)]
 
 
-def share(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piece], None]]) -> None:
+def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piece], None]]) -> None:
     """Pass each piece, in their order, to one of as many workers as there are threads for this run.
 
     `make_worker`: makes the worker of a thread, with its scratch. Raises what a worker raises, after all have ended.

@@ -12,7 +12,7 @@ from thirdbody.engine.static_response import response
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
-DEEP = 0.3
+LARGE = 0.3
 """Worn depth over overlap from which on a scene is warned: the spot is then no longer that of a fresh sphere."""
 
 COEFFICIENT = 1e-14
@@ -50,7 +50,7 @@ def expected_wear(built: Simulation) -> Wear | None:
 def wear_warnings(built: Simulation) -> list[str]:
     """Return a warning where spots would wear off noticeably and no measure of the scene tells where."""
     wear = expected_wear(built)
-    if wear is None or wear.fraction < DEEP or any(measure.name == MEASURE for measure in built.choice.measures):
+    if wear is None or wear.fraction < LARGE or any(measure.name == MEASURE for measure in built.choice.measures):
         return []
     return [
         f"a spot of {wear.pair} that slides all the way wears by some {1e9 * wear.depth:.2g} nm, {wear.fraction:.2g} of its "
