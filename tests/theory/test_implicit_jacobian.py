@@ -51,7 +51,7 @@ from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tan
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import UPDATE, RoughPlates
-from thirdbody.kernels.signatures import LAW, TANGENTS
+from thirdbody.kernels.signatures import LAW
 from thirdbody.rotations import rotation_matrices
 
 UNCACHED = OPTIONS | {"cache": False}
@@ -83,8 +83,8 @@ def law(I, O, n, _):  # noqa: E741
         O[to + rolling_output.TWIST_MOMENT * TILE] = I[old + 4 * TILE] - TORSION * d**1.5 * I[turn + rolling_input.TWIST * TILE]
 
 
-@njit(TANGENTS, **UNCACHED)
-def tangents(I, _O, K, n, _):  # noqa: E741
+@njit(LAW, **UNCACHED)
+def tangents(I, K, n, _):  # noqa: E741
     """Derivatives of `law` (`contact_tangent`)."""
     for q in range(n):
         d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
@@ -159,7 +159,7 @@ def tables(n_plates: int) -> dict[str, Any]:
         "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
         "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
-        "tangents": address(tangents, TANGENTS),
+        "tangents": address(tangents, LAW),
     }  # fmt: skip
 
 
@@ -355,7 +355,7 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
         "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
-        "tangents": address(tangents, TANGENTS),
+        "tangents": address(tangents, LAW),
     }  # fmt: skip
     island = {
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),

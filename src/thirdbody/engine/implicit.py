@@ -49,7 +49,7 @@ from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
-from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE, TANGENTS
+from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.laws.contract import Material
 
 BATCH = 512
@@ -124,7 +124,7 @@ class Implicit:
         self._law, self._effects, self._observe = (
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
-        self._tangent, self._pack, self._surface_updates = address(tangents, TANGENTS), Packer(KINDS), surface_updates(state)
+        self._tangent, self._pack, self._surface_updates = address(tangents, LAW), Packer(KINDS), surface_updates(state)
         self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`

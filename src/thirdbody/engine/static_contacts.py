@@ -67,7 +67,6 @@ class Contacts:
         # tables of the compiled laws, reused because with a long history allocation takes longer than filling
         history = len(chain.history)
         self._inputs = np.zeros((law_input.HISTORY + history + rolling_input.WIDTH, TILE))
-        self._unread = np.zeros(0)
         self._outputs = np.zeros((max(TANGENTS, law_output.HISTORY + history), TILE))
 
     def virgin(self) -> Array:
@@ -96,7 +95,7 @@ class Contacts:
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """Return (7, n) [N/m]: dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; 0 for open contacts."""
-        return self._call(self._stiffnesses, TANGENTS, overlap, slip, memory)
+        return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
     def stiffness_ratio(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
         """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides.
@@ -112,10 +111,6 @@ class Contacts:
         e_x, e_y = along
         resists = [-(e_x * (k[1] * e_x + k[2] * e_y) + e_y * (k[3] * e_x + k[4] * e_y)) for k in (now, whole)]
         return np.where(resists[1] > 0.0, resists[0] / np.where(resists[1] > 0.0, resists[1], 1.0), 0.0)
-
-    def _stiffnesses(self, inputs: Array, tangents: Array, n: int, pairs: Array) -> None:
-        """Write the tangents of a tile; what the law answers matters to dashpots only, which are omitted."""
-        self.tangents(inputs, self._unread, tangents, n, pairs)
 
     def _call(self, function: Callable, count: int, overlap: Array, slip: Array, memory: Array) -> Array:
         answer = np.zeros((count, len(overlap)))

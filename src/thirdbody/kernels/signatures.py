@@ -15,9 +15,6 @@ _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.
 LAW = types.void(_ROW, _ROW, types.int64, _ROW)
 """law(inputs, outputs, number of contacts in the tile, parameters of all pairs)"""
 
-TANGENTS = types.void(_ROW, _ROW, _ROW, types.int64, _ROW)
-"""tangents(inputs, outputs of the law, tangents, number of contacts in the tile, parameters of all pairs)"""
-
 EFFECTS = types.void(_TABLE, _TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
 """effects(bodies, body_extra, first, last, time, time step, parameters)"""
 

@@ -57,9 +57,9 @@ from thirdbody.kernels.implicit.residual import (
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.rough_plates import update_by
-from thirdbody.kernels.signatures import TANGENTS
+from thirdbody.kernels.signatures import LAW
 
-tangents_at = function_at(TANGENTS)
+tangents_at = function_at(LAW)
 
 Vector = tuple[float, float, float]
 
@@ -144,7 +144,7 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
     if interact(context):
         relieve(m, tile)
-    tangents_at(context.tangents)(tile.inputs, tile.outputs, tile.tangents, m, context.pairs)
+    tangents_at(context.tangents)(tile.inputs, tile.tangents, m, context.pairs)
     if interact(context):
         restore(m, tile)
     for i in range(FREEDOMS):

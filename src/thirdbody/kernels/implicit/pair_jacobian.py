@@ -168,7 +168,7 @@ def assemble_island(context, island, m, dt, coupled, pool):
                 J[entry(first + i, first + j, half_width)] = space.jacobian[i, j]
     for t in range((m + TILE - 1) // TILE):
         n, slots, tile = tile_count(t, m), pool.pair_slots[t], pair_tile(t, pool)
-        tangents_at(context.tangents)(tile.inputs, tile.outputs, tile.tangents, n, context.pairs)
+        tangents_at(context.tangents)(tile.inputs, tile.tangents, n, context.pairs)
         for q in range(n):
             contact = pair_contact(q, slots[q], dt, context, island, tile)
             i, j = context.own[slots[q]], context.partner[slots[q]]

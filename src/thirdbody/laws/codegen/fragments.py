@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from thirdbody.jit.options import OPTIONS
 from thirdbody.kernels.tile_parameters import broadcast_parameters
-from thirdbody.kernels.signatures import EFFECTS, LAW, TANGENTS
+from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.kernel_data import {tuples}
 from thirdbody.laws.codegen.module_cache import as_kernel
 {imports}
