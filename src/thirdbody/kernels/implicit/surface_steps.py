@@ -31,19 +31,8 @@ from thirdbody.kernels.surface_minima import (
 MARGIN = 0.15
 """Largest gap of a minimum that is followed, in radii: more than `step_limits.TRAVEL` and `surface_minima.MOVED` together."""
 
-NEARBY = 0.25
-"""In units of a cell: within this distance of where it was at the start of the step a minimum is surely the same one."""
-
 FAR = 1.02
 """Distance over the radius beyond which a minimum that cannot touch in a step is not followed: its distance is then a bound."""
-
-
-@njit(**BARE)
-def guess_of(k, field, Q):
-    """Return the offset (2,) [m] from where the minimum of row k is followed: that of the last trial, or of the start."""
-    nearby = NEARBY / max(field[height_field.RATE_X], field[height_field.RATE_Y])
-    at = surface_contact.OFFSET if moved_square(k, Q) <= nearby * nearby else surface_contact.START
-    return Q[k, at], Q[k, at + 1]
 
 
 @njit(**BARE)
@@ -91,7 +80,9 @@ def follow_step(k, field, x, ends, tables):
         if Q[k + a, surface_contact.START_DISTANCE] - path > far:
             Q[k + a, surface_contact.DISTANCE] = Q[k + a, surface_contact.START_DISTANCE] - path
             continue
-        follow(k + a, field, x, guess_of(k + a, field, Q), tables)
+        # not from where the last trial left it: where two minima meet, the forces would depend on the trials before
+        start = Q[k + a, surface_contact.START], Q[k + a, surface_contact.START + 1]
+        follow(k + a, field, x, start, tables)
         for b in range(a):
             same = has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field)
             if same and not is_apart(k + b, Q):
