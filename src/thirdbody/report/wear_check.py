@@ -16,7 +16,7 @@ LARGE = 0.3
 """Worn depth over overlap from which on a scene is warned: the spot is then no longer that of a fresh sphere."""
 
 COEFFICIENT = 1e-14
-"""Volume worn per load times slip [m3/J], of steel on steel that is not lubricated: 1e-15 to 1e-13 (Archard 1953; Rabinowicz)."""
+"""Volume worn per load times slip [m3/J], of steel on steel that is not lubricated: 1e-15 to 1e-13 (Archard 1953)."""
 
 MEASURE = "wear"
 
@@ -32,7 +32,8 @@ class Wear(NamedTuple):
 def expected_wear(built: Simulation) -> Wear | None:
     """Return the wear of the pair that wears deepest: a sphere of median radius that slides on one spot, all the way.
 
-    h = k p s with the mean pressure p of Hertz under the expected load and the path s of the plate. None where no load is known.
+    h = k p s with the mean pressure p of Hertz under the expected load and the path s of the plate (Archard 1953, J. Appl. Phys.
+    24, 981, Eq. 4, with k = K/H). None where no load is known.
     """
     path, shared = built.schedule.path(0.0, built.planned_time), built.upper.shared_overlap
     if shared <= 0.0 or not 0.0 < path < math.inf:
