@@ -108,12 +108,11 @@ class ImplicitEnsemble(Implicit):
         """Advance bodies of a batch, with rows for all its candidates and spheres while it is advanced."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        n = int(rows.edges[number + 1] - rows.edges[number])
-        rows.expand(number, scratch.H[:n], scratch.R[:n])
+        _, H, R = rows.batch(number, scratch.H, scratch.R)
         if state.sphere_table is None:
             place_some(state, number * BATCH, min((number + 1) * BATCH, state.n_bodies), scratch.S)
         advance(self._context_of(number, scratch, context))
-        rows.keep(number, scratch.H[:n], scratch.R[:n])
+        rows.keep(number, H, R)
 
     def _context_of(self, number: int, scratch: Scratch, context: Array) -> Array:
         """Return the packed arguments for a batch: the tables begin with its rows, which kernels count from the first of all."""
