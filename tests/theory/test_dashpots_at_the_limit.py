@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns import contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.laws.codegen.laws import compose
+from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import TANGENTIAL_DAMPING
 from thirdbody.laws.hertz import HERTZ
@@ -19,7 +19,8 @@ NUMBER = 8
 
 
 @pytest.fixture(scope="module")
-def chain():
+def chain() -> tuple[Chain, np.ndarray]:
+    """The compiled laws and their parameters."""
     laws = (HERTZ, MINDLIN, TANGENTIAL_DAMPING)
     pair = Pair(STEEL, STEEL, FRICTION, 0.6)
     built = compose(laws)
@@ -27,12 +28,10 @@ def chain():
     return built, np.array(values)
 
 
-def forces(chain, velocity: np.ndarray) -> dict[str, np.ndarray]:
-    """What contacts answer whose springs are at the limit along x, and that move without slip in the step; velocity (n, 2)."""
-    built, values = chain
-    history = len(built.history)
-    I = np.zeros((law_input.HISTORY + history + rolling_input.WIDTH, TILE))  # noqa: E741
-    O = np.zeros((law_output.HISTORY + history + rolling_output.WIDTH, TILE))  # noqa: E741
+def contacts(chain, velocity: np.ndarray, slip: np.ndarray | float = 0.0) -> np.ndarray:
+    """Inputs of contacts whose springs are at the limit along x; velocity [m/s] and slip in the step [m] (n, 2)."""
+    built, _ = chain
+    I = np.zeros((law_input.HISTORY + len(built.history) + rolling_input.WIDTH, TILE))  # noqa: E741
     n = len(velocity)
     I[law_input.OVERLAP], I[law_input.RADIUS], I[law_input.MASS] = OVERLAP, RADIUS, MASS
     e_star = 210e9 / (2.0 * 0.91)
@@ -41,7 +40,16 @@ def forces(chain, velocity: np.ndarray) -> dict[str, np.ndarray]:
     I[law_input.HISTORY + names.index("force_x")] = limit
     I[law_input.HISTORY + names.index("energy")] = limit * OVERLAP  # more than T^2/(2 k): the whole force is carried
     I[law_input.VELOCITY_X, :n], I[law_input.VELOCITY_Y, :n] = velocity.T
-    built.law(I.ravel(), O.ravel(), n, values)  # a view: O is contiguous
+    I[law_input.SLIP_X, :n], I[law_input.SLIP_Y, :n] = (slip + np.zeros_like(velocity)).T
+    return I
+
+
+def forces(chain, velocity: np.ndarray, slip: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
+    """What such contacts answer, (n, 2) and (n,)."""
+    built, values = chain
+    n, width = len(velocity), law_output.HISTORY + len(built.history) + rolling_output.WIDTH
+    O = np.zeros((width, TILE))  # noqa: E741
+    built.law(contacts(chain, velocity, slip).ravel(), O.ravel(), n, values)  # a view: O is contiguous
     force = np.stack([O[law_output.TANGENTIAL_X, :n], O[law_output.TANGENTIAL_Y, :n]], axis=1)
     return {"force": force, "limit": O[law_output.FRICTION_LIMIT, :n], "power": O[law_output.DASHPOT_POWER, :n]}
 
@@ -75,3 +83,26 @@ def test_the_force_changes_no_faster_than_the_dashpot_alone(chain):
     velocity = 1e-4 * np.array([[turn, 1.0], [-turn, 1.0]])
     force = forces(chain, velocity)["force"]
     assert np.linalg.norm(force[1] - force[0]) <= 1.01 * c * np.linalg.norm(velocity[1] - velocity[0]) + 1e-15 * force[0, 0]
+
+
+def test_the_tangent_of_the_sum_is_its_derivative(chain):
+    """Against central differences where slip changes the velocity by slip/dt: sticking, sliding, and returned by the dashpot."""
+    rate, h = 1e7, 1e-14
+    angles = np.linspace(0.1, 2.0 * np.pi + 0.1, NUMBER, endpoint=False)
+    slip = 2e-11 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    velocity = rate * slip
+    I = contacts(chain, velocity, slip)  # noqa: E741
+    I[law_input.HISTORY + len(chain[0].history) + rolling_input.INVERSE_DT] = rate
+    K = np.zeros((contact_tangent.SPOTS_WIDTH, TILE))
+    chain[0].tangents(I.ravel(), K.ravel(), NUMBER, chain[1])
+    answer = forces(chain, velocity, slip)
+    returned = np.linalg.norm(answer["force"], axis=1) > (1.0 - 1e-12) * answer["limit"]
+    assert returned.any() and not returned.all()
+    for column in range(2):
+        step = np.zeros(2)
+        step[column] = h
+        more, less = (forces(chain, velocity + sign * rate * step, slip + sign * step)["force"] for sign in (1.0, -1.0))
+        derivative = (more - less) / (2.0 * h)
+        found = np.stack([K[contact_tangent.XX + column, :NUMBER], K[contact_tangent.XX + 2 + column, :NUMBER]], axis=1)
+        # a difference of forces of 1e-4 N over 2e-14 m is rounded by some 1e-6 of the stiffness, 1e6 N/m with the dashpot
+        np.testing.assert_allclose(found, derivative, rtol=0.0, atol=1e-5 * np.abs(derivative).max())
