@@ -86,7 +86,6 @@ class Implicit:
     """
 
     divisible, together = False, False
-    per_call = BATCH
     meets = False
     """Whether bodies have contact with each other."""
     earlier: dict[str, Array] = {}
@@ -180,6 +179,11 @@ class Implicit:
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
             self._refuse_stopped()
 
+    @property
+    def per_call(self) -> int:
+        """Largest number of bodies in a call."""
+        return BATCH
+
     def _advance_to(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, self.per_call):
             last = min(first + self.per_call, self.state.n_bodies)
@@ -232,8 +236,8 @@ class Implicit:
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
-        context, parts = self._context(), parts_of(first, last) if tries > FEW else [(first, last)]
-        distribute(parts, lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
+        context = self._context()
+        distribute(parts_of(first, last, tries), lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""

@@ -79,7 +79,7 @@ class ImplicitEnsemble(Implicit):
         return {"S": np.zeros((0, sphere.WIDTH)) if state.sphere_table is None else state.S, "H": H, "R": R}
 
     @property
-    def per_call(self) -> int:  # type: ignore[override]
+    def per_call(self) -> int:
         """Largest number of bodies in a call."""
         return BATCH if isinstance(self.state.slots.rows, AllRows) else BATCH * BATCHES * numba.get_num_threads()
 
