@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from thirdbody.engine.static_response import response
 from thirdbody.laws.contract import Material
+from thirdbody.report.expected_spots import expected_spots
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -37,21 +35,15 @@ def expected_heat(built: Simulation) -> Heat | None:
     T = mu N v/(4 a (k_1 + k_2)): Holm 1948; Archard 1959, Wear 2, 438, Eq. 2, for slow sources; the Peclet number is
     v a/(2 kappa) of the slower side. None where no load or no speed is known.
     """
-    speed, shared = built.schedule.top_speed(), built.upper.shared_overlap
-    if shared <= 0.0 or not 0.0 < speed < math.inf:
+    speed, spots = built.schedule.top_speed(), expected_spots(built)
+    if spots is None or not 0.0 < speed < math.inf:
         return None
-    pairs = built.choice.pairs
-    radius = np.full(len(pairs), float(np.median(built.state.spheres.radius)))
-    loads = response(built.state.physics, shared * radius, radius, np.arange(len(pairs))).force
-    a = math.sqrt(shared) * float(radius[0])
-    heats = []
-    for pair, load in zip(pairs, loads, strict=True):
+    a, heats = spots.contact_radius, []
+    for pair, load in zip(built.choice.pairs, spots.loads, strict=True):
         both = sum(m.thermal_conductivity or CONDUCTIVITY for m in (pair.a, pair.b))
         assumed = any(m.thermal_conductivity is None or m.heat_capacity is None for m in (pair.a, pair.b))
         peclet = 0.5 * speed * a / min(_diffusivity(pair.a), _diffusivity(pair.b))
-        heats.append(
-            Heat(pair.friction * float(load) * speed / (4.0 * a * both), peclet, f"{pair.a.name}/{pair.b.name}", assumed)
-        )
+        heats.append(Heat(pair.friction * load * speed / (4.0 * a * both), peclet, f"{pair.a.name}/{pair.b.name}", assumed))
     return max(heats)
 
 

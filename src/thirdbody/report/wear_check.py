@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from thirdbody.engine.static_response import response
+from thirdbody.report.expected_spots import expected_spots
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -35,17 +33,13 @@ def expected_wear(built: Simulation) -> Wear | None:
     h = k p s with the mean pressure p of Hertz under the expected load and the path s of the plate (Archard 1953, J. Appl. Phys.
     24, 981, Eq. 4, with k = K/H). None where no load is known.
     """
-    path, shared = built.schedule.path(0.0, built.planned_time), built.upper.shared_overlap
-    if shared <= 0.0 or not 0.0 < path < math.inf:
+    path, spots = built.schedule.path(0.0, built.planned_time), expected_spots(built)
+    if spots is None or not 0.0 < path < math.inf:
         return None
-    pairs = built.choice.pairs
-    radius = np.full(len(pairs), float(np.median(built.state.spheres.radius)))
-    overlap = shared * float(radius[0])
-    loads = response(built.state.physics, shared * radius, radius, np.arange(len(pairs))).force
-    depths = COEFFICIENT * np.asarray(loads) / (math.pi * overlap * radius) * path  # a^2 = overlap * radius
-    deepest = int(np.argmax(depths))
-    pair = pairs[deepest]
-    return Wear(float(depths[deepest]), float(depths[deepest]) / overlap, f"{pair.a.name}/{pair.b.name}")
+    area = math.pi * spots.contact_radius * spots.contact_radius
+    deepest = spots.loads.index(max(spots.loads))
+    depth, pair = COEFFICIENT * spots.loads[deepest] / area * path, built.choice.pairs[deepest]
+    return Wear(depth, depth / spots.overlap, f"{pair.a.name}/{pair.b.name}")
 
 
 def wear_warnings(built: Simulation) -> list[str]:
