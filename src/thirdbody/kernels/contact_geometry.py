@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, set4, transpose, with_last
+from thirdbody.jit.simd import AHEAD, LINE, VECTOR, broadcast, load, prefetch, put, set4, transpose, with_last
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
@@ -28,14 +28,14 @@ SPARE = AHEAD + LINE
 """Padding at the end of a list of contacts, which is read ahead by prefetches and vector loads."""
 
 LIGHT = 16
-"""Largest history of a light law. Its cost per vector of eight is that of one contact, so its tiles are padded to whole vectors
+"""Largest history of a light law. Its cost per vector is that of one contact, so its tiles are padded to whole vectors
 (63 contacts cost half as much again as 64); the cost of other laws is per contact."""
 
 
 @njit(**BARE)
 def padded(n, n_history):
     """Return the number of elements of a tile that a pass over n contacts with this number of history columns computes."""
-    return n + (-n % LINE if n_history <= LIGHT else 0)
+    return n + (-n % VECTOR if n_history <= LIGHT else 0)
 
 
 @njit(**BARE)

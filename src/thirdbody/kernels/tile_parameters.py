@@ -2,12 +2,12 @@
 
 from numba import njit
 
-from thirdbody.jit.options import CHUNK
+from thirdbody.jit.options import BARE_CHUNK
 from thirdbody.kernels.columns import law_input
 from thirdbody.kernels.columns.tile import TILE
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def broadcast_parameters(I, n_contacts, pairs, width, U):  # noqa: E741
     """Copy the row of `pairs` (`width` numbers) of each contact's pair type to its element in U, stride TILE.
 

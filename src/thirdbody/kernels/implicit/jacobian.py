@@ -42,6 +42,7 @@ from thirdbody.kernels.columns import (
     surface_contact,
 )
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_geometry import padded
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.interaction_jacobian import add_interaction
 from thirdbody.kernels.implicit.residual import (
@@ -144,7 +145,7 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
     if interact(context):
         relieve(m, tile)
-    tangents_at(context.tangents)(tile.inputs, tile.tangents, m, context.pairs)
+    tangents_at(context.tangents)(tile.inputs, tile.tangents, padded(m, context.n_history), context.pairs)
     if interact(context):
         restore(m, tile)
     for i in range(FREEDOMS):
