@@ -31,8 +31,8 @@ from thirdbody.kernels.implicit.accept_step import unbooked_energy
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
-from thirdbody.kernels.implicit.jacobian import cross
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
+from thirdbody.kernels.implicit.vector_algebra import cross
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed

@@ -45,6 +45,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import padded
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.interaction_jacobian import add_interaction
+from thirdbody.kernels.implicit.planar_jacobian import add_planar_contact
 from thirdbody.kernels.implicit.residual import (
     closed_fraction,
     contact_force,
@@ -55,6 +56,7 @@ from thirdbody.kernels.implicit.residual import (
     inertia_of,
     vector_at,
 )
+from thirdbody.kernels.implicit.vector_algebra import cross, dot, product
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.rough_plates import update_by
@@ -114,26 +116,6 @@ class Column(NamedTuple):
     """w x a"""
     spin: Vector
     """w along the normal and the axes."""
-
-
-@njit(**BARE)
-def cross(a, b):
-    """Return the cross product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(**BARE)
-def dot(a, b):
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(**BARE)
-def product(tensor, v):
-    """Return the product of a symmetric tensor (xx, yy, zz, xy, xz, yz) and a vector."""
-    xx, yy, zz, xy, xz, yz = tensor
-    x, y, z = v
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @njit(**BARE)
@@ -293,6 +275,9 @@ def twist_tangent_at(q, fraction, K):
 @njit(**BARE)
 def add_contact(contact, curved, J):
     """Add a contact to J (rotations in rad). `curved`: as `is_curved`; a constant, so that planes cost nothing."""
+    if not (curved or contact.rolling):
+        add_planar_contact(contact, J)
+        return
     n, e, g = contact.frame
     x, y, z = contact.centre
     rn, re, rg = cross(contact.point, n), cross(contact.point, e), cross(contact.point, g)

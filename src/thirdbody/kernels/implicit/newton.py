@@ -26,7 +26,7 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian, dot
+from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.residual import (
     MAX_ROTATION,
     active_contacts,
@@ -35,6 +35,7 @@ from thirdbody.kernels.implicit.residual import (
     residual,
     set_configuration,
 )
+from thirdbody.kernels.implicit.vector_algebra import dot
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6

@@ -23,7 +23,6 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
 from thirdbody.kernels.implicit.island_bundles import pair_tile, tile_count
-from thirdbody.kernels.implicit.jacobian import cross, dot
 from thirdbody.kernels.implicit.newton import AT_LIMIT, BACK, OVERLAP_GROWTH
 from thirdbody.kernels.implicit.residual import (
     closed_fraction,
@@ -35,6 +34,7 @@ from thirdbody.kernels.implicit.residual import (
     scale_slip,
     vector_at,
 )
+from thirdbody.kernels.implicit.vector_algebra import cross, dot
 from thirdbody.kernels.periodic import image
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments
 

@@ -29,8 +29,6 @@ from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, spac
 from thirdbody.kernels.implicit.jacobian import (
     NO_TANGENT,
     assemble_jacobian,
-    cross,
-    dot,
     rolling_tangent_at,
     tangent_at,
     tangents_at,
@@ -38,6 +36,7 @@ from thirdbody.kernels.implicit.jacobian import (
 )
 from thirdbody.kernels.implicit.pair_contacts import arm_of, closed_part, ends_of, partner_point
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, frame_of, vector_at
+from thirdbody.kernels.implicit.vector_algebra import cross, dot, scaled_sum
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 
 Vector = tuple[float, float, float]
@@ -98,12 +97,6 @@ def unit(c):
     """Return the displacement and the rotation for a change of coordinate c of a body."""
     u = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
     return u, (1.0 if c == 3 else 0.0, 1.0 if c == 4 else 0.0, 1.0 if c == 5 else 0.0)
-
-
-@njit(**BARE)
-def scaled_sum(a, x, b, y, c, z):
-    """Return a x + b y + c z of vectors."""
-    return a * x[0] + b * y[0] + c * z[0], a * x[1] + b * y[1] + c * z[1], a * x[2] + b * y[2] + c * z[2]
 
 
 @njit(**BARE_CHUNK)
