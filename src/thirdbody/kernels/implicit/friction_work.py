@@ -18,6 +18,7 @@ from thirdbody.kernels.columns import (
     law_input,
     law_output,
     rolling_input,
+    run_totals,
     sphere,
     step_memory,
     step_settings,
@@ -161,7 +162,14 @@ def work_error(context, active, m, motion, space):
     if context.force < 0:
         return 0.0
     error = work_error_of_plates(context, active, m, motion, space)
-    return error / max(context.settings[step_settings.WORK] * energy_scale(context, active, m, space), 1e-300)
+    return error / max(allowed_fraction(context, active) * energy_scale(context, active, m, space), 1e-300)
+
+
+@njit(**BARE)
+def allowed_fraction(context, active):
+    """Return the error of the friction work allowed in a step that begins now, over the scale of energy."""
+    V, now = context.settings, active.totals[run_totals.TIME]
+    return V[step_settings.WORK_OF_SETTLING] if now < V[step_settings.SETTLED] else V[step_settings.WORK]
 
 
 @njit(**BARE)
