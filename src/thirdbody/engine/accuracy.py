@@ -10,8 +10,8 @@ class Accuracy:
 
     `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
     `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved; `settle`: time [s] until which the
-    plates only press, where the friction work may be less exact.
+    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved; `settle`: time [s] until which
+    the plates only press, where the friction work may be less exact.
     """
 
     tolerance: float = 5e-4

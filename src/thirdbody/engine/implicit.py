@@ -71,8 +71,8 @@ difference between the work of the mean force and of the force at the end overes
 friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
 
 WORK_OF_SETTLING = 80.0
-"""At least WORK until the debris has settled, when the plates only press: what rubs by nanometres then is forgotten within some ten
-nanometres of drag, and would take a third of all steps of 100 um (`tests/theory/test_friction_work_of_settling.py`)."""
+"""At least WORK until the debris has settled, when the plates only press: what rubs by nanometres then is forgotten within
+some ten nanometres of drag, and would take a third of all steps of 100 um (`tests/theory/test_friction_work_of_settling.py`)."""
 
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
