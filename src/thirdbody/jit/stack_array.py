@@ -3,39 +3,44 @@
 `numpy.empty` takes memory from the heap and counts references: 60 ns, as long as a law takes for two contacts.
 """
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
-
-_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument
+from numba.extending import lower_builtin, type_callable
 
 
-@_intrinsic(prefer_literal=True)
-def stack_array(typing: Any, size: Any) -> Any:
-    """stack_array(size): an array (size,) of float64 with undefined contents; `size`: a literal.
+def stack_array(size: int) -> np.ndarray:
+    """Return an array (size,) of float64 with undefined contents; in compiled functions `size` is a literal.
 
-    It must not leave the function that calls this one.
+    There it must not leave the function that calls this one.
     """
-    if not isinstance(size, types.IntegerLiteral):
-        return None
-    count = size.literal_value
+    return np.empty(size)
 
-    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = sig.return_type
-        with builder.goto_entry_block():  # one place however often it is reached; `cgutils.alloca_once` would fill it with zeros
-            storage = builder.alloca(ir.ArrayType(ir.DoubleType(), count))
-        storage.align = 64
-        array = context.make_array(kind)(context, builder)
-        context.populate_array(
-            array,
-            data=builder.bitcast(storage, ir.DoubleType().as_pointer()),
-            shape=(context.get_constant(types.intp, count),),
-            strides=(context.get_constant(types.intp, 8),),
-            itemsize=context.get_constant(types.intp, 8),
-            meminfo=None,
-        )
-        return array._getvalue()
 
-    return types.Array(types.float64, 1, "C")(size), make
+@type_callable(stack_array)
+def _typer(_context: Any) -> Callable:
+    def typer(size: Any) -> Any:
+        return types.Array(types.float64, 1, "C") if isinstance(size, types.IntegerLiteral) else None
+
+    return typer
+
+
+@lower_builtin(stack_array, types.IntegerLiteral)
+def _lower(context: Any, builder: Any, sig: Any, _args: Any) -> Any:
+    count = sig.args[0].literal_value
+    with builder.goto_entry_block():  # one place however often it is reached; `cgutils.alloca_once` would fill it with zeros
+        storage = builder.alloca(ir.ArrayType(ir.DoubleType(), count))
+    storage.align = 64
+    array = context.make_array(sig.return_type)(context, builder)
+    context.populate_array(
+        array,
+        data=builder.bitcast(storage, ir.DoubleType().as_pointer()),
+        shape=(context.get_constant(types.intp, count),),
+        strides=(context.get_constant(types.intp, 8),),
+        itemsize=context.get_constant(types.intp, 8),
+        meminfo=None,
+    )
+    return array._getvalue()
