@@ -52,23 +52,23 @@ def add_planar_contact(contact, J):
     """Add a contact without moments, whose normal does not turn, to J (rotations in rad)."""
     n, r, f, a = contact.frame[0], contact.point, contact.force, contact.centre
     A = stiffness_of(contact)
-    by_turn = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
+    force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
     x, y, z = cross(n, f)
-    p, held = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
-    moved, turned = moment_rows(r, A, p, n), moment_rows(r, by_turn, p, cross(r, n))
+    p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
+    torque_by_displacement, torque_by_rotation = moment_rows(r, A, p, n), moment_rows(r, force_by_rotation, p, cross(r, n))
     add_block(0, 0, A, J)
-    add_block(0, 3, by_turn, J)
-    add_block(3, 0, moved, J)
-    add_block(3, 3, turned, J)
+    add_block(0, 3, force_by_rotation, J)
+    add_block(3, 0, torque_by_displacement, J)
+    add_block(3, 3, torque_by_rotation, J)
     for i in range(3):
         for k in range(3):
             J[3 + i, 3 + k] += a[i] * f[k]
-        J[3 + i, 3 + i] -= held
+        J[3 + i, 3 + i] -= along_arm
     if contact.upper:
         # the patch rises: the body moves down relative to it, and the opposite force acts on it
         for i in range(3):
             J[i, 6] -= A[i][2]
-            J[3 + i, 6] -= moved[i][2]
+            J[3 + i, 6] -= torque_by_displacement[i][2]
             J[6, i] -= A[2][i]
-            J[6, 3 + i] -= by_turn[2][i]
+            J[6, 3 + i] -= force_by_rotation[2][i]
         J[6, 6] += A[2][2]
