@@ -12,6 +12,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.columns import height_field, surface_contact
 from thirdbody.kernels.height_field import jet_at, rounded_jet, within_period
+from thirdbody.kernels.implicit.vector_algebra import cross
 
 STEP = 1e-4
 """Length of the differences, in units of a cell."""
@@ -33,12 +34,6 @@ def gradient_above(field, p_x, p_y, distance, radius):
 def difference(a, b):
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(**BARE)
-def cross(a, b):
-    """Return the cross product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(**BARE_CHUNK)

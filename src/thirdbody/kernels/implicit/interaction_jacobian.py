@@ -15,17 +15,12 @@ from thirdbody.kernels.columns import contact_tangent, geometry, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
+from thirdbody.kernels.implicit.vector_algebra import cross
 from thirdbody.kernels.predicates import is_lower, is_upper
 from thirdbody.kernels.spot_loads import NEAR, SWEEPS
 
 ACCURACY = 1e-9
 """Change of a relieved strain over the largest that ends the sweeps: of a tangent, not of a force."""
-
-
-@njit(**BARE)
-def cross(a, b):
-    """Return the cross product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(**BARE)

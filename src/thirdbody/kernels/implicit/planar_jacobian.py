@@ -16,7 +16,7 @@ from thirdbody.kernels.implicit.vector_algebra import cross, dot, scaled_sum
 
 
 @njit(**BARE)
-def stiffness_of(contact):
+def force_tensor(contact):
     """Return the rows of A [N/m]: change of the force with the displacement of the surface."""
     (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
     t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
@@ -51,7 +51,7 @@ def add_block(row, column, rows, J):
 def add_planar_contact(contact, J):
     """Add a contact without moments, whose normal does not turn, to J (rotations in rad)."""
     n, r, f, a = contact.frame[0], contact.point, contact.force, contact.centre
-    A = stiffness_of(contact)
+    A = force_tensor(contact)
     force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
     x, y, z = cross(n, f)
     p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
