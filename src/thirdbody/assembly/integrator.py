@@ -226,7 +226,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     solver = scene.solver
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    chosen = Accuracy(**options, skip_unsolved=solver.on_failure == "continue", settle=upper.settle)
+    chosen = Accuracy(**options, skip_unsolved=solver.on_failure == "continue")
     smallest = float(np.min(state.spheres.radius))
     built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     built.start()

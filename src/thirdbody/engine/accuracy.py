@@ -10,8 +10,7 @@ class Accuracy:
 
     `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
     `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
-    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved; `settle`: time [s] until which
-    the plates only press, where the friction work may be less exact.
+    their momentum; `skip_unsolved`: whether a run continues without bodies that cannot be solved.
     """
 
     tolerance: float = 5e-4
@@ -20,4 +19,3 @@ class Accuracy:
     growth: float = 2.0
     inertia: bool = True
     skip_unsolved: bool = False
-    settle: float = 0.0

@@ -62,17 +62,13 @@ measured; minimum trial steps of each body in a call."""
 FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step and of the shortest trial step, in Rayleigh times."""
 
-WORK = 5.0
+WORK = 3.3
 """Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`friction_work`)."""
 
 WORK_OF_SPRINGS = 80.0
 """WORK for laws that keep a field of springs (`mdr`, `exact`): the dissipation of each spring is exact in a step, so the
 difference between the work of the mean force and of the force at the end overestimates the error. Of 20 rolling bodies the
 friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
-
-WORK_OF_SETTLING = 80.0
-"""At least WORK until the debris has settled, when the plates only press: what rubs by nanometres then is forgotten within
-some ten nanometres of drag, and would take a third of all steps of 100 um (`tests/theory/test_friction_work_of_settling.py`)."""
 
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
@@ -140,10 +136,7 @@ class Implicit:
         V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
         V[step_settings.EXPECTED_OVERLAP], V[step_settings.GROWTH] = overlap, chosen.growth
         springs = any(name.endswith(".field[0]") for name in self.state.physics.history)
-        work = WORK_OF_SPRINGS if springs else WORK
-        V[step_settings.WORK] = work * chosen.tolerance
-        V[step_settings.WORK_OF_SETTLING] = max(work, WORK_OF_SETTLING) * chosen.tolerance
-        V[step_settings.SETTLED] = chosen.settle
+        V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * chosen.tolerance
         return V
 
     def start(self) -> None:

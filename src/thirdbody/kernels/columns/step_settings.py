@@ -12,6 +12,4 @@ EXPECTED_OVERLAP = table.scalar("expected_overlap", "m", "overlap to expect")
 GROWTH = table.scalar("growth", "", "largest ratio of a step to the last one")
 RADII = table.scalar("radii", "", "longest drag of a step over the radius of the largest contact")
 WORK = table.scalar("work", "", "error of a step in the friction work, in parts of the energies in play")
-WORK_OF_SETTLING = table.scalar("work_of_settling", "", "the same until `settled`")
-SETTLED = table.scalar("settled", "s", "time until which the plates only press")
 WIDTH = table.width

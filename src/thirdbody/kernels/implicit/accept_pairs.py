@@ -19,6 +19,7 @@ from thirdbody.kernels.columns import (
     run_totals,
     sphere,
     step_memory,
+    step_settings,
     step_start,
 )
 from thirdbody.kernels.columns.tile import TILE
@@ -28,14 +29,7 @@ from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
-from thirdbody.kernels.implicit.friction_work import (
-    FLOOR,
-    allowed_fraction,
-    contact_difference,
-    contact_energy,
-    energy_scale,
-    work_error_of_plates,
-)
+from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
 from thirdbody.kernels.implicit.vector_algebra import cross
@@ -97,7 +91,7 @@ def work_error_of_island(context, island, m, motion, pool):
         active, space = active_at(a, context, island), space_at(a, pool)
         error = work_error_of_plates(context, active, pool.counts[a], motion, space) + pool.errors[a, 0]
         scale = energy_scale(context, active, pool.counts[a], space) + FLOOR * pool.errors[a, 1]
-        largest = max(largest, error / max(allowed_fraction(context, active) * scale, 1e-300))
+        largest = max(largest, error / max(context.settings[step_settings.WORK] * scale, 1e-300))
     return largest
 
 

@@ -18,7 +18,6 @@ from thirdbody.kernels.columns import (
     law_input,
     law_output,
     rolling_input,
-    run_totals,
     sphere,
     step_memory,
     step_settings,
@@ -162,27 +161,20 @@ def work_error(context, active, m, motion, space):
     if context.force < 0:
         return 0.0
     error = work_error_of_plates(context, active, m, motion, space)
-    return error / max(allowed_fraction(context, active) * energy_scale(context, active, m, space), 1e-300)
-
-
-@njit(**BARE)
-def allowed_fraction(context, active):
-    """Return the error of the friction work allowed in a step that begins now, over the scale of energy."""
-    V, now = context.settings, active.totals[run_totals.TIME]
-    return V[step_settings.WORK_OF_SETTLING] if now < V[step_settings.SETTLED] else V[step_settings.WORK]
+    return error / max(context.settings[step_settings.WORK] * energy_scale(context, active, m, space), 1e-300)
 
 
 @njit(**BARE)
 def energy_scale(context, active, m, space):
     """Return the scale of energy [J] for errors of the friction work of a body.
 
-    It is its friction work so far, plus FLOOR times its kinetic energy and the energy that its contacts can store (largest so
-    far: step_memory.MAX_ENERGY [J]).
+    It is its friction work so far, plus its kinetic energy, which settling will still dissipate, plus FLOOR times the energy that
+    its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
     """
     b, B = active.number, context.B
     stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
     friction = friction_work_of(b, B, context.E, context.loss_column)
-    return friction + FLOOR * (stored + kinetic_energy(b, B, active.start[step_start.ARM]))
+    return friction + kinetic_energy(b, B, active.start[step_start.ARM]) + FLOOR * stored
 
 
 @njit(**BARE)
