@@ -21,8 +21,6 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from thirdbody.plugin import (
     RENEWAL,
     Law,
@@ -36,12 +34,16 @@ from thirdbody.plugin import (
     moved_ground,
     renewal_rate,
     renewed,
+    stack_array,
 )
 
 from .mdr_rolling import carried_weights, carry_outward, copy_rows, from_next_cell
 from .mdr_tangent import tangent_of_springs
 from .numerical_tangent import helper
-from .spring_grid import cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
+from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
+
+SCRATCH = 6 * MAX_SPRINGS + 2
+"""Floats of scratch for a step."""
 
 
 class SpringParameters(NamedTuple):
@@ -149,7 +151,7 @@ def springs(c, load, p, h, w, w_new):
     if before <= 0.0:
         merges = merges_for(c.overlap, n, c.radius)
     spacing, wide = cells_of(merges, n, c.radius)
-    scratch = np.empty(6 * n + 2)
+    scratch = stack_array(SCRATCH)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
@@ -224,7 +226,10 @@ MDR = Law(
     tangent=springs_tangent,
     parameters=SpringParameters,
     mix=mix_springs,
-    options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, a whole number"), RENEWAL),
+    options=(
+        Option("springs", "dimensionless", 32.0, low=4.0, high=float(MAX_SPRINGS), doc="springs per contact, a whole number"),
+        RENEWAL,
+    ),
     history=("overlap", "merges", "force_x", "force_y", "offset_x", "offset_y", "reach"),
     field=width,
     rolls=True,

@@ -11,14 +11,18 @@ so this contributes nothing.
 import math
 from typing import NamedTuple
 
-import numpy as np
+from thirdbody.plugin import stack_array
 
 from .mdr_rolling import carried_rate, carried_weights, carry_outward, copy_rows, from_next_cell
 from .numerical_tangent import helper
-from .spring_grid import cells_of, end_of, mean_gap, merge, width_of
+from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, width_of
 
 ROWS = 8
 """Rows of n springs: x, y, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y, dx/dd, dy/dd."""
+
+
+SCRATCH = (ROWS + 2) * MAX_SPRINGS + 2
+"""Floats of scratch for a tangent."""
 
 
 class RolledRate(NamedTuple):
@@ -107,7 +111,9 @@ def tangent_of_springs(c, load, p, start, w):
     # the renewal of a given travel goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.retained) / renewal.fill
     grid = (n, wide, spacing * spacing / c.radius)
-    rows = np.zeros((ROWS + 2) * n + 2)
+    rows = stack_array(SCRATCH)
+    for i in range(ROWS * n):
+        rows[i] = 0.0
     retained_rate = 0.5 * exponent * renewal.retained / c.overlap
     roll = load_rows(w, rows, grid, max(before, c.overlap), renewal.retained, retained_rate)
     fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.retained) / c.overlap, before

@@ -1,5 +1,7 @@
 """Update of the labeller's memory of a body. The rules are described in `classify`."""
 
+import math
+
 from numba import njit
 
 from thirdbody.plugin import loaded_contact, observed_body
@@ -36,6 +38,7 @@ from .support_geometry import (
     Triple,
     contact_travel,
     drag,
+    has_rotated,
     helper,
     length,
     rotation_since,
@@ -47,6 +50,7 @@ WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
 MIN_TRAVEL = 0.02  # contact radii
 MAX_WINDOW_ROTATION = 1.0  # rad
+COSINE = math.cos(0.5 * MAX_WINDOW_ROTATION)
 REST_SPAN = 50.0
 
 
@@ -219,16 +223,14 @@ def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
-        rotation = rotation_since(observed, m, REFERENCE)
-        rotation_size = max(length(rotation[0], rotation[1], rotation[2]), m[FREE_ROTATION])
-        closes = m[TRAVEL] >= WINDOW * pose[1] or rotation_size > MAX_WINDOW_ROTATION
+        rotated = m[FREE_ROTATION] > MAX_WINDOW_ROTATION or has_rotated(observed, m, REFERENCE, COSINE)
+        closes = m[TRAVEL] >= WINDOW * pose[1] or rotated
         if ends or closes:
-            finish_window(C, n, observed, m, pose, rotation, not ends)
+            finish_window(C, n, observed, m, pose, rotation_since(observed, m, REFERENCE), not ends)
     if first or ends or closes:
         store_orientation(observed, m, REFERENCE)
         m[TRAVEL] = m[LIFTED] = m[FREE_ROTATION] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, loaded_contact.SLIP]
-    rotation = rotation_since(observed, m, CHANGE)
-    if landed or ends or length(rotation[0], rotation[1], rotation[2]) > MAX_WINDOW_ROTATION:
+    if landed or ends or has_rotated(observed, m, CHANGE, COSINE):
         anchor_change(observed, m)

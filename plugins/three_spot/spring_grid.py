@@ -9,6 +9,8 @@ import math
 
 from thirdbody.plugin import helper
 
+MAX_SPRINGS = 512
+"""Largest number of springs of a contact."""
 FIRST = 2.0**-20
 """Half width of the smallest grid over the radius of curvature: an overlap of 1e-12 of it."""
 DOUBLINGS = 50

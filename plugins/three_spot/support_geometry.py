@@ -125,6 +125,15 @@ def rotation_since(observed: Array, m: Array, k: int) -> Triple:
 
 
 @helper
+def has_rotated(observed: Array, m: Array, k: int, cosine: float) -> bool:
+    """Return whether the body has rotated farther since the orientation stored at m[k:k+4]; `cosine`: of half the angle."""
+    product = 0.0
+    for i in range(4):
+        product += observed[observed_body.QUATERNION + i] * m[k + i]
+    return abs(product) < cosine
+
+
+@helper
 def split(rotation: Triple, nx: float, ny: float, nz: float) -> tuple[float, float]:
     """Rotation about in-plane axes and about the normal, both as magnitudes [rad]."""
     about = rotation[0] * nx + rotation[1] * ny + rotation[2] * nz

@@ -23,6 +23,7 @@ from thirdbody.engine.relaxation import from_first_touch, in_present_posture, re
 from thirdbody.engine.static_contacts import Contacts
 from thirdbody.engine.static_labels import StaticLabels
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
+from thirdbody.jit.stack_array import stack_array
 from thirdbody.kernels.columns import loaded_contact, observed_body
 from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FORECAST
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
@@ -144,6 +145,7 @@ __all__ = [
     "renewal_rate",
     "renewed",
     "seat",
+    "stack_array",
     "wrongs_of",
     "yield_limit",
 ]

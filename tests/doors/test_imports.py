@@ -56,7 +56,7 @@ INNER = {
 ROOT_MODULES = {
     "__init__": {"errors", "report", "runner", "scene", "studies", "trajectory"},
     "__main__": {"cli"},
-    "plugin": {"bodies", "engine", "errors", "kernels", "laws", "scene", "units"},
+    "plugin": {"bodies", "engine", "errors", "jit", "kernels", "laws", "scene", "units"},
     "errors": set(),
     "dimensions": set(),
     "palette": set(),

@@ -50,7 +50,7 @@ def test_friction_work_of_bodies_that_roll(level):
     the error of the place chooses get it wrong by a quarter in the median, by more than a half at worst."""
     errors = errors_of_rolling(contact__level=level)
     assert len(errors) >= 12
-    # wanted of default settings (mindlin 1.1 and 10 %, mdr 0.5 and 6 %); a tenfold tolerance of the fine steps changes those of
+    # wanted of default settings (mindlin 1.2 and 9 %, mdr 0.5 and 6 %); a tenfold tolerance of the fine steps changes those of
     # mindlin by 0.14 and 1 %
     assert np.median(errors) < 0.03
     assert np.max(errors) < 0.1

@@ -62,7 +62,7 @@ measured; minimum trial steps of each body in a call."""
 FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step and of the shortest trial step, in Rayleigh times."""
 
-WORK = 3.3
+WORK = 4.0
 """Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`friction_work`)."""
 
 WORK_OF_SPRINGS = 80.0

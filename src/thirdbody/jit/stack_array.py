@@ -13,9 +13,17 @@ from numba.extending import lower_builtin, type_callable
 
 
 def stack_array(size: int) -> np.ndarray:
-    """Return an array (size,) of float64 with undefined contents; in compiled functions `size` is a literal.
+    """Return an array for scratch, on the stack of a compiled function.
 
-    There it must not leave the function that calls this one.
+    Parameters
+    ----------
+    size : int
+        Number of elements; in compiled functions a literal or a constant of the module.
+
+    Returns
+    -------
+    numpy.ndarray
+        (size,) float64, of undefined contents. In compiled code it must not leave the function that calls this one.
     """
     return np.empty(size)
 

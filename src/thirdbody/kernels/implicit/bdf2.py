@@ -17,7 +17,7 @@ from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
 from thirdbody.kernels.implicit.newton import Outcome, newton
-from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
+from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
     NEARLY,
@@ -144,6 +144,7 @@ def advance_bodies(low, high, until, tries, packed):
     for b in range(low, high):
         active = ActiveBody(b, context.patch[b], start, context.memory[b], context.totals[b])
         last = active.memory[step_memory.TRIES] + tries
+        measure_arm(context, active)
         while (
             active.memory[step_memory.CODE] == Stop.NONE.value
             and active.totals[run_totals.TIME] < until

@@ -22,6 +22,7 @@ from thirdbody.kernels.implicit.residual import (
     active_contacts,
     contact_force,
     gradient_force,
+    measure_arm,
     residual,
     save_start,
     set_configuration,
@@ -112,6 +113,7 @@ def begin_body(context, active, first_iteration, displacement, motion, space):
     """Set the start of the step of a body, or the end of the last iteration, and the plate's rise in its coordinates."""
     y, P, Z = space.y, context.P, active.start
     if first_iteration:
+        measure_arm(context, active)
         save_start(context, active)
     copy_start(context, active.number, first_iteration, space)
     if first_iteration:

@@ -147,12 +147,13 @@ def moment_work(q, context, tile):
 
 
 @njit(**BARE)
-def kinetic_energy(b, B, arm):
-    """Return the approximate kinetic energy [J] of body b; `arm` [m]: radius of gyration used."""
-    total = 0.0
+def kinetic_energies(b, B, arm):
+    """Return the kinetic energy of translation, and roughly that of rotation [J]; `arm` [m]: radius of gyration used."""
+    translation, rotation = 0.0, 0.0
     for k in range(3):
-        total += B[b, body.VELOCITY + k] ** 2 + (arm * B[b, body.SPIN + k]) ** 2
-    return 0.5 * B[b, body.MASS] * total
+        translation += B[b, body.VELOCITY + k] ** 2
+        rotation += (arm * B[b, body.SPIN + k]) ** 2
+    return 0.5 * B[b, body.MASS] * translation, 0.5 * B[b, body.MASS] * rotation
 
 
 @njit(**BARE)
@@ -168,13 +169,15 @@ def work_error(context, active, m, motion, space):
 def energy_scale(context, active, m, space):
     """Return the scale of energy [J] for errors of the friction work of a body.
 
-    It is its friction work so far, plus its kinetic energy, which settling will still dissipate, plus FLOOR times the energy that
-    its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
+    It is its friction work so far, plus its kinetic energy of translation, which impacts dissipate, plus FLOOR times that of
+    rotation, which friction alone dissipates, and the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY
+    [J]).
     """
     b, B = active.number, context.B
     stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
     friction = friction_work_of(b, B, context.E, context.loss_column)
-    return friction + kinetic_energy(b, B, active.start[step_start.ARM]) + FLOOR * stored
+    translation, rotation = kinetic_energies(b, B, active.start[step_start.ARM])
+    return friction + translation + FLOOR * (stored + rotation)
 
 
 @njit(**BARE)

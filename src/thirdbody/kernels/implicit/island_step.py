@@ -20,7 +20,7 @@ from thirdbody.kernels.implicit.island_bundles import Island, active_at, make_po
 from thirdbody.kernels.implicit.island_newton import newton_of_island
 from thirdbody.kernels.implicit.newton import Outcome
 from thirdbody.kernels.implicit.pair_contacts import pair_lands, save_pair_overlaps, turn_of_normals
-from thirdbody.kernels.implicit.residual import MAX_ROTATION, save_start
+from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.step_control import (
     EASY,
     NEARLY,
@@ -46,6 +46,7 @@ from thirdbody.kernels.periodic import box_of
 def save_starts(context, island, pool):
     """Save the state of all bodies and the overlaps of their candidates at the start of a step."""
     for a in range(island.bodies.shape[0]):
+        measure_arm(context, active_at(a, context, island))
         save_start(context, active_at(a, context, island))
         initial_overlaps(island.bodies[a], context, pool.before[a])
     save_pair_overlaps(context, island)

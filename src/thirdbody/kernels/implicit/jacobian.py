@@ -37,6 +37,7 @@ from thirdbody.kernels.columns import (
     law_input,
     law_output,
     patch,
+    rolling_output,
     sphere,
     step_start,
     surface_contact,
@@ -125,6 +126,7 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
     A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
     p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
+    give_springs(m, context, tile)
     if interact(context):
         relieve(m, tile)
     tangents_at(context.tangents)(tile.inputs, tile.tangents, padded(m, context.n_history), context.pairs)
@@ -151,6 +153,20 @@ def assemble_jacobian(context, active, m, dt, coupled, space):
         rate = Z[step_start.NOW] / dt
         square = Z[step_start.MASS_FRACTION] * rate * rate
         J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.TETHER_STIFFNESS]
+
+
+@njit(**BARE)
+def give_springs(m, context, tile):
+    """Give the tangents the spring that the law has answered: a law with a field is not evaluated twice."""
+    if context.dashpots < 0:
+        return
+    O, K = tile.outputs, tile.tangents  # noqa: E741
+    behind = (law_output.HISTORY + context.n_history) * TILE
+    for q in range(m):
+        total, damped = law_output.TANGENTIAL_X * TILE + q, behind + rolling_output.VISCOUS_X * TILE + q
+        K[contact_tangent.SPRING_X * TILE + q] = O[total] - O[damped]
+        K[contact_tangent.SPRING_Y * TILE + q] = O[total + TILE] - O[damped + TILE]
+        K[contact_tangent.SPRING_LIMIT * TILE + q] = O[law_output.FRICTION_LIMIT * TILE + q]
 
 
 @njit(**BARE_CHUNK)

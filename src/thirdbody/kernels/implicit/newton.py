@@ -81,6 +81,7 @@ class Outcome(IntEnum):
 def factorise(J, pivots, n):
     """Overwrite J (n, n) with its triangular factors (Gaussian elimination with row pivots); False if J is singular.
 
+    The diagonal of the upper factor is stored inverted.
     Not `numpy.linalg.solve`, which allocates, calls LAPACK for six or seven unknowns, and raises for a singular matrix.
     """
     for c in range(n):
@@ -92,9 +93,10 @@ def factorise(J, pivots, n):
             return False
         pivots[c] = row
         if row != c:
-            for j in range(c, n):
+            for j in range(n):
                 J[c, j], J[row, j] = J[row, j], J[c, j]
         inverse = 1.0 / J[c, c]
+        J[c, c] = inverse
         for i in range(c + 1, n):
             factor = J[i, c] * inverse
             J[i, c] = factor
@@ -104,19 +106,23 @@ def factorise(J, pivots, n):
     return True
 
 
-@njit(**BARE_CHUNK)
+@njit(**BARE)
 def substitute(J, pivots, r, n):
-    """Overwrite r with the solution x of A x = -r, where J and `pivots` are the factors of A (`factorise`)."""
+    """Overwrite r with the solution x of A x = -r, where J and `pivots` are the factors of A (`factorise`).
+
+    Column by column, so that the sums of all rows advance side by side; `n` is a constant where this is inlined.
+    """
     for c in range(n):
         row = pivots[c]
         r[c], r[row] = r[row], r[c]
+    for c in range(n):
         for i in range(c + 1, n):
             r[i] -= J[i, c] * r[c]
     for c in range(n - 1, -1, -1):
-        x = r[c]
-        for j in range(c + 1, n):
-            x += J[c, j] * r[j]
-        r[c] = -x / J[c, c]
+        x = -r[c] * J[c, c]
+        r[c] = x
+        for i in range(c):
+            r[i] += J[i, c] * x
 
 
 @njit(**BARE)

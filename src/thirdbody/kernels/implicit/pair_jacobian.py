@@ -29,6 +29,7 @@ from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, spac
 from thirdbody.kernels.implicit.jacobian import (
     NO_TANGENT,
     assemble_jacobian,
+    give_springs,
     rolling_tangent_at,
     tangent_at,
     tangents_at,
@@ -161,6 +162,7 @@ def assemble_island(context, island, m, dt, coupled, pool):
                 J[entry(first + i, first + j, half_width)] = space.jacobian[i, j]
     for t in range((m + TILE - 1) // TILE):
         n, slots, tile = tile_count(t, m), pool.pair_slots[t], pair_tile(t, pool)
+        give_springs(n, context, tile)
         tangents_at(context.tangents)(tile.inputs, tile.tangents, n, context.pairs)
         for q in range(n):
             contact = pair_contact(q, slots[q], dt, context, island, tile)

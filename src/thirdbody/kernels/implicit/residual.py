@@ -53,6 +53,16 @@ MAX_ROTATION = 0.05
 """Largest rotation in a step [rad]: slip is computed for rotation about one fixed axis."""
 
 
+@njit(**BARE)
+def measure_arm(context, active):
+    """Store the distance of the farthest point of the body from its centre of mass: it holds for all its steps."""
+    b, radius, offsets = active.number, 0.0, context.offsets
+    for s in range(context.start[b], context.start[b + 1]):
+        square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
+        radius = max(radius, math.sqrt(square) + context.S[s, sphere.RADIUS])
+    active.start[step_start.ARM] = radius
+
+
 @njit(**BARE_CHUNK)
 def save_start(context, active):
     """Save the state of the body and its patch at the start of a step."""
@@ -70,11 +80,6 @@ def save_start(context, active):
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
     for k in range(2):
         Z[step_start.PATCH_DISPLACEMENT + k] = P[p, patch.DISPLACEMENT + k]
-    radius, offsets = 0.0, context.offsets
-    for s in range(context.start[b], context.start[b + 1]):
-        square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
-        radius = max(radius, math.sqrt(square) + context.S[s, sphere.RADIUS])
-    Z[step_start.ARM] = radius
 
 
 @njit(**BARE)

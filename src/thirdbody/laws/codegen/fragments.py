@@ -24,7 +24,7 @@ from thirdbody.laws.codegen.module_cache import as_kernel
 def tuples_for(chain: Sequence[Law]) -> str:
     """Names of the tuples that a module imports: `Twist` only where a law receives it."""
     twist = "Twist, " if any(law.stage == "twisting" for law in chain) else ""
-    return f"Adhesion, Body, Contact, Load, Normal, Turn, {twist}Wrench"
+    return f"Adhesion, Body, Contact, Load, Normal, Tangential, Turn, {twist}Wrench"
 
 
 def field_names(parameters: Any) -> tuple[str, ...]:
