@@ -50,7 +50,7 @@ WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
 MIN_TRAVEL = 0.02  # contact radii
 MAX_WINDOW_ROTATION = 1.0  # rad
-COSINE = math.cos(0.5 * MAX_WINDOW_ROTATION)
+COSINE = math.cos(0.5 * MAX_WINDOW_ROTATION)  # of half of it
 REST_SPAN = 50.0
 
 

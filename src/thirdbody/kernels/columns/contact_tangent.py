@@ -19,6 +19,5 @@ ROLLING_WIDTH = table.width
 SPRING_X = table.scalar("spring_x", "N", "force of the spring x, from what the law has answered; read by laws with a field only")
 SPRING_Y = table.scalar("spring_y", "N", "the same y")
 SPRING_LIMIT = table.scalar("spring_limit", "N", "its friction limit")
-SPRING_WIDTH = table.width
 RELIEVED, RELIEVED7 = table.vector("relieved", 7, "", "scratch of interacting spots: relieved overlap by the coordinates")
 SPOTS_WIDTH = table.width
