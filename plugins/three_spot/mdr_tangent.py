@@ -20,7 +20,6 @@ from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, width_o
 ROWS = 8
 """Rows of n springs: x, y, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y, dx/dd, dy/dd."""
 
-
 SCRATCH = (ROWS + 2) * MAX_SPRINGS + 2
 """Floats of scratch for a tangent."""
 

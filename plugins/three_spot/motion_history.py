@@ -50,7 +50,7 @@ WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
 MIN_TRAVEL = 0.02  # contact radii
 MAX_WINDOW_ROTATION = 1.0  # rad
-COSINE = math.cos(0.5 * MAX_WINDOW_ROTATION)  # of half of it
+COSINE_OF_HALF = math.cos(0.5 * MAX_WINDOW_ROTATION)
 REST_SPAN = 50.0
 
 
@@ -223,7 +223,7 @@ def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
-        rotated = m[FREE_ROTATION] > MAX_WINDOW_ROTATION or has_rotated(observed, m, REFERENCE, COSINE)
+        rotated = m[FREE_ROTATION] > MAX_WINDOW_ROTATION or has_rotated(observed, m, REFERENCE, COSINE_OF_HALF)
         closes = m[TRAVEL] >= WINDOW * pose[1] or rotated
         if ends or closes:
             finish_window(C, n, observed, m, pose, rotation_since(observed, m, REFERENCE), not ends)
@@ -232,5 +232,5 @@ def update_history(C: Array, n: int, observed: Array, m: Array) -> None:
         m[TRAVEL] = m[LIFTED] = m[FREE_ROTATION] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, loaded_contact.SLIP]
-    if landed or ends or has_rotated(observed, m, CHANGE, COSINE):
+    if landed or ends or has_rotated(observed, m, CHANGE, COSINE_OF_HALF):
         anchor_change(observed, m)
