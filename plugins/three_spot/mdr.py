@@ -84,7 +84,7 @@ class Rolled(NamedTuple):
     slip_y: float
 
 
-@helper
+@kernel
 def segment(rows, grid, path, slip, bound, roll, scratch):
     """Advance the springs along one straight piece of the path.
 
@@ -170,19 +170,21 @@ def springs(c, load, p, h, w, w_new):
         start = 0.0
         copy_rows(w, n, scratch, 4 * n)
     rows, roll = (w, w_new), Rolled(lost, last, mean, mixed, renewal.own, c.slip_x, c.slip_y)
-    while c.overlap > end:
-        part = (end - done) / (c.overlap - before)
-        heat, _, middle, total = segment(rows, grid, (done, end), (part * slip_x, part * slip_y), bound, roll, scratch)
+    while True:  # one call of `segment`, which is inlined
+        whole = not c.overlap > end
+        path = (done, c.overlap if whole else end)
+        part = (path[1] - done) / (c.overlap - before) if merged else 1.0
+        heat, heat_of_rolling, middle, total = segment(rows, grid, path, (part * slip_x, part * slip_y), bound, roll, scratch)
+        slip += middle
+        if whole:
+            break
         energy += p.g_star * spacing * (2.0 * heat + total[2])
         merge(w_new, 2, n, wide)
         energy -= p.g_star * spacing * squares(w_new, 0, n, n, wide + 1)
         copy_rows(w_new, n, scratch, 4 * n)
-        merges, done, slip = merges + 1, end, slip + middle
+        merges, done = merges + 1, end
         spacing, wide = cells_of(merges, n, c.radius)
         end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
-    part = (c.overlap - done) / (c.overlap - before) if merged else 1.0
-    path, slip_of_part = (done, c.overlap), (part * slip_x, part * slip_y)
-    heat, heat_of_rolling, middle, total = segment(rows, grid, path, slip_of_part, bound, roll, scratch)
     stiffness = 2.0 * p.g_star * spacing
     x, y, stored = stiffness * total[0], stiffness * total[1], 0.5 * stiffness * total[2]
     energy += stiffness * heat
@@ -192,7 +194,7 @@ def springs(c, load, p, h, w, w_new):
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
     # where springs merge those before and after differ: int rate U by the trapezoid, exact without slip
     energy += released * (start + stored) if merged else stiffness * heat_of_rolling
-    answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip + middle, stored, energy)
+    answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 
 

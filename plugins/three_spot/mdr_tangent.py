@@ -11,7 +11,7 @@ so this contributes nothing.
 import math
 from typing import NamedTuple
 
-from thirdbody.plugin import stack_array
+from thirdbody.plugin import kernel, stack_array
 
 from .mdr_rolling import carried_rate, carried_weights, carry_outward, copy_rows, from_next_cell
 from .numerical_tangent import helper
@@ -50,7 +50,7 @@ def load_rows(w, rows, grid, overlap, retained, retained_rate):
     return RolledRate(0.0, 0.0, overlap)
 
 
-@helper
+@kernel
 def advance_rows(rows, grid, path, slip, roll, ends):
     """Advance the springs along one straight piece of the path as the law does, and their derivatives.
 
@@ -92,7 +92,7 @@ def advance_rows(rows, grid, path, slip, roll, ends):
         rows[6 * n + i], rows[7 * n + i] = back * xd - e_x * by_d, back * yd - e_y * by_d
 
 
-@helper
+@kernel
 def tangent_of_springs(c, load, p, start, w):
     """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd [N/m] of a straight step of the law `springs`.
 
@@ -116,21 +116,23 @@ def tangent_of_springs(c, load, p, start, w):
     retained_rate = 0.5 * exponent * renewal.retained / c.overlap
     roll = load_rows(w, rows, grid, max(before, c.overlap), renewal.retained, retained_rate)
     fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.retained) / c.overlap, before
-    part, part_rate, end = fill, fill_rate, end_of(n, wide, spacing, c.radius)
-    if c.overlap > end:
-        inverse_change = 1.0 / (c.overlap - before)
-        while c.overlap > end:
-            part = (end - done) * inverse_change
-            slip = (c.slip_x, c.slip_y, part * fill, part * (fill_rate - fill * inverse_change))
-            advance_rows(rows, grid, (done, end), slip, roll, (limit, limit_rate, 0.0))
-            merge(rows, ROWS, n, wide)
-            copy_rows(rows, n, rows, ROWS * n)
-            roll, merges, done = RolledRate(0.0, 0.0, math.inf), merges + 1, end
-            spacing, wide = cells_of(merges, n, c.radius)
-            end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
-        part = (c.overlap - done) * inverse_change
-        part, part_rate = part * fill, part * fill_rate + (1.0 - part) * inverse_change * fill
-    advance_rows(rows, grid, (done, c.overlap), (c.slip_x, c.slip_y, part, part_rate), roll, (limit, limit_rate, 1.0))
+    end = end_of(n, wide, spacing, c.radius)
+    merged = c.overlap > end
+    inverse_change = 1.0 / (c.overlap - before) if merged else 0.0
+    while True:  # one call of `advance_rows`, which is inlined
+        whole = not c.overlap > end
+        path = (done, c.overlap if whole else end)
+        part = (path[1] - done) * inverse_change if merged else 1.0
+        part_rate = (1.0 - part if whole else -part) * inverse_change
+        slip = (c.slip_x, c.slip_y, part * fill, part * fill_rate + part_rate * fill)
+        advance_rows(rows, grid, path, slip, roll, (limit, limit_rate, 1.0 if whole else 0.0))
+        if whole:
+            break
+        merge(rows, ROWS, n, wide)
+        copy_rows(rows, n, rows, ROWS * n)
+        roll, merges, done = RolledRate(0.0, 0.0, math.inf), merges + 1, end
+        spacing, wide = cells_of(merges, n, c.radius)
+        end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):
         width = width_of(i, wide)

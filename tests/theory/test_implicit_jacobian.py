@@ -157,7 +157,7 @@ def tables(n_plates: int) -> dict[str, Any]:
         "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
         "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
         "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
-        "interaction": np.zeros(0),
+        "field_begin": HISTORY, "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
         "tangents": address(tangents, LAW),
     }  # fmt: skip
@@ -353,7 +353,7 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
         "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH),
         "settings": settings, "max_per_body": 1,
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
-        "interaction": np.zeros(0),
+        "field_begin": HISTORY, "interaction": np.zeros(0),
         "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
         "tangents": address(tangents, LAW),
     }  # fmt: skip

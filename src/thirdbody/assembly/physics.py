@@ -301,6 +301,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
         law=chain.law,
         stiffness=chain.stiffness,
         history=chain.history,
+        field=chain.field,
         rolling=chain.rolling,
         force_columns=chain.force_columns,
         stored=chain.stored,

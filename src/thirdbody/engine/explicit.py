@@ -210,9 +210,9 @@ class Explicit:
             s.X0, s.patch, s.S, s.B, s.E, s.orientations, self.forces, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
-            len(physics.history), physics.rolling, *physics.force_columns, physics.stored, physics.dashpots, physics.loss_column,
-            loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
-            self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,
+            len(physics.history), *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
+            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride,
+            int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,
         )  # fmt: skip
         return self.packer(given)
 

@@ -250,15 +250,16 @@ class Implicit:
         """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         (force, moment, twist), (edges, incidence) = physics.force_columns, self._plate_candidates()
+        begin, size = physics.field
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
                 own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
                 body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
                 **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
                 effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
-                n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, twist=twist,
-                stored=physics.stored, dashpots=physics.dashpots, loss_column=physics.loss_column,
-                width=loaded_contact.MEMORY + physics.contact_memory,
+                n_history=len(physics.history), field_begin=begin, field_size=size, rolling=physics.rolling,
+                force=force, moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots,
+                loss_column=physics.loss_column, width=loaded_contact.MEMORY + physics.contact_memory,
                 has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,

@@ -55,12 +55,14 @@ class World:
 class Physics:
     """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
 
-    `rolling`: see `kernels.rolling_kinematics`; `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none): `Chain`.
+    `rolling`: see `kernels.rolling_kinematics`; `field`, `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none):
+    `Chain`.
     """
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
+    field: tuple[int, int]
     rolling: int
     force_columns: tuple[int, int, int]
     stored: int

@@ -11,6 +11,7 @@ from thirdbody.engine.state import Array, Ints
 from thirdbody.engine.static_interaction import SpotBending
 from thirdbody.kernels.columns import law_input, law_output, rolling_input
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_fields import pieces
 from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import Law, Pair
 from thirdbody.laws.registry import installed_interaction
@@ -115,8 +116,8 @@ class Contacts:
     def _call(self, function: Callable, count: int, overlap: Array, slip: Array, memory: Array) -> Array:
         answer = np.zeros((count, len(overlap)))
         loaded = np.flatnonzero(overlap > 0.0)
-        history = len(self.chain.history)
-        inputs, outputs = self._inputs, self._outputs
+        history, (begin, size) = len(self.chain.history), self.chain.field
+        inputs, outputs, field = self._inputs, self._outputs, slice(begin, begin + size)
         for first in range(0, len(loaded), TILE):
             part = loaded[first : first + TILE]
             n = len(part)
@@ -125,8 +126,11 @@ class Contacts:
             inputs[law_input.MASS, :n], inputs[law_input.PAIR_TYPE, :n] = 1.0, self.kind[part]
             inputs[law_input.SLIP_X, :n], inputs[law_input.SLIP_Y, :n] = slip[part, 0], slip[part, 1]
             inputs[law_input.HISTORY : law_input.HISTORY + history, :n] = memory[part].T
+            pieces(inputs[law_input.HISTORY :][field])[:n] = memory[part, field]
             function(inputs.ravel(), outputs.ravel(), n, self.pairs.ravel())
             answer[:, part] = outputs[:count, :n]
+            if count > TANGENTS:  # not the tangents
+                answer[law_output.HISTORY :][field, part] = pieces(outputs[law_output.HISTORY :][field])[:n].T
         return answer
 
 

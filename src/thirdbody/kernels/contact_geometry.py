@@ -15,6 +15,7 @@ from thirdbody.jit.simd import AHEAD, LINE, VECTOR, broadcast, load, prefetch, p
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output, sphere, surface_contact
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_fields import load_field
 from thirdbody.kernels.periodic import image
 from thirdbody.kernels.predicates import kind_of
 
@@ -46,7 +47,10 @@ def load_history(q, k, context, tile):
     for d in range(3):
         G[q + (geometry.AXIS + d) * TILE] = H[k, contact_state.AXIS + d]
     I[q + law_input.PAIR_TYPE * TILE] = kind_of(k, context)
-    for h in range(context.n_history):
+    for h in range(context.field_begin):
+        I[q + (law_input.HISTORY + h) * TILE] = H[k, contact_state.LAW + h]
+    load_field(q, k, context, tile)
+    for h in range(context.field_begin + context.field_size, context.n_history):
         I[q + (law_input.HISTORY + h) * TILE] = H[k, contact_state.LAW + h]
 
 
@@ -139,7 +143,7 @@ def four_kinds(k, context):
 
 @njit(**BARE)
 def gather_history(q, k, context, tile):
-    """Load the histories of the four candidates k into the elements from q on."""
+    """Load the histories of the four candidates k into the elements from q on, without fields."""
     I, G, H = tile.inputs, tile.geometry, context.H  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
@@ -149,6 +153,8 @@ def gather_history(q, k, context, tile):
     put_three(I, q + law_input.HISTORY * TILE, first)
     put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
     for h in range(4, context.n_history):
+        if context.field_begin <= h < context.field_begin + context.field_size:
+            continue
         put(
             I,
             q + (law_input.HISTORY + h) * TILE,
@@ -216,6 +222,9 @@ def gather_pair_contacts(n, slots, context, tile):
             G,
         )
         gather_history(q, k, context, tile)
+    # the columns of a short history reach into the place of the fields
+    for q in range(n if context.field_size > 0 else 0):
+        load_field(q, np.uint64(slots[q]), context, tile)
 
 
 @njit(**BARE_CHUNK)

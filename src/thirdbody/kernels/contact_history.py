@@ -7,6 +7,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
 from thirdbody.kernels.columns import contact_state, geometry, law_output
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_fields import store_field
 
 
 @njit(**BARE)
@@ -39,7 +40,10 @@ def store_one(k, q, axis, first, context, tile):
     H, O = context.H, tile.outputs  # noqa: E741
     store(H, k, contact_state.AXIS, axis)
     store(H, k, contact_state.LAW, first)
-    for h in range(LANES, context.n_history):
+    for h in range(LANES, context.field_begin):
+        H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
+    store_field(q, k, context, tile)
+    for h in range(max(LANES, context.field_begin + context.field_size), context.n_history):
         H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
 
 

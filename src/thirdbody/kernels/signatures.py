@@ -45,7 +45,8 @@ KINDS: Kinds = {
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
-    **dict.fromkeys(("n_history", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column", "width"), _I),
+    **dict.fromkeys(("n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
+    **dict.fromkeys(("stored", "dashpots", "loss_column", "width"), _I),
     **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
     # measures: columns of a contact (0: none), address, parameters
     "measured": _I, "measure": _I, "measure_parameters": _ROW,

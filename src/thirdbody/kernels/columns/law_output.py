@@ -20,4 +20,4 @@ FRICTION_LOSS = table.scalar("friction_loss", "J", "the part of it that tangenti
 DASHPOT_POWER = table.scalar(
     "dashpot_power", "W", "power of the dashpots at the end of the step; after `explicit.contact_dissipation` their work in it, J"
 )
-HISTORY = table.scalar("history", "", "history of the laws, from here on")
+HISTORY = table.scalar("history", "", "history of the laws, from here on; fields: `kernels.contact_fields`")

@@ -36,8 +36,8 @@ the body (3,) [m] in world axes, and rise of its patch of the upper plate [m].""
 SHARED = (
     "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "orientations",
     "P", "Q", "H", "R", "M", "pairs", "interaction", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag",
-    "n_history", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column", "width", "has_effects", "labels",
-    "law", "effects", "observe", "update_surfaces", "measured", "measure", "measure_parameters",
+    "n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column",
+    "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces", "measured", "measure", "measure_parameters",
 )  # fmt: skip
 """Fields that the explicit integrator has, too. `own`, `partner`: here all pairs of a sphere and a plate."""
 

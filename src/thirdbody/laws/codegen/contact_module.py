@@ -81,10 +81,13 @@ class _Text:
         return ", w_new" if self._chain[k].field else ""
 
     def read(self, k: int) -> str:
-        """Lines that read the field."""
+        """Line that sets the field: a part of the tile (`kernels.contact_fields`)."""
+        return self._part("w", "I", law_input.HISTORY, k)
+
+    def _part(self, name: str, table: str, history: int, k: int) -> str:
         start, count = fragments.history_of(self._chain, k)
         size = self._chain[k].field
-        return f"for f in range({size}):\n    w[f] = I[q + (f + {law_input.HISTORY + start + count}) * {TILE}]" if size else ""
+        return f"{name} = array_part({table}, {(history + start + count) * TILE} + q * {size}, {size})" if size else ""
 
     def memory(self, k: int) -> str:
         """Arguments for the memory."""
@@ -103,9 +106,8 @@ class _Text:
         call = f"{new} = kernel_{k}({arguments}, p{k}{self.memory(k)}{self.new_field(k)})"
         start, count = fragments.history_of(self._chain, k)
         written = [f"O[{_at(law_output.HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
-        if size := self._chain[k].field:
-            written += [f"for f in range({size}):", f"    O[q + (f + {law_output.HISTORY + start + count}) * {TILE}] = w_new[f]"]
-        return "\n".join([self.parameters(k), *filter(None, [self.read(k)]), call, *written])
+        fields = [self.read(k), self._part("w_new", "O", law_output.HISTORY, k)]
+        return "\n".join([self.parameters(k), *filter(None, fields), call, *written])
 
     def call_virgin(self, answer: str, k: int, arguments: str) -> str:
         """Lines that call the law without any memory."""

@@ -10,6 +10,7 @@ HEAD = """# generated: {title}
 import math
 import numpy as np
 from numba import njit
+from thirdbody.jit.array_part import array_part
 from thirdbody.jit.options import OPTIONS
 from thirdbody.jit.stack_array import stack_array
 from thirdbody.kernels.tile_parameters import broadcast_parameters
@@ -93,6 +94,15 @@ def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
     if stages & {"rolling", "twisting"}:
         return ("viscous.force", "viscous.moment")
     return ("viscous.force",) if stages & {"damping", "tangential_damping"} else ()
+
+
+def field_of(chain: Sequence[Law]) -> tuple[int, int]:
+    """First column of the field in the memory of a chain, and the number of its floats; the end and 0 without a field."""
+    for k, law in enumerate(chain):
+        if law.field:
+            first, count = history_of(chain, k)
+            return first + count, len(law.memory()) - count
+    return len(memory_names(chain)), 0
 
 
 def history_of(chain: Sequence[Law], k: int) -> tuple[int, int]:

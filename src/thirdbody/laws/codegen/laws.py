@@ -12,7 +12,7 @@ from pathlib import Path
 
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.laws.codegen.contact_module import module_text
-from thirdbody.laws.codegen.fragments import energy_column, history_of, memory_names, viscous_names, width_of
+from thirdbody.laws.codegen.fragments import energy_column, field_of, history_of, memory_names, viscous_names, width_of
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import STAGES, STIFF, Law
 
@@ -79,6 +79,11 @@ class Chain:
         return columns[0], columns[1], columns[2]
 
     @property
+    def field(self) -> tuple[int, int]:
+        """First column of the field in the history, and the number of its floats; without a field the end and 0."""
+        return field_of(self.laws)
+
+    @property
     def stored(self) -> int:
         """Column of the energy stored by all springs but the normal one in the history; -1 if there is none."""
         return energy_column(self.laws)
@@ -114,7 +119,8 @@ class Chain:
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
     """Return the laws in the order of their stages; one law per stage, any number for adhesion.
 
-    Raises ValueError when the normal stage is empty, a stage has two laws, or a law assumes another normal law.
+    Raises ValueError when the normal stage is empty, a stage has two laws, a law that is not tangential has a field, or a law
+    assumes another normal law.
     """
     chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
     for stage in STAGES:
@@ -124,6 +130,8 @@ def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
         if stage == "normal" and not names:
             raise ValueError("no law for the normal stage")
     for law in chain:
+        if law.field and law.stage != "tangential":
+            raise ValueError(f"the law '{law.name}' of the {law.stage} stage has a field: only a tangential law may")
         if law.assumes not in ("", chain[0].name):
             which = f"'{law.assumes}', not '{chain[0].name}'; take another level, or leave '{chain[0].name}' out"
             raise ValueError(f"the law '{law.name}' assumes the normal law {which}")

@@ -143,7 +143,7 @@ def samples(bench: Bench) -> list[Sample]:
     """Return touching contacts with their history, from random paths; typical options, friction neither zero nor huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    first = law_input.HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.index])
+    first = sum(len(law.memory()) for law in bench.chain.laws[: bench.index])
     outermost = bench.outermost(len(bench.settings))
     own = slice(first, first + len(bench.law.memory()))
     result: list[Sample] = []
@@ -153,7 +153,7 @@ def samples(bench: Bench) -> list[Sample]:
             for lane in rng.integers(TILE, size=3):
                 numbers = I[k, :, lane].tolist()
                 if numbers[law_input.OVERLAP] > outermost[k, 0]:
-                    memory = tuple(numbers[own])
+                    memory = tuple(moment.before[k, own, lane].tolist())
                     result.append(Sample(k, Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0)), memory))
     return result
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_fields import pieces
 from thirdbody.laws.codegen.laws import compose
 from thirdbody.laws.contract import Law, Material, Option, Pair, SpotInteraction
 from thirdbody.laws.hertz import HERTZ
@@ -139,6 +140,7 @@ class Bench:
             numbers = [x for p in row for x in p]
             self.table[k, : len(numbers)] = numbers
         self.width = len(self.chain.history)
+        self.field = slice(self.chain.field[0], sum(self.chain.field))
         self.rolling = law.stage == "rolling"
         self.twisting = law.stage == "twisting"
         self.has_moment = self.rolling or self.twisting
@@ -181,6 +183,8 @@ class Bench:
         I[:, law_input.VELOCITY_X : law_input.VELOCITY_Y + 1] = requested.v
         I[:, law_input.PAIR_TYPE] = self.setting_of(tiles)[:, None]
         I[:, law_input.HISTORY : end] = history
+        for tile, memory in zip(I[:, law_input.HISTORY : end], history, strict=True):
+            pieces(tile[self.field])[:] = memory[self.field].T
         if self.rolling:
             I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
         if self.twisting:
@@ -200,7 +204,10 @@ class Bench:
             per_arm = 1.0 / self.radius(len(I))
             for force, moment in ROLLED if self.rolling else TWISTED:
                 O[:, force] = O[:, end + moment] * per_arm
-        return O[:, : law_output.HISTORY], O[:, law_output.HISTORY : end]
+        memory = O[:, law_output.HISTORY : end]
+        for tile in memory:
+            tile[self.field] = pieces(tile[self.field]).T.copy()
+        return O[:, : law_output.HISTORY], memory
 
     def virgin(self, tiles: int) -> Array:
         """Return an empty history."""
@@ -215,11 +222,14 @@ class Bench:
         for k, one in enumerate(self.chain.laws):
             names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load) if one.added_load else None
         on_lists = types.FunctionType(text.__code__, names)
+        place = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
 
         def law(flat: Array, out: Array, n: int, table: Array) -> None:
-            answer = out.tolist()
-            on_lists(flat.tolist(), answer, n, table.tolist())
-            out[:] = answer
+            inputs, outputs = flat.tolist(), out.tolist()
+            names["array_part"] = lambda numbers, first, size: (flat if numbers is inputs else out)[first : first + size]
+            on_lists(inputs, outputs, n, table.tolist())
+            outputs[place] = out[place]
+            out[:] = outputs
 
         return law
 

@@ -97,6 +97,8 @@ def declaration_faults(law: Law) -> list[str]:
         faults.append("parameters is not a NamedTuple")
     if law.history and law.stage in VISCOUS:
         faults.append(f"the {law.stage} stage keeps no history")
+    if law.field and law.stage != "tangential":
+        faults.append(f"the {law.stage} stage keeps no field")
     if law.reach and law.stage not in ("normal", "adhesion"):
         faults.append(f"the {law.stage} stage acts in contact only: no reach")
     if len(set(law.history)) < len(law.history):
