@@ -37,12 +37,12 @@ from thirdbody.plugin import (
     stack_array,
 )
 
-from .mdr_rolling import carried_weights, carry_outward, copy_rows, from_next_cell
+from .mdr_rolling import carry
 from .mdr_tangent import tangent_of_springs
 from .numerical_tangent import helper
 from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
 
-SCRATCH = 6 * MAX_SPRINGS + 2
+SCRATCH = 6 * MAX_SPRINGS
 """Floats of scratch for a step."""
 
 
@@ -56,27 +56,18 @@ class SpringParameters(NamedTuple):
 
 
 @helper
-def squares(rows, first, stride, n, wide):
-    """Return the sum of the squares of n springs, each times the width of its cell in spacings.
-
-    x starts at `first`, y a `stride` later.
-    """
+def squares(rows, n, wide):
+    """Return the sum of the squares of n springs, rows[: 2 n], each times the width of its cell in spacings."""
     total = 0.0
     for i in range(n):
-        x, y = rows[first + i], rows[first + stride + i]
-        total += width_of(i, wide) * (x * x + y * y)
+        total += width_of(i, wide) * (rows[i] * rows[i] + rows[n + i] * rows[n + i])
     return total
 
 
 class Rolled(NamedTuple):
-    """Rolling within a piece of the path.
+    """Rolling within a step: coefficients of the energy released (of spring times slip, of lost spring times slip, of slip
+    squared), and the slip."""
 
-    Fraction of a spring lost to the next cell, overlap beyond which springs have left, coefficients of the energy released (of
-    spring times slip, of lost spring times slip, of slip squared), and the slip of the whole step.
-    """
-
-    lost: float
-    overlap: float
     mean: float
     mixed: float
     own: float
@@ -85,62 +76,70 @@ class Rolled(NamedTuple):
 
 
 @kernel
-def segment(rows, grid, path, slip, bound, roll, scratch):
-    """Advance the springs along one straight piece of the path.
+def segment(new, grid, path, slip, bound, scratch):
+    """Advance the springs along one straight piece of the path; write those at its end into `new`.
 
-    Returns the heat of friction, the energy released by rolling, the slip of the centre, and the sums of the new springs and
-    of their squares, each times the width of its cell. `rows` = springs before the step, and at the end of the piece (output);
-    those at its start lie in `scratch` (6 n + 2,) from 4 n on (`copy_rows`); `grid` = (springs, wide cells, spacing^2/R), `path`
-    = overlap before and after, `slip` along x and y.
+    Returns the heat of friction, the slip of the centre, and the sums of the new springs and of their squares, each times the
+    width of its cell. `scratch` (6 n,): the springs at the start of the piece, then the fractions that the limits leave (output),
+    and what the loops need; `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` along x and y.
 
     The heat of a spring is int b |d(slip)| with its limit b [m2]: times the stiffness of a cell one spacing wide it is energy. A
     spring slides from the point where it reaches the limit, at b_t; limit and displacement being linear in time, the mean of the
     limit is that of b_t and its end. That is exact for a spring that moves along one line, reversing or not, and of second order
     in the angle of a step otherwise. A spring that leaves the contact area slides before it does, as its limit falls to zero.
 
-    The energy released by rolling is exact for uniform springs that stick and for springs that slide in one direction throughout,
-    of first order in the renewal of a step in between. Two loops, the expensive one without branches or sums, so that the
-    compiler vectorises it.
+    Two loops, the expensive one without branches or sums, so that the compiler vectorises it.
     """
-    (w, new), (n, wide, scale), (before, after), (slip_x, slip_y) = rows, grid, path, slip
-    old_x, old_y = 4 * n, 5 * n + 1
+    (n, wide, scale), (before, after), (slip_x, slip_y) = grid, path, slip
     inverse_change = 1.0 / max(abs(after - before), 1e-300)
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth, old_depth = max(after - gap, 0.0), max(before - gap, 0.0)
         fraction = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * inverse_change, 1.0)
-        near, far, _ = carried_weights(i, wide, roll.lost)
-        inside = 1.0 if gap < roll.overlap else 0.0
-        near, far = inside * near, inside * far
-        x_old = near * scratch[old_x + 1 + i] + far * scratch[old_x + i]
-        y_old = near * scratch[old_y + 1 + i] + far * scratch[old_y + i]
+        x_old, y_old = scratch[i], scratch[n + i]
         x_try, y_try = x_old - fraction * slip_x, y_old - fraction * slip_y
         size, limit = math.sqrt(x_try * x_try + y_try * y_try), bound * depth
-        back = limit / max(size, limit, 1e-300)
-        x_new, y_new = back * x_try, back * y_try
-        new[i], new[n + i] = x_new, y_new
-        start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
-        beyond, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
+        beyond, inverse = max(size - limit, 0.0), 1.0 / max(size, 1e-300)
+        back = limit * inverse if size > limit else 1.0
+        new[i], new[n + i] = back * x_try, back * y_try
         # b_t from the spring: the limit before the step has no significant digits for huge friction
-        crossing = start + (size - start) * (margin / max(margin + beyond, 1e-300))
-        scratch[i], scratch[n + i] = back, size
-        scratch[2 * n + i] = 0.5 * (crossing + limit) * beyond
-        slips = 1.0 if before > gap else 0.0
+        along = x_old * x_try + y_old * y_try
+        margin = max(bound * old_depth * size - along, 0.0)
+        start = along * inverse
+        crossing = start + (size - start) * (margin / max(margin + size * beyond, 1e-300))
+        scratch[2 * n + i], scratch[3 * n + i] = back, size
+        scratch[4 * n + i] = 0.5 * (crossing + limit) * beyond
+    heat, x, y, square = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        width = width_of(i, wide)
+        heat += width * scratch[4 * n + i]
+        along, across = width * new[i], width * new[n + i]
+        x, y, square = x + along, y + across, square + (along * new[i] + across * new[n + i])
+    return heat, (1.0 - scratch[2 * n]) * scratch[3 * n], (x, y, square)
+
+
+@kernel
+def released_by_rolling(w, new, grid, before, roll, scratch):
+    """Return the energy that rolling releases in a step of one piece, of springs of unit stiffness.
+
+    `scratch`: that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
+    for springs that slide in one direction throughout, of first order in the renewal of a step in between.
+    """
+    n, wide, scale = grid
+    for i in range(n):
+        slips = 1.0 if before > mean_gap(i, wide, scale) else 0.0
         s_x, s_y = slips * roll.slip_x, slips * roll.slip_y
-        x, y = w[i], w[n + i]
+        x, y, x_old, y_old = w[i], w[n + i], scratch[i], scratch[n + i]
         lost_x, lost_y = x - x_old, y - y_old
-        sliding = 0.5 * ((lost_x - roll.mean * s_x) * (x + x_new) + (lost_y - roll.mean * s_y) * (y + y_new))
+        sliding = 0.5 * ((lost_x - roll.mean * s_x) * (x + new[i]) + (lost_y - roll.mean * s_y) * (y + new[n + i]))
         # mean over the step minus the fraction `fill` of the end, where the springs decay from one to the other
         sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + roll.own * (s_x * s_x + s_y * s_y)
         sticking -= s_x * (roll.mean * x + roll.mixed * lost_x) + s_y * (roll.mean * y + roll.mixed * lost_y)
-        scratch[3 * n + i] = sliding if back < 1.0 else sticking
-    heat, released, x, y, square = 0.0, 0.0, 0.0, 0.0, 0.0
+        scratch[5 * n + i] = width_of(i, wide) * (sliding if scratch[2 * n + i] < 1.0 else sticking)
+    released = 0.0
     for i in range(n):
-        width = width_of(i, wide)
-        heat, released = heat + width * scratch[2 * n + i], released + width * scratch[3 * n + i]
-        along, across = width * new[i], width * new[n + i]
-        x, y, square = x + along, y + across, square + (along * new[i] + across * new[n + i])
-    return heat, max(released, 0.0), (1.0 - scratch[0]) * scratch[n], (x, y, square)
+        released += scratch[5 * n + i]
+    return max(released, 0.0)
 
 
 @kernel
@@ -158,30 +157,28 @@ def springs(c, load, p, h, w, w_new):
     renewal = renewed(p.renewal * ground.path / max(load.contact_radius, 1e-300))
     slip_x, slip_y = renewal.fill * c.slip_x, renewal.fill * c.slip_y
     end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
-    done, slip, energy, released, merged = before, 0.0, 0.0, 0.0, c.overlap > end
-    mean, lost = 1.0 - renewal.fill, 1.0 - renewal.retained
-    mixed, last = renewal.fill - mean / max(lost, 1e-300), max(before, c.overlap)
-    if lost > 0.0 and (merged or not from_next_cell(n, wide, lost)):
-        carry_outward(w, scratch, 4 * n, grid, last, renewal.retained)
-        start, rest = squares(w, 0, n, n, wide), squares(scratch, 4 * n + 1, n + 1, n, wide)
-        released, lost = (start - rest) / max(start + rest, 1e-300), 0.0
+    done, slip, energy, rolling, merged = before, 0.0, 0.0, 0.0, c.overlap > end
+    rolls = renewal.retained < 1.0
+    carry(w, scratch, grid, max(before, c.overlap), renewal.retained)
+    if rolls and merged:
+        start, rest = squares(w, n, wide), squares(scratch, n, wide)
+        rolling = (start - rest) / max(start + rest, 1e-300)
         start *= p.g_star * spacing
     else:
         start = 0.0
-        copy_rows(w, n, scratch, 4 * n)
-    rows, roll = (w, w_new), Rolled(lost, last, mean, mixed, renewal.own, c.slip_x, c.slip_y)
     while True:  # one call of `segment`, which is inlined
         whole = not c.overlap > end
         path = (done, c.overlap if whole else end)
         part = (path[1] - done) / (c.overlap - before) if merged else 1.0
-        heat, heat_of_rolling, middle, total = segment(rows, grid, path, (part * slip_x, part * slip_y), bound, roll, scratch)
+        heat, middle, total = segment(w_new, grid, path, (part * slip_x, part * slip_y), bound, scratch)
         slip += middle
         if whole:
             break
         energy += p.g_star * spacing * (2.0 * heat + total[2])
         merge(w_new, 2, n, wide)
-        energy -= p.g_star * spacing * squares(w_new, 0, n, n, wide + 1)
-        copy_rows(w_new, n, scratch, 4 * n)
+        energy -= p.g_star * spacing * squares(w_new, n, wide + 1)
+        for i in range(2 * n):
+            scratch[i] = w_new[i]
         merges, done = merges + 1, end
         spacing, wide = cells_of(merges, n, c.radius)
         end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
@@ -192,8 +189,14 @@ def springs(c, load, p, h, w, w_new):
         slope = math.hypot(w_new[0], w_new[n]) / (c.overlap - mean_gap(0, wide, grid[2]))
         rate = math.hypot(slip_x, slip_y) / (c.overlap - before)
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
-    # where springs merge those before and after differ: int rate U by the trapezoid, exact without slip
-    energy += released * (start + stored) if merged else stiffness * heat_of_rolling
+    if merged:  # those before and after differ: int rate U by the trapezoid, exact without slip
+        energy += rolling * (start + stored)
+    elif rolls:
+        mean = 1.0 - renewal.fill
+        mixed = renewal.fill - mean / (1.0 - renewal.retained)
+        energy += stiffness * released_by_rolling(
+            w, w_new, grid, before, Rolled(mean, mixed, renewal.own, c.slip_x, c.slip_y), scratch
+        )
     answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 

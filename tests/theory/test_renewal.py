@@ -362,8 +362,8 @@ def test_carried_springs_leave_no_number_of_a_row_undefined(length):
     w[0], (n, spacing) = 1e-6, (exact_springs.cells_of(w), 1e-6)
     exact_rolling.carry_springs(w, n // 2, 0.9, (1.5 * n * spacing) ** 2, rows)
     assert np.isfinite(rows).all()
-    even = np.full(2 * n + 2, np.nan)
-    mdr_rolling.carry_outward(w[: 2 * n], even, 0, (n, n // 2, spacing**2 / RADIUS), OVERLAP, 0.9)
+    even = np.full(2 * n, np.nan)
+    mdr_rolling.carry(w[: 2 * n], even, (n, n // 2, spacing**2 / RADIUS), OVERLAP, 0.9)
     assert np.isfinite(even).all()
 
 
