@@ -53,7 +53,7 @@ def tile_for(history):
 @pytest.mark.parametrize(
     ("history", "begin", "size"), [(5, 5, 0), (2, 2, 0), (7, 2, 5), (9, 1, 6), (12, 5, 6), (16, 8, 8)], ids=str
 )
-def test_rows_survive_the_way_through_a_tile(read, history, begin, size):
+def test_rows_survive_loading_and_storing(read, history, begin, size):
     """Every place of a field: first columns (which are loaded in fours) or later, other history behind it."""
     rng = np.random.default_rng(history)
     rows = rng.uniform(1.0, 2.0, (NUMBER, max(contact_state.LAW + history, contact_state.MIN_WIDTH)))

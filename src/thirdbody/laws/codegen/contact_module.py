@@ -87,7 +87,7 @@ class _Text:
     def _part(self, name: str, table: str, history: int, k: int) -> str:
         start, count = fragments.history_of(self._chain, k)
         size = self._chain[k].field
-        return f"{name} = array_part({table}, {(history + start + count) * TILE} + q * {size}, {size})" if size else ""
+        return f"{name} = array_part({size}, {table}, {(history + start + count) * TILE} + q * {size})" if size else ""
 
     def memory(self, k: int) -> str:
         """Arguments for the memory."""

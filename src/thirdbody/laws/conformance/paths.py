@@ -222,13 +222,13 @@ class Bench:
         for k, one in enumerate(self.chain.laws):
             names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load) if one.added_load else None
         on_lists = types.FunctionType(text.__code__, names)
-        place = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
+        block = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
 
         def law(flat: Array, out: Array, n: int, table: Array) -> None:
             inputs, outputs = flat.tolist(), out.tolist()
-            names["array_part"] = lambda numbers, first, size: (flat if numbers is inputs else out)[first : first + size]
+            names["array_part"] = lambda size, numbers, first: (flat if numbers is inputs else out)[first : first + size]
             on_lists(inputs, outputs, n, table.tolist())
-            outputs[place] = out[place]
+            outputs[block] = out[block]
             out[:] = outputs
 
         return law
