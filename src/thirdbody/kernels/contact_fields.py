@@ -2,7 +2,7 @@
 
 A tile has the memory of its contacts (`Chain.history`) as columns, contact beside contact, which the engine and most laws compute
 in vectors of contacts. The numbers of a field are read by the loops of one law only: they lie in one piece per contact, which
-take the place of as many columns (`pieces`). Copies between columns would take a law of 16 springs as long as the springs.
+take the place of as many columns (`pieces`). Copies from and to columns took a quarter of the time of a law of 16 springs.
 """
 
 import numpy as np
