@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from thirdbody.laws.codegen.laws import ordered
 from thirdbody.laws.conformance.spots import check_spots
 from thirdbody.laws.conformance.suite import Finding, check, report
 from thirdbody.laws.contract import Law, SpotInteraction
+from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 
 HERE = Path(__file__).parent
@@ -74,6 +76,13 @@ def test_the_suite_finds_what_is_wrong(name):
     expected = FOUND_BY[name] - ({"compiled"} if "compiler is off" in report(findings) else set())
     assert set(faults) == expected, report(findings)
     assert all(faults.values()), "a failure has to say what is wrong"
+
+
+def test_a_field_of_a_law_that_is_not_tangential_is_refused():
+    law = replace(HERTZ, history=("overlap",), field=4)
+    assert failed(check([law])) == {"declaration": "the normal stage keeps no field"}
+    with pytest.raises(ValueError, match="'hertz' of the normal stage has a field: only a tangential law may"):
+        ordered((law,))
 
 
 def test_no_bad_law_is_left_out():
