@@ -40,10 +40,21 @@ def store_one(k, q, axis, first, context, tile):
     H, O = context.H, tile.outputs  # noqa: E741
     store(H, k, contact_state.AXIS, axis)
     store(H, k, contact_state.LAW, first)
+    if context.field_size == 0:
+        for h in range(LANES, context.n_history):
+            H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
+    else:
+        store_around_field(q, k, context, tile)
+
+
+@njit(**BARE_CHUNK)
+def store_around_field(q, k, context, tile):
+    """Store the history of candidate k from the fifth number on, where one of the laws has a field."""
+    H, O, end = context.H, tile.outputs, context.field_begin + context.field_size  # noqa: E741
     for h in range(LANES, context.field_begin):
         H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
     store_field(q, k, context, tile)
-    for h in range(max(LANES, context.field_begin + context.field_size), context.n_history):
+    for h in range(max(LANES, end), context.n_history):
         H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
 
 
