@@ -27,7 +27,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
     space |= columns | stages | {"tangents": tangents, "laws": chain, "TILE": TILE, "STILL": STILL, "at": _at}
     return _template()(space | {
         "head": fragments.head_of(chain), "width": fragments.width_of(chain), "history": len(names), "own": own,
-        "field": max(len(law.memory()) - len(law.history) for law in chain),
+        "field": fragments.field_of(chain)[1],
         "adhesion": [k for k, law in enumerate(chain) if law.stage == "adhesion"],
         "adders": [k for k, law in enumerate(chain) if law.added_load],
         "rotation": f"Turn({', '.join(map(text.behind, rotation))})",
@@ -85,9 +85,8 @@ class _Text:
         return self._part("w", "I", law_input.HISTORY, k)
 
     def _part(self, name: str, table: str, history: int, k: int) -> str:
-        start, count = fragments.history_of(self._chain, k)
-        size = self._chain[k].field
-        return f"{name} = array_part({size}, {table}, {(history + start + count) * TILE} + q * {size})" if size else ""
+        begin, size = fragments.field_of(self._chain)
+        return f"{name} = array_part({size}, {table}, {(history + begin) * TILE} + q * {size})" if self._chain[k].field else ""
 
     def memory(self, k: int) -> str:
         """Arguments for the memory."""
