@@ -95,19 +95,25 @@ def behind_a_wall(table: np.ndarray) -> np.ndarray:
 
 
 def run_behind_walls() -> None:
-    """Integrate batches whose tables have nothing before them."""
+    """Integrate bodies whose tables have nothing before them."""
     for module in (implicit, implicit_ensemble):
         module.BATCH = 8
     integrator = built().integrator
-    scratch = integrator._make_scratch()
-    integrator._make_scratch = lambda: implicit_ensemble.Scratch(*map(behind_a_wall, scratch))
+    make = integrator._make_scratch
+
+    def make_behind_walls() -> implicit_ensemble.Scratch:
+        scratch = make()
+        one = scratch.one._replace(**{name: behind_a_wall(getattr(scratch.one, name)) for name in "HRS"})
+        return scratch._replace(one=one)
+
+    integrator._make_scratch = make_behind_walls
     for stop in STOPS:
         integrator.advance_to(time=stop)
     integrator.label()
 
 
-def test_no_row_outside_of_a_batch_is_read():
-    """Tables of a batch begin with its rows: the first rows of all, which kernels may read for any other, do not exist."""
+def test_no_row_of_another_body_is_read():
+    """Tables of a body begin with its rows: the first rows of all, which kernels may read for any other, do not exist."""
     child = get_context("spawn").Process(target=run_behind_walls)
     child.start()
     child.join()

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.kernels.columns import contact_state
+from thirdbody.kernels.closed_contacts import ClosedContacts
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int32]
@@ -56,13 +57,6 @@ class AllRows:
     number = 1
     """Number of batches."""
 
-    def batch(self, _number: int) -> tuple[slice, Array, Array]:
-        """Return the bodies of a batch and the rows of their candidates: here all of them at once."""
-        return slice(None), self.H, self.R
-
-    def scratch(self) -> tuple[()]:
-        """Return the tables that `batch` needs: none."""
-        return ()
 
 
 @dataclass
@@ -72,6 +66,27 @@ class Batch:
     on: Numbers
     H: Array
     R: Array
+
+    @classmethod
+    def of(cls, on: Numbers, H: Array, R: Array) -> Batch:
+        """Return copies, with spare rows."""
+        n = int(SPARE * len(on))
+        batch = cls(on, np.empty((n, H.shape[1])), np.empty((n, R.shape[1])))
+        batch.H[: len(on)], batch.R[: len(on)] = H, R
+        return batch
+
+    def contacts(self) -> ClosedContacts:
+        """Return the tables for kernels."""
+        return ClosedContacts(self.on, self.H, self.R)
+
+    def replace(self, contacts: ClosedContacts, n: int) -> None:
+        """Take copies of the first n of these contacts."""
+        self.on = contacts.on[:n].copy()
+        if n > len(self.H):
+            larger = Batch.of(self.on, contacts.H[:n], contacts.R[:n])
+            self.H, self.R = larger.H, larger.R
+        else:
+            self.H[:n], self.R[:n] = contacts.H[:n], contacts.R[:n]
 
 
 @dataclass
@@ -88,7 +103,8 @@ class ClosedRows:
         """Return the closed ones of all rows."""
         rows = cls(edges, size, (H.shape[1], R.shape[1]))
         for low, high in zip(edges, edges[1:], strict=False):
-            rows.compact.append(rows._compact(H[low:high], R[low:high]))
+            on = np.flatnonzero(H[low:high, contact_state.SLIP]).astype(np.int32)
+            rows.compact.append(Batch.of(on, H[low:high][on], R[low:high][on]))
         return rows
 
     @classmethod
@@ -101,35 +117,12 @@ class ClosedRows:
             result.compact.append(Batch(on, H[low:high].copy(), R[low:high].copy()))
         return result
 
-    def _compact(self, H: Array, R: Array) -> Batch:
-        on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
-        n = int(SPARE * len(on))
-        batch = Batch(on, np.empty((n, H.shape[1])), np.empty((n, R.shape[1])))
-        self._copy(H, R, batch)
-        return batch
-
-    @staticmethod
-    def _copy(H: Array, R: Array, batch: Batch) -> None:
-        n = len(batch.on)
-        np.take(H, batch.on, axis=0, out=batch.H[:n], mode="clip")  # "raise" would copy through a buffer
-        np.take(R, batch.on, axis=0, out=batch.R[:n], mode="clip")
-
-    def expand(self, number: int, H: Array, R: Array) -> None:
-        """Write the rows of all candidates of a batch: zeros for open ones."""
-        batch = self.compact[number]
-        n = len(batch.on)
-        H[:], R[:] = 0.0, 0.0
-        H[batch.on], R[batch.on] = batch.H[:n], batch.R[:n]
-
-    def keep(self, number: int, H: Array, R: Array) -> None:
-        """Keep the closed ones of the rows of all candidates of a batch."""
-        batch = self.compact[number]
-        on = np.flatnonzero(H[:, contact_state.SLIP]).astype(np.int32)
-        if len(on) > len(batch.H):
-            self.compact[number] = self._compact(H, R)
-            return
-        batch.on = on
-        self._copy(H, R, batch)
+    def expand(self, number: int) -> tuple[Array, Array]:
+        """Return the rows of all candidates of a batch, in new tables: zeros for open ones."""
+        batch, n = self.compact[number], int(self.edges[number + 1] - self.edges[number])
+        H, R = (np.zeros((n, width)) for width in self.widths)
+        H[batch.on], R[batch.on] = batch.H[: len(batch.on)], batch.R[: len(batch.on)]
+        return H, R
 
     def closed(self) -> NDArray[np.int64]:
         """Return the numbers of the closed candidates."""
@@ -152,16 +145,11 @@ class ClosedRows:
         """Number of batches."""
         return len(self.edges) - 1
 
-    def batch(self, number: int, H: Array, R: Array) -> tuple[slice, Array, Array]:
-        """Return the bodies of a batch and the rows of their candidates, in tables that `scratch` gave."""
-        n = self.edges[number + 1] - self.edges[number]
-        self.expand(number, H[:n], R[:n])
-        return slice(number * self.size, (number + 1) * self.size), H[:n], R[:n]
-
-    def scratch(self) -> tuple[Array, Array]:
-        """Return tables with room for the candidates of any batch."""
+    def scratch(self) -> ClosedContacts:
+        """Return tables with room for the closed contacts of any batch."""
         largest = int(np.diff(self.edges).max(initial=0))
-        return np.zeros((largest, self.widths[0])), np.zeros((largest, self.widths[1]))
+        H, R = (np.zeros((largest, width)) for width in self.widths)
+        return ClosedContacts(np.zeros(largest, np.int32), H, R)
 
     @property
     def H(self) -> Array:

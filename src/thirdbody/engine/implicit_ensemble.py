@@ -1,7 +1,7 @@
-"""Implicit integrator of many bodies that touch only flat plates: tables of contacts and spheres exist for one batch at a time.
+"""Implicit integrator of many bodies that touch only flat plates: most tables of contacts and spheres exist for one body at a time.
 
 Bodies are advanced batch by batch, each by one of the threads. Only closed contacts keep their rows between two calls
-(`engine.contact_rows`); spheres are placed from their bodies (`engine.state.place_some`), with the same bits. A clump of six
+(`engine.contact_rows`); spheres are placed from their bodies (`kernels.implicit.ensemble`), with the same bits. A clump of six
 spheres then takes 3.5 kB, not 7.4.
 """
 
@@ -16,26 +16,21 @@ import numpy as np
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
-from thirdbody.engine.state import Array, State, place_some, table
-from thirdbody.jit.packed_arguments import first_words
+from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.threads import distribute
+from thirdbody.kernels.closed_contacts import ClosedContacts
 from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.implicit import bdf2 as kernel
-from thirdbody.kernels.implicit.bundles import KINDS
-
-WORDS = first_words(KINDS)
-"""Where the address of each table is in the packed arguments."""
+from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
 
 BATCHES = 16
 """Batches of a thread in a call: at its end others wait for half a batch on average."""
 
 
 class Scratch(NamedTuple):
-    """Histories, records and spheres of a batch."""
+    """Tables of a thread: those of one body, and the closed contacts of a batch."""
 
-    H: Array
-    R: Array
-    S: Array
+    one: OneBody
+    closed: ClosedContacts
 
 
 def is_ensemble(state: State) -> bool:
@@ -59,12 +54,13 @@ class ImplicitEnsemble(Implicit):
             state.drop_spheres()
 
     def _make_scratch(self) -> Scratch:
-        """Return tables with room for the rows and the spheres of any batch."""
+        """Return tables with room for the rows and the spheres of any body, and for the closed contacts of any batch."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        starts = np.append(state.start[:-1:BATCH], state.start[-1])
-        largest = int(np.diff(starts).max()) if state.sphere_table is None else 0
-        return Scratch(*rows.scratch(), table(largest, sphere.WIDTH))
+        most = int(np.diff(state.start).max()) if state.sphere_table is None else 0
+        H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
+        radii = state.radii if state.sphere_table is None else np.zeros(0)
+        return Scratch(OneBody(H, R, table(most, sphere.WIDTH), radii), rows.scratch())
 
     def keep_all_rows(self) -> None:
         """Go on with rows for all candidates and a table of all spheres, as a part of a run, or its whole, does."""
@@ -85,42 +81,23 @@ class ImplicitEnsemble(Implicit):
 
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
-        if isinstance(self.state.slots.rows, AllRows):
+        rows = self.state.slots.rows
+        if isinstance(rows, AllRows):
             super().advance_bodies(first, last, until, tries)
             return
         context = self._context()
 
         def worker() -> Callable[[int], None]:
-            scratch = self._make_scratch()
+            scratch, packed = self._make_scratch(), context.copy()
 
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
                 if self._waiting(low, high, until):
-                    self._advance_batch(
-                        number, lambda packed: kernel.advance_bodies(low, high, until, tries, packed), scratch, context
-                    )
+                    span = Span(number * BATCH, min((number + 1) * BATCH, self.state.n_bodies), low, high)
+                    closed = rows.compact[number]
+                    n = advance_batch(span, until, tries, packed, closed.contacts(), scratch.closed, scratch.one)
+                    closed.replace(scratch.closed, n)
 
             return advance
 
         distribute(range(first // BATCH, -(-last // BATCH)), worker)
-
-    def _advance_batch(self, number: int, advance: Callable[[Array], None], scratch: Scratch, context: Array) -> None:
-        """Advance bodies of a batch, with rows for all its candidates and spheres while it is advanced."""
-        state, rows = self.state, self.state.slots.rows
-        assert isinstance(rows, ClosedRows)
-        _, H, R = rows.batch(number, scratch.H, scratch.R)
-        if state.sphere_table is None:
-            place_some(state, number * BATCH, min((number + 1) * BATCH, state.n_bodies), scratch.S)
-        advance(self._context_of(number, scratch, context))
-        rows.keep(number, H, R)
-
-    def _context_of(self, number: int, scratch: Scratch, context: Array) -> Array:
-        """Return the packed arguments for a batch: the tables begin with its rows, which kernels count from the first of all."""
-        packed, rows, start = context.copy(), self.state.slots.rows, self.state.start
-        assert isinstance(rows, ClosedRows)
-        first = {"H": (scratch.H, rows.edges[number]), "R": (scratch.R, rows.edges[number])}
-        if self.state.sphere_table is None:
-            first["S"] = scratch.S, start[number * BATCH]
-        for name, (array, skipped) in first.items():
-            packed[WORDS[name]] = array.ctypes.data - int(skipped) * array.strides[0]
-        return packed

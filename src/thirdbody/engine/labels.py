@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from thirdbody.engine.candidates import Candidates, Numbers
+from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.threads import distribute
@@ -20,13 +22,18 @@ def labels(state: State, drag: Array) -> Array:
     """
     out, rows = np.zeros((state.n_bodies, state.physics.outputs)), state.slots.rows
     labeller = address(state.physics.observe, OBSERVE), address(state.physics.label, LABEL)
+    if isinstance(rows, AllRows):
+        slots = state.slots
+        candidates = slots.own, slots.partner, slots.edges, slots.incidence
+        _label(labeller, _observed(state, drag, slice(None), candidates, (rows.H, rows.R)), state, out)
+        return out
 
     def worker() -> Callable[[int], None]:
-        tables = rows.scratch()
-
         def label(number: int) -> None:
-            bodies, H, R = rows.batch(number, *tables)
-            _label(labeller, _observed(state, drag, bodies, H, R), state, out[bodies])
+            bodies = slice(number * rows.size, (number + 1) * rows.size)
+            closed = rows.compact[number]
+            n, candidates = len(closed.on), _closed_candidates(state.slots, closed.on, bodies)
+            _label(labeller, _observed(state, drag, bodies, candidates, (closed.H[:n], closed.R[:n])), state, out[bodies])
 
         return label
 
@@ -34,18 +41,23 @@ def labels(state: State, drag: Array) -> Array:
     return out
 
 
-def _observed(state: State, drag: Array, batch: slice, H: Array, R: Array) -> Observed:
-    """Return the tables of the bodies of a batch; H, R: rows of its candidates."""
-    slots, physics = state.slots, state.physics
-    first, last, _ = batch.indices(state.n_bodies)
-    bodies, low, high = slice(first, last), slots.edges[first], slots.edges[last]
-    # in batches the candidates of a body are those with plates, which are sorted by body
-    k = slice(low if first else 0, None)
-    return Observed(
-        slots.own[k], slots.partner[k], slots.edges[first : last + 1] - low, slots.incidence[low:high] - 2 * k.start,
-        state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
-        len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+def _closed_candidates(slots: Candidates, on: Numbers, bodies: slice) -> tuple[Numbers, ...]:
+    """Return own, partner, edges and incidence of the closed candidates of a batch; `on`: counted from its first candidate."""
+    edges = slots.edges[bodies.start : bodies.stop + 1]
+    closed = on + edges[0]
+    return (
+        slots.own[closed], slots.partner[closed], np.searchsorted(closed, edges).astype(np.int32),
+        2 * np.arange(len(on), dtype=np.int32),
     )  # fmt: skip
+
+
+def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Numbers, ...], rows: tuple[Array, Array]) -> Observed:
+    """Return the tables of the bodies of a batch; `candidates`: own, partner, edges and incidence; `rows`: their H and R."""
+    physics = state.physics
+    return Observed(
+        *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], *rows, state.M[bodies].copy(), drag,
+        len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+    )
 
 
 def _label(labeller: tuple[int, int], observed: Observed, state: State, out: Array) -> None:

@@ -82,8 +82,7 @@ def _alone(integrator: ImplicitEnsemble, rows: ClosedRows, number: int) -> Impli
     state.start = whole.start[first : first + n + 1] - low
     state.S = place_some(whole, first, first + n) if whole.sphere_table is None else state.B
     k = slice(int(whole.slots.edges[first]), int(whole.slots.edges[first + n]))
-    H, R = rows.scratch()
-    rows.expand(number, H[: (count := int(rows.edges[number + 1] - rows.edges[number]))], R[:count])
+    H, R = rows.expand(number)
     own, partner = whole.slots.own[k] - np.int32(low), moved(whole.slots.partner[k], first)
     here = slice(0, k.stop - k.start)
     state.slots = slots_of(state, own, partner, len(own), (whole.slots.Q[:0], H[here].copy(), R[here].copy()))

@@ -149,10 +149,16 @@ def place_all(start, offsets, S, B, E, orientations):
 def place_as_they_are(start, offsets, S, B, orientations):
     """Place all spheres at the present poses of their bodies, with present velocities and spins; bodies stay as they are."""
     for b in range(B.shape[0]):
-        x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
-        v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
-        w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
-        place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
+        place_as_it_is(b, start, offsets, S, B, orientations)
+
+
+@njit(**BARE_CHUNK)
+def place_as_it_is(b, start, offsets, S, B, orientations):
+    """Place the spheres of body b at its present pose, with its present velocity and spin."""
+    x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
+    v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
+    w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
+    place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
 
 
 @njit(**BARE)

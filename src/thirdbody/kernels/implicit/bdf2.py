@@ -128,6 +128,20 @@ def step(context, active, until, space):
         update_labeller(active, context, context, space)
 
 
+@njit(**BARE_CHUNK)
+def advance_body(b, until, tries, context, start, space):
+    """Advance body b, unless a guard has stopped it, to a time [s], by at most `tries` trial steps. `start`, `space`: scratch."""
+    active = ActiveBody(b, context.patch[b], start, context.memory[b], context.totals[b])
+    last = active.memory[step_memory.TRIES] + tries
+    measure_arm(context, active)
+    while (
+        active.memory[step_memory.CODE] == Stop.NONE.value
+        and active.totals[run_totals.TIME] < until
+        and active.memory[step_memory.TRIES] < last
+    ):
+        step(context, active, until, space)
+
+
 PACKED = types.Array(types.int64, 1, "C")
 
 
@@ -142,12 +156,4 @@ def advance_bodies(low, high, until, tries, packed):
     context = context_of(packed)
     space, start = make_workspace(context), np.zeros(step_start.WIDTH)
     for b in range(low, high):
-        active = ActiveBody(b, context.patch[b], start, context.memory[b], context.totals[b])
-        last = active.memory[step_memory.TRIES] + tries
-        measure_arm(context, active)
-        while (
-            active.memory[step_memory.CODE] == Stop.NONE.value
-            and active.totals[run_totals.TIME] < until
-            and active.memory[step_memory.TRIES] < last
-        ):
-            step(context, active, until, space)
+        advance_body(b, until, tries, context, start, space)
