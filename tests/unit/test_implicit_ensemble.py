@@ -22,6 +22,7 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
+from thirdbody.trajectory.reader import open_run
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SETTINGS = {
@@ -156,3 +157,17 @@ def test_work_of_a_few_bodies_is_that_of_all(small_batches, monkeypatch):
     assert np.all(np.diff(work.fractions) > 0.0)
     assert_same(simulation, untouched)
     assert_same(advanced(simulation), advanced(untouched))
+
+
+def test_a_sample_has_its_contacts(small_batches, monkeypatch, tmp_path):
+    settings = {"output.sample": 5, "output.blocks": ["clumps", "contacts"]}
+    few, whole = (tmp_path / name for name in ("few", "whole"))
+    execute(built(**settings), few)
+    with monkeypatch.context() as patch:
+        patch.setattr(implicit_ensemble, "is_ensemble", lambda state: False)
+        execute(built(**settings), whole)
+    with open_run(few) as one, open_run(whole) as other:
+        first, second = one.contacts(-1), other.contacts(-1)
+        assert len(first["body"]) > 0 and set(first) == set(second)
+        for name, values in first.items():
+            np.testing.assert_array_equal(values, second[name], err_msg=name)

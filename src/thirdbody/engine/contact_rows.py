@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels.columns import contact_state
 from thirdbody.kernels.closed_contacts import ClosedContacts
+from thirdbody.kernels.columns import contact_state
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int32]
@@ -47,16 +47,15 @@ class AllRows:
         return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)
 
     def histories(self, closed: NDArray[np.int64], columns: Any) -> Array:
-        """Return columns of the histories of the candidates that `closed` gave."""
+        """Return columns of the histories of closed candidates."""
         return self.H[:, columns][closed]
 
-    def records(self, closed: NDArray[np.int64], columns: Any) -> Array:
-        """Return columns of the records of the candidates that `closed` gave."""
-        return self.R[:, columns][closed]
+    def records(self, closed: NDArray[np.int64], *columns: Any) -> list[Array]:
+        """Return columns of the records of closed candidates, an array for each column or slice of them."""
+        return [self.R[:, each][closed] for each in columns]
 
     number = 1
     """Number of batches."""
-
 
 
 @dataclass
@@ -132,13 +131,26 @@ class ClosedRows:
         """Return histories and records of the closed candidates, batch by batch, without copies."""
         return [each.H[: len(each.on)] for each in self.compact], [each.R[: len(each.on)] for each in self.compact]
 
-    def histories(self, _closed: NDArray[np.int64], columns: Any) -> Array:
-        """Return columns of the histories of the closed candidates."""
-        return np.concatenate([rows[:, columns] for rows in self.pieces()[0]])
+    def histories(self, closed: NDArray[np.int64], columns: Any) -> Array:
+        """Return columns of the histories of closed candidates."""
+        return self._columns(0, closed, columns)[0]
 
-    def records(self, _closed: NDArray[np.int64], columns: Any) -> Array:
-        """Return columns of the records of the closed candidates."""
-        return np.concatenate([rows[:, columns] for rows in self.pieces()[1]])
+    def records(self, closed: NDArray[np.int64], *columns: Any) -> list[Array]:
+        """Return columns of the records of closed candidates, an array for each column or slice of them."""
+        return self._columns(1, closed, *columns)
+
+    def _columns(self, which: int, closed: NDArray[np.int64], *columns: Any) -> list[Array]:
+        """Return columns of histories (0) or records (1)."""
+        pieces, none, end = self.pieces()[which], np.empty((1, self.widths[which])), 0
+        result = [np.empty((sum(map(len, pieces)), *none[:, each].shape[1:])) for each in columns]
+        for rows in pieces:
+            begin, end = end, end + len(rows)
+            for each, array in zip(columns, result, strict=True):  # all of a batch while it is in the cache
+                array[begin:end] = rows[:, each]
+        if len(closed) == end:
+            return result
+        some = np.searchsorted(self.closed(), closed)
+        return [array[some] for array in result]
 
     @property
     def number(self) -> int:

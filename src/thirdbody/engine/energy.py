@@ -22,10 +22,8 @@ def stored_energies(state: State) -> Stored:
     if state.summed:
         return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs, direct
     rows = state.slots.rows
-    loaded = rows.closed()
-    normal, tangential = (
-        float(rows.records(loaded, column).sum()) for column in (record.STORED_NORMAL, record.STORED_TANGENTIAL)
-    )
+    stored = rows.records(rows.closed(), record.STORED_NORMAL, record.STORED_TANGENTIAL)
+    normal, tangential = (float(each.sum()) for each in stored)
     return kinetic, normal, tangential, springs, direct
 
 

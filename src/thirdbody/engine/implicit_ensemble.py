@@ -1,8 +1,8 @@
-"""Implicit integrator of many bodies that touch only flat plates: most tables of contacts and spheres exist for one body at a time.
+"""Implicit integrator of many bodies that touch only flat plates: of open contacts and of spheres there are no tables.
 
 Bodies are advanced batch by batch, each by one of the threads. Only closed contacts keep their rows between two calls
-(`engine.contact_rows`); spheres are placed from their bodies (`kernels.implicit.ensemble`), with the same bits. A clump of six
-spheres then takes 3.5 kB, not 7.4.
+(`engine.contact_rows`); rows of all candidates of a body, and its spheres, exist while it is advanced, with the same bits
+(`kernels.implicit.ensemble`). A clump of six spheres then takes 3.5 kB, not 7.4.
 """
 
 from __future__ import annotations

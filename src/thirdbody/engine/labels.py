@@ -25,7 +25,7 @@ def labels(state: State, drag: Array) -> Array:
     if isinstance(rows, AllRows):
         slots = state.slots
         candidates = slots.own, slots.partner, slots.edges, slots.incidence
-        _label(labeller, _observed(state, drag, slice(None), candidates, (rows.H, rows.R)), state, out)
+        _label(labeller, _observed(state, drag, slice(None), candidates, (rows.H, rows.R)), state.A, out)
         return out
 
     def worker() -> Callable[[int], None]:
@@ -33,7 +33,7 @@ def labels(state: State, drag: Array) -> Array:
             bodies = slice(number * rows.size, (number + 1) * rows.size)
             closed = rows.compact[number]
             n, candidates = len(closed.on), _closed_candidates(state.slots, closed.on, bodies)
-            _label(labeller, _observed(state, drag, bodies, candidates, (closed.H[:n], closed.R[:n])), state, out[bodies])
+            _label(labeller, _observed(state, drag, bodies, candidates, (closed.H[:n], closed.R[:n])), state.A, out[bodies])
 
         return label
 
@@ -53,16 +53,16 @@ def _closed_candidates(slots: Candidates, on: Numbers, bodies: slice) -> tuple[N
 
 def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Numbers, ...], rows: tuple[Array, Array]) -> Observed:
     """Return the tables of the bodies of a batch; `candidates`: own, partner, edges and incidence; `rows`: their H and R."""
-    physics = state.physics
+    (own, partner, edges, incidence), (H, R), physics = candidates, rows, state.physics
     return Observed(
-        *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], *rows, state.M[bodies].copy(), drag,
-        len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
-    )
+        own, partner, edges, incidence, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R,
+        state.M[bodies].copy(), drag, len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+    )  # fmt: skip
 
 
-def _label(labeller: tuple[int, int], observed: Observed, state: State, out: Array) -> None:
-    """Write the labels of the bodies of a batch."""
+def _label(labeller: tuple[int, int], observed: Observed, totals: Array, out: Array) -> None:
+    """Write the labels of the bodies of a batch; `totals`: of the run."""
     from thirdbody.kernels.label_bodies import label_bodies
 
-    table = np.empty((state.slots.max_per_body, observed.width))
-    label_bodies(observed, state.A, *labeller, out, np.empty(observed_body.WIDTH), table)
+    table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
+    label_bodies(observed, totals, *labeller, out, np.empty(observed_body.WIDTH), table)

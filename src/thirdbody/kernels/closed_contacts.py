@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 class ClosedContacts(NamedTuple):
-    """Closed contacts of a batch, in the order of their candidates: these, counted from the first of the batch, and their rows."""
+    """Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
 
     on: Array
     H: Array
@@ -26,7 +26,7 @@ CLOSED = types.NamedTuple((types.Array(types.int32, 1, "C"), _TABLE, _TABLE), Cl
 
 @njit(**BARE_CHUNK)
 def expand(n, p, first, closed, H, R):
-    """Write the rows of the n candidates of a body, of which `first` is the first one: zeros for open ones. p: first closed row."""
+    """Write the rows of the n candidates of a body, from `first` on: zeros for open ones. p: row of its first closed one."""
     for k in range(n):
         if p < closed.on.shape[0] and closed.on[p] == first + k:
             for column in range(H.shape[1]):

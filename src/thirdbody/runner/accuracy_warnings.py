@@ -85,7 +85,7 @@ def patches_not_carried(simulation: Simulation) -> int:
     """Return the number of patches that carry less than the fraction `CARRIED` of their load."""
     P, slots = simulation.state.P, simulation.state.slots
     closed = slots.rows.closed()
-    patches, force = slots.patches[closed], slots.rows.records(closed, record.NORMAL_FORCE)
+    patches, (force,) = slots.patches[closed], slots.rows.records(closed, record.NORMAL_FORCE)
     carried = np.bincount(patches[patches >= 0], force[patches >= 0], len(P))
     alone = (P[:, patch.FREE] > 0.0) & (P[:, patch.SPRING] == 0.0)
     return int(np.count_nonzero(alone & (carried < CARRIED * P[:, patch.LOAD])))

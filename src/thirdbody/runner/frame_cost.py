@@ -51,7 +51,7 @@ def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
     selection, maker.watch = selection_of(built.scene, maker), PeakPressure(built).update
 
     def frame() -> Frame:
-        return selection.frame(maker.frame(integrator.label() if built.labeller else None))
+        return maker.frame(integrator.label() if built.labeller else None)
 
     size = frame_bytes(frame(), selection)
     try:

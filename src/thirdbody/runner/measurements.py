@@ -16,7 +16,7 @@ from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
-from thirdbody.trajectory.output_selection import ALL, Selection
+from thirdbody.trajectory.output_selection import ALL, ALWAYS, Selection
 from thirdbody.trajectory.profiles import AXES, Profiler
 from thirdbody.trajectory.sample import sample_of
 
@@ -78,7 +78,7 @@ def selection_of(scene: Scene, maker: FrameMaker) -> Selection:
         raise InputError([scene.fault(("output", "arrays"), f"{what} '{name}'; {nearest(name, known)}") for name in unknown])
     blocks = tuple(name for name in ALL if output.blocks is None or name in output.blocks)
     arrays = None if output.arrays is None else tuple(output.arrays)
-    maker.blocks = blocks
+    maker.blocks, maker.arrays = blocks, None if arrays is None else frozenset((*ALWAYS, *arrays))
     if output.sample is not None and output.sample < maker.state.n_bodies:
         maker.follow(sample_of(output.sample, maker.state.n_bodies))
     return Selection(blocks, arrays, output.precision == "float32", output.compress)

@@ -198,9 +198,10 @@ class RunLoop:
     def _write(self) -> None:
         """Write a frame of the current state."""
         simulation, begun = self.simulation, time.perf_counter()
-        frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
+        stored = self.ledger.watch(simulation.state)
+        frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None, stored)
         try:
-            self.writer.append(self.selection.frame(frame))
+            self.writer.append(frame)
         except ValueError as error:  # a resumed run whose file holds other arrays than it wrote
             raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
         if not self.files.usable:
@@ -208,7 +209,7 @@ class RunLoop:
             self.files.publish()
         self._report_progress(dict(frame.series))
         # after the frame, which shows what went wrong
-        self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))
+        self.energy_guard.check(simulation.state, stored)
         if slow := self._implicit():
             slow.refuse_created_energy()
         self.frame_cost = time.perf_counter() - begun

@@ -41,15 +41,13 @@ def has_accommodation(state: State, drag: Array) -> bool:
     return state.world.lower is not None and state.world.upper is not None and bool(np.any(drag))
 
 
-def accommodation(drag: Array, state: State) -> Array:
+def accommodation(drag: Array, state: State, contacts: Closed | None = None) -> Array:
     """Return the four parts of the plate's speed now [m/s] and 1, (5,); zeros where no load passes from plate to plate.
 
     The mean of the last number over time is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,):
-    unit vector of the first motion of the upper plate. The contacts must have records.
+    unit vector of the first motion of the upper plate. `contacts`: those of now, if known; they must have records.
     """
-    contacts = pressed_contacts(state)
-    upper, upper_rim = plate_contacts(state, UPPER, drag, contacts)
-    lower, lower_rim = plate_contacts(state, LOWER, drag, contacts)
+    (lower, lower_rim), (upper, upper_rim) = plate_contacts(state, drag, contacts or closed_contacts(state))
     weights = transmitting_weights(upper, lower, state.world.debris_meets)
     if weights is None:
         return np.zeros(len(ACCOMMODATION) + 1)
@@ -66,8 +64,8 @@ def parts_of(mean: Array) -> dict[str, float]:
     return {name: float(x) / loaded if loaded > 0.0 else np.nan for name, x in zip(ACCOMMODATION, mean, strict=False)}
 
 
-class Pressed(NamedTuple):
-    """Contacts with a normal force (n,): what they touch, number of the body, force [N], contact point from its centre (n, 3)."""
+class Closed(NamedTuple):
+    """Closed contacts (n,): what they touch, number of the body, normal force [N], contact point from its centre (n, 3) [m]."""
 
     side: Array
     body: Array
@@ -75,25 +73,26 @@ class Pressed(NamedTuple):
     point: Array
 
 
-def pressed_contacts(state: State) -> Pressed:
-    """Return the contacts that push."""
+def closed_contacts(state: State) -> Closed:
+    """Return the closed contacts."""
     slots = state.slots
     closed = slots.rows.closed()
-    force = slots.rows.records(closed, record.NORMAL_FORCE)
-    on = force > 0.0
-    point, pressed = slots.rows.records(closed, record.POINT3)[on], closed[on]
-    return Pressed(sides_of(slots.partner[pressed]), state.body[slots.own[pressed]], force[on], point)
+    force, point = slots.rows.records(closed, record.NORMAL_FORCE, record.POINT3)
+    return Closed(sides_of(slots.partner[closed]), state.body[slots.own[closed]], force, point)
 
 
-def plate_contacts(state: State, side: int, drag: Array, contacts: Pressed) -> tuple[Array, Array]:
-    """Return the normal force of a plate on each body [N], and what its spin adds to the speed there [m/s], each (n_bodies,)."""
-    n, on = state.n_bodies, contacts.side == side
-    owner, force, spin, point = contacts.body[on], contacts.force[on], state.bodies.spin, contacts.point[on]
-    along_x = spin[owner, 1] * point[:, 2] - spin[owner, 2] * point[:, 1]
-    along_y = spin[owner, 2] * point[:, 0] - spin[owner, 0] * point[:, 2]
-    added = along_x * drag[0] + along_y * drag[1]
-    total = np.bincount(owner, force, n)
-    return total, np.divide(np.bincount(owner, force * added, n), total, out=np.zeros(n), where=total > 0.0)
+def plate_contacts(state: State, drag: Array, contacts: Closed) -> list[tuple[Array, Array]]:
+    """Return the normal force of each plate, the lower one first, on each body [N], and what its spin adds to the speed there
+    [m/s], each (n_bodies,). Contacts that pull do not count."""
+    n, on = state.n_bodies, np.flatnonzero((contacts.force > 0.0) & ((contacts.side == LOWER) | (contacts.side == UPPER)))
+    owner, force, point = contacts.body[on], contacts.force[on], contacts.point[on]
+    spin = state.bodies.spin[owner]
+    along_x = spin[:, 1] * point[:, 2] - spin[:, 2] * point[:, 1]
+    along_y = spin[:, 2] * point[:, 0] - spin[:, 0] * point[:, 2]
+    added, at = along_x * drag[0] + along_y * drag[1], owner + n * (contacts.side[on] == UPPER)
+    totals, sums = np.bincount(at, force, 2 * n), np.bincount(at, force * added, 2 * n)
+    means = np.divide(sums, totals, out=np.zeros(2 * n), where=totals > 0.0)
+    return [(totals[:n], means[:n]), (totals[n:], means[n:])]
 
 
 def transmitting_weights(upper: Array, lower: Array, meet: bool) -> tuple[Array, Array] | None:

@@ -1,12 +1,13 @@
 """Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from thirdbody.engine.candidates import sides_of
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, contact_maxima, map_densities
 from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import State
@@ -14,7 +15,7 @@ from thirdbody.kernels.columns import body, body_extra, contact_state, patch, re
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.laws.contract import Labeller
-from thirdbody.trajectory.accommodation import accommodation, has_accommodation, parts_of
+from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.profiles import Profiler
@@ -42,6 +43,7 @@ class FrameMaker:
         self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
         self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
+        self.arrays: frozenset[str] | None = None  # of the bodies, what frames have; None: all
         self.sample: Sample | None = None
         self.watch: Callable[[dict[str, np.ndarray]], None] | None = None  # gets all contacts of each frame, written or not
 
@@ -75,15 +77,13 @@ class FrameMaker:
 
     def body_arrays(self) -> list[str]:
         """Return the names of the arrays of the bodies, without those that never change."""
-        width = 2 + len(self.labeller.margins) + len(self.labeller.extras) if self.labeller else 0
-        labels = np.zeros((self.state.n_bodies, width)) if self.labeller else None
-        closed = self._needed_of_contacts(self.state.slots.rows.closed())
-        return [name for name in self._clumps(labels, closed) if name != "points"]
+        labels = np.zeros((self.state.n_bodies, 0)) if self.labeller else None
+        return [name for name in self._arrays_of_bodies(labels, {}) if name != "points"]
 
-    def frame(self, labels: np.ndarray | None) -> Frame:
+    def frame(self, labels: np.ndarray | None, stored: Stored | None = None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
 
-        `labels`: from `Explicit.label`; None without a labeller.
+        `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.energy.stored_energies` of now, if known.
         """
         s = self.state
         self.interval_means = self.means.finish() if self.means else {}
@@ -92,7 +92,7 @@ class FrameMaker:
         if self.watch is not None:
             self.watch(closed)
         clumps = self._clumps(labels, closed)
-        series = self._series(clumps, closed)
+        series = self._series(clumps, closed, stored)
         if self.sample is not None:
             clumps = {name: values[self.sample.bodies] for name, values in clumps.items()}
         contacts = self._contacts(on, closed)
@@ -128,30 +128,35 @@ class FrameMaker:
 
     def _needed_of_contacts(self, on: np.ndarray) -> dict[str, np.ndarray]:
         """Return what bodies and series of a frame need of the closed contacts."""
-        s, slots, rows = self.state, self.state.slots, self.state.slots.rows
+        s, slots = self.state, self.state.slots
         partner = slots.partner[on]
-        sides = sides_of(partner)
+        sides, owner = sides_of(partner), s.body[slots.own[on]]
         other = np.where(sides == DEBRIS, s.order[s.body[np.maximum(partner, 0)]], np.where(sides == LOWER, -1, -2))
-        tangential, normal_force = rows.records(on, record.TANGENTIAL_FORCE3), rows.records(on, record.NORMAL_FORCE)
-        size, limit = np.linalg.norm(tangential, axis=1), rows.records(on, record.FRICTION_LIMIT)
+        tangential, normal, normal_force, limit, pressure, point = slots.rows.records(
+            on, record.TANGENTIAL_FORCE3, record.NORMAL3, record.NORMAL_FORCE, record.FRICTION_LIMIT, record.PEAK_PRESSURE,
+            record.POINT3,
+        )  # fmt: skip
+        size = np.sqrt(tangential[:, 0] ** 2 + tangential[:, 1] ** 2 + tangential[:, 2] ** 2)
         return {
-            "body": s.order[s.body[slots.own[on]]],
+            "owner": owner,
+            "body": s.order[owner],
             "partner": other,
             "side": sides.astype(np.uint8),
             "normal_force": normal_force,
-            "force": normal_force[:, None] * rows.records(on, record.NORMAL3) + tangential,
+            "force": normal_force[:, None] * normal + tangential,
             "utilisation": np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0),
-            "peak_pressure": rows.records(on, record.PEAK_PRESSURE),
+            "peak_pressure": pressure,
+            "arm": point,
         }
 
     def _all_of_contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return all arrays of the closed contacts, in the order of the file; `needed`: those that are known."""
         s, slots = self.state, self.state.slots
-        R = slots.rows.records(on, slice(None)) if len(on) else np.zeros((0, slots.rows.widths[1]))
+        (R,) = slots.rows.records(on, slice(None)) if len(on) else (np.zeros((0, slots.rows.widths[1])),)
         slip = slots.rows.histories(on, contact_state.SLIP) if len(on) else np.zeros(0)
         tangential = R[:, record.TANGENTIAL_FORCE3]
         arrays = {
-            "points": s.bodies.position[s.body[slots.own[on]]] + R[:, record.POINT3],
+            "points": s.bodies.position[needed["owner"]] + needed["arm"],
             "body": needed["body"],
             "partner": needed["partner"],
             "side": needed["side"],
@@ -178,38 +183,50 @@ class FrameMaker:
         return arrays | contact_maxima(s, on)
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        s, B = self.state, self.state.B[self.given]
-        arrays = {
-            "points": B[:, body.POSITION3].copy(),
-            "quaternion": orientations(s)[self.given],
-            "velocity": B[:, body.VELOCITY3].copy(),
-            "angular_velocity": B[:, body.SPIN3].copy(),
-            "force": B[:, body.FORCE3].copy(),
-            "torque": B[:, body.TORQUE3].copy(),
-            "friction_work": B[:, body.FRICTION_WORK].copy(),
-            "slip_distance": B[:, body.SLIP_DISTANCE].copy(),
-            "utilisation": self._largest(contacts, contacts["utilisation"]),
-            "peak_pressure": self._largest(contacts, contacts["peak_pressure"]),
-            "contacts": self._count(contacts),
+        """Return the arrays of the bodies that are written."""
+        arrays = self._arrays_of_bodies(labels, contacts)
+        return {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
+
+    def _arrays_of_bodies(
+        self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]
+    ) -> dict[str, Callable[[], np.ndarray]]:
+        """Return what computes the arrays of the bodies, by their names."""
+        s, given = self.state, self.given
+        arrays: dict[str, Callable[[], np.ndarray]] = {
+            "points": lambda: s.B[given, body.POSITION3],
+            "quaternion": lambda: orientations(s)[given],
+            "velocity": lambda: s.B[given, body.VELOCITY3],
+            "angular_velocity": lambda: s.B[given, body.SPIN3],
+            "force": lambda: s.B[given, body.FORCE3],
+            "torque": lambda: s.B[given, body.TORQUE3],
+            "friction_work": self._friction_work,
+            "slip_distance": lambda: s.B[given, body.SLIP_DISTANCE],
+            "utilisation": lambda: self._largest(contacts, contacts["utilisation"]),
+            "peak_pressure": lambda: self._largest(contacts, contacts["peak_pressure"]),
+            "contacts": lambda: self._count(contacts),
         }
         if s.physics.loss:
-            lost = arrays[f"{s.physics.loss}_work"] = s.E[self.given, body_extra.NORMAL_LOSS]
-            arrays["friction_work"] -= lost
-        arrays |= {name: values[self.given] for name, values in body_amounts(s).items()}
+            arrays[f"{s.physics.loss}_work"] = lambda: s.E[given, body_extra.NORMAL_LOSS]
+        arrays |= {name: partial(values.__getitem__, given) for name, values in body_amounts(s).items()}
         if s.physics.pull_off is not None:
-            arrays["agglomerate"] = self._agglomerates()
+            arrays["agglomerate"] = self._agglomerates
         if labels is None or self.labeller is None:
             return arrays
-        labels = labels[self.given]
-        arrays["state"] = labels[:, 0].astype(np.uint8)
-        arrays["state_reason"] = labels[:, 1].astype(np.uint8)
-        for k, name in enumerate(self.labeller.margins):
-            arrays[f"margin_{name}"] = labels[:, 2 + k].copy()
-        for k, name in enumerate(self.labeller.extras):
-            values = labels[:, 2 + len(self.labeller.margins) + k]
-            arrays[name] = values.astype(np.uint8) if name in self.labeller.codes else values.copy()
-        assert len(arrays["state"]) == s.n_bodies
+        names = ("state", "state_reason", *(f"margin_{name}" for name in self.labeller.margins), *self.labeller.extras)
+        codes = {"state", "state_reason", *self.labeller.codes}
+        for k, name in enumerate(names):
+            arrays[name] = partial(self._labels, labels, k, np.uint8 if name in codes else np.float64)
         return arrays
+
+    def _friction_work(self) -> np.ndarray:
+        """Return the work of friction on each body [J], without what the normal law has lost."""
+        s = self.state
+        work = s.B[self.given, body.FRICTION_WORK]
+        return work - s.E[self.given, body_extra.NORMAL_LOSS] if s.physics.loss else work
+
+    def _labels(self, labels: np.ndarray, column: int, kind: Any) -> np.ndarray:
+        """Return a column of the labels, (bodies,)."""
+        return labels[self.given, column].astype(kind)
 
     def _agglomerates(self) -> np.ndarray:
         """Return the lowest id of the bodies that hang together with each body by contacts that push less than their pull-off."""
@@ -282,10 +299,10 @@ class FrameMaker:
             return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
 
-    def _series(self, clumps: dict[str, np.ndarray], contacts: dict[str, np.ndarray]) -> dict[str, Any]:
+    def _series(self, clumps: dict[str, np.ndarray], contacts: dict[str, np.ndarray], stored: Stored | None) -> dict[str, Any]:
         s, states = self.state, clumps.get("state")
         upper, lower, direct = self._mean_forces()
-        lines = self.ledger.lines(s)
+        lines = self.ledger.lines(s, stored)
         both = upper + direct
         normal = abs(both[2])
         carry = contacts["normal_force"] != 0.0
@@ -307,7 +324,8 @@ class FrameMaker:
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
-            series |= parts_of(accommodation(self.drag, s) if mean is None else mean)
+            closed = Closed(contacts["side"], contacts["owner"], contacts["normal_force"], contacts["arm"])
+            series |= parts_of(accommodation(self.drag, s, closed) if mean is None else mean)
         if self.scene_time is not None:
             series["scene_time"] = self.scene_time(s.time)
         if states is not None and self.labeller is not None:

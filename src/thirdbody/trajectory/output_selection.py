@@ -5,8 +5,7 @@ Spheres that are not written follow from their bodies: the static arrays of thei
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from thirdbody.rotations import to_body
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.polydata_block import Storage
 from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER
-from thirdbody.trajectory.schema import Frame
 
 CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
 ALL = (SPHERES, CLUMPS, CONTACTS)
@@ -38,16 +36,6 @@ class Selection(NamedTuple):
     def rebuilds(self) -> bool:
         """Whether spheres are computed where the run is read."""
         return SPHERES not in self.blocks and (self.arrays is None or NEEDED in self.arrays)
-
-    def frame(self, frame: Frame) -> Frame:
-        """Return the frame with what is written of it."""
-        changes: dict[str, Any] = {}
-        if self.arrays is not None:
-            names = {*ALWAYS, *self.arrays}
-            changes[CLUMPS] = {name: values for name, values in frame.clumps.items() if name in names}
-        if SPHERES not in self.blocks:
-            changes[SPHERES] = {"points": frame.spheres["points"][:0]}
-        return replace(frame, **changes) if changes else frame
 
     def storage(self, block: str) -> Storage:
         """Return how the arrays of a block are stored."""

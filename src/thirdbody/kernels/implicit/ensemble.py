@@ -70,7 +70,7 @@ SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 4, Span), types.NamedTuple((_TABLE, 
 
 @njit(_LONG(SPAN, types.float64, types.float64, PACKED, CLOSED, CLOSED, ONE_BODY), nogil=True, **DIRECT)
 def advance_batch(span, until, tries, packed, closed, new, one):
-    """Advance bodies of a batch as `bdf2.advance_bodies`; write the closed contacts of the batch to `new` and return their number.
+    """Advance bodies of a batch as `bdf2.advance_bodies`; write the batch's closed contacts to `new` and return their number.
 
     `packed`: a packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables;
     `new`: with room for all candidates of the batch.
