@@ -15,6 +15,7 @@ from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.pilot import expected_work
 from thirdbody.engine.snapshot import restore, snapshot
+from thirdbody.kernels.closed_contacts import ClosedContacts, compact, expand, keep
 from thirdbody.report.scene_check import memory_of
 from thirdbody.runner.checkpoint import read_checkpoint
 from thirdbody.runner.prepare import prepare
@@ -171,3 +172,21 @@ def test_a_sample_has_its_contacts(small_batches, monkeypatch, tmp_path):
         assert len(first["body"]) > 0 and set(first) == set(second)
         for name, values in first.items():
             np.testing.assert_array_equal(values, second[name], err_msg=name)
+
+
+def test_rows_of_a_body_are_expanded_and_kept():
+    """Three bodies of 4, 0 and 3 candidates; the first is advanced, which opens one contact and closes another."""
+    rng, edges = np.random.default_rng(1), (0, 4, 4, 7)
+    closed = ClosedContacts(np.array([1, 3, 4, 6], np.int32), rng.random((4, 8)), rng.random((4, 5)))
+    new = ClosedContacts(np.zeros(7, np.int32), np.zeros((7, 8)), np.zeros((7, 5)))
+    H, R = np.full((4, 8), np.nan), np.full((4, 5), np.nan)
+    expand.py_func(4, 0, edges[0], closed, H, R)
+    assert not H[[0, 2]].any() and not R[[0, 2]].any()
+    np.testing.assert_array_equal(H[[1, 3]], closed.H[:2])
+    np.testing.assert_array_equal(R[[1, 3]], closed.R[:2])
+    H[0], R[0], H[3] = 0.5, 0.25, 0.0
+    written = compact.py_func(4, 0, edges[0], H, R, new)
+    assert keep.py_func(2, 4, written, closed, new) == 4
+    np.testing.assert_array_equal(new.on[:4], [0, 1, 4, 6])
+    np.testing.assert_array_equal(new.H[:4], [np.full(8, 0.5), closed.H[0], *closed.H[2:]])
+    np.testing.assert_array_equal(new.R[:4], [np.full(5, 0.25), closed.R[0], *closed.R[2:]])
