@@ -57,10 +57,10 @@ class ImplicitEnsemble(Implicit):
         """Return tables with room for the rows and the spheres of any body, and for the closed contacts of any batch."""
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
-        most = int(np.diff(state.start).max()) if state.sphere_table is None else 0
+        spheres = int(np.diff(state.start).max()) if state.sphere_table is None else 0
         H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
         radii = state.radii if state.sphere_table is None else np.zeros(0)
-        return Scratch(OneBody(H, R, table(most, sphere.WIDTH), radii), rows.scratch())
+        return Scratch(OneBody(H, R, table(spheres, sphere.WIDTH), radii), rows.scratch())
 
     def keep_all_rows(self) -> None:
         """Go on with rows for all candidates and a table of all spheres, as a part of a run, or its whole, does."""

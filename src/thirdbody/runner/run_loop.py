@@ -23,6 +23,7 @@ from thirdbody.runner.output_schedule import changeover_stop, planned_frames, ta
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder, new_rate_test
 from thirdbody.runner.yield_check import PeakPressure
+from thirdbody.system.freed_memory import keep_freed_memory
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -39,6 +40,9 @@ MIN_INTERVAL_OVER_COST = 20.0
 
 REPORT_EVERY = 0.5
 """Shortest wall time between two reports of progress, but for those of a frame [s]: one goes through all bodies."""
+
+LARGE = 20_000
+"""Bodies of a run whose frames make tables that the C library would return to the system."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,8 @@ class RunLoop:
         self.writer = writer
         if self.report is not None:
             self.work = self._expected_work()
+        if simulation.state.n_bodies >= LARGE:
+            keep_freed_memory()
         self.begun, self.aside = time.perf_counter(), 0.0
         if not writer.frames:
             self.export_state()  # before the first frame: a run that is killed at once can be resumed too
