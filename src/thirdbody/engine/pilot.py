@@ -24,12 +24,13 @@ from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels.columns import step_memory
 from thirdbody.kernels.implicit.bundles import KINDS
 
-SAMPLES, BODIES, FEWEST = 4, 32, 20_000
-"""Groups of bodies, bodies of a group, and fewest bodies of a run for which 128 are computed twice: 0.6 % of its work. The work
-of a body differs by half of the mean, so that of all is known to some 5 %."""
-STOP = 4.5
-"""What a stop costs a body beyond its iterations, in iterations: rows, spheres and memory of its batch. Of a million bodies it is
-6, of 100 000 bodies 3 (two threads, Zen 3)."""
+BODIES, EVERY, GROUPS, FEWEST = 32, 5_000, 64, 20_000
+"""Bodies of a group; bodies of the run for each group, so that 0.64 % of the work is done twice; largest number of groups; and
+fewest bodies of a run. The few that roll on take fifty times the steps of the others: of 128 of 100 000 bodies the work was
+distributed over the time as that of all to 20 %."""
+STOP = 4.0
+"""What a stop costs a body beyond its iterations, in iterations: its rows and spheres, which come from memory, and what its batch
+waits for (100 000 bodies, two threads, Zen 3)."""
 
 
 class Work(NamedTuple):
@@ -51,7 +52,8 @@ def expected_work(integrator: ImplicitEnsemble, stops: Iterable[tuple[float, flo
     rows, n = integrator.state.slots.rows, integrator.state.n_bodies
     if n < FEWEST or not isinstance(rows, ClosedRows):
         return None
-    groups = [_alone(integrator, rows, k * (len(rows.compact) - 1) // SAMPLES) for k in range(SAMPLES)]
+    number = min(n // EVERY, GROUPS)
+    groups = [_alone(integrator, rows, k * (len(rows.compact) - 1) // number) for k in range(number)]
     times, iterations = [integrator.state.time], [_iterations(groups)]
     try:
         for stop in stops:
@@ -61,7 +63,7 @@ def expected_work(integrator: ImplicitEnsemble, stops: Iterable[tuple[float, flo
             iterations.append(_iterations(groups))
     except GuardStop:
         return None
-    work = np.array(iterations) - iterations[0] + STOP * SAMPLES * BODIES * np.arange(len(times))
+    work = np.array(iterations) - iterations[0] + STOP * number * BODIES * np.arange(len(times))
     return Work(np.array(times), work / work[-1]) if work[-1] > 0.0 else None
 
 

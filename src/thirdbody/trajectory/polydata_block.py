@@ -1,6 +1,8 @@
 """Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
 
+import zlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import h5py
@@ -34,9 +36,23 @@ class Column:
         self.length: int = dataset.shape[0]
         self._tail: tuple[int, ...] = dataset.shape[1:]
         self._dtype = dataset.dtype
+        self._chunk = dataset.chunks[0] if dataset.compression else 0
 
-    def extend(self, rows: Any) -> int:
-        """Append rows; return the row at which they begin."""
+    def deflated(self, rows: np.ndarray) -> bytes | None:
+        """Return rows as the filters of the data set store them, if it is compressed and they are one chunk of it; else None."""
+        if not self._chunk or len(rows) != self._chunk or self.length % self._chunk:
+            return None
+        data = np.ascontiguousarray(rows, self._dtype)
+        # first bytes of all numbers, then second ones ("shuffle")
+        return zlib.compress(data.view(np.uint8).reshape(-1, data.itemsize).T.tobytes(), LEVEL)
+
+    def extend(self, rows: Any, chunk: bytes | None = None) -> int:
+        """Append rows; return the row at which they begin. `chunk`: the rows by `deflated`, if that has been computed."""
+        if chunk is not None:
+            start, self.length = self.length, self.length + len(rows)
+            self._id.set_extent((self.length, *self._tail))
+            self._id.write_direct_chunk((start,) + (0,) * len(self._tail), chunk)
+            return start
         data = np.ascontiguousarray(rows, self._dtype)
         if data.shape[1:] != self._tail:
             raise ValueError(f"rows of shape {data.shape[1:]} do not fit a data set with rows of {self._tail}")
@@ -158,19 +174,32 @@ class Block:
         self._append_cells(count)
         self._step["PartOffsets"].add(self._point_count.add(count))
         self._step["NumberOfParts"].add(1)
-        self._step["PointOffsets"].add(self._points.extend(arrays["points"]))
         for zeros in self._zeros:
             zeros.add(np.zeros(4))
         for offsets in self._static.values():
             offsets.add(0)
-        for name, array in arrays.items():
-            if name == "points":
-                continue
-            if name not in self._varying:
-                data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
-                self._varying[name] = (data, self._offset_column(name))
-            data, offsets = self._varying[name]
-            offsets.add(data.extend(array))
+        columns = [self._columns_of(name, array) for name, array in arrays.items()]
+        chunks = self._deflated([data for data, _ in columns], list(arrays.values()))
+        for (data, offsets), array, chunk in zip(columns, arrays.values(), chunks, strict=True):
+            offsets.add(data.extend(array, chunk))
+
+    def _columns_of(self, name: str, array: np.ndarray) -> tuple[Column, Column]:
+        """Return the data set of an array that varies, and that of the rows at which its frames begin."""
+        if name == "points":
+            return self._points, self._step["PointOffsets"]
+        if name not in self._varying:
+            data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
+            self._varying[name] = (data, self._offset_column(name))
+        return self._varying[name]
+
+    def _deflated(self, columns: list[Column], arrays: list[np.ndarray]) -> Sequence[bytes | None]:
+        """Return the chunks of a frame, deflated on the threads of the run; HDF5 itself would use one."""
+        if not self._storage.compress:
+            return [None] * len(columns)
+        import numba
+
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+            return list(pool.map(Column.deflated, columns, arrays))
 
     def _append_cells(self, count: int) -> None:
         for cells, columns in self._cells.items():
