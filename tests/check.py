@@ -12,8 +12,9 @@ BEFORE = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("format", ["-m", "ruff", "format", "--check", "-q", "."]),
     ("mypy", ["-m", "mypy"]),
-    # the kernels that all scenes share, once: otherwise each process of the tests compiles them for itself
-    ("kernels", ["-c", "from thirdbody.engine import explicit, implicit_common_plate, time_step"]),
+    # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
+    ("explicit kernels", ["-c", "from thirdbody.engine import explicit, time_step"]),
+    ("implicit kernels", ["-c", "from thirdbody.engine import implicit_common_plate_islands, implicit_ensemble"]),
 )
 TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", QUICK]
 

@@ -29,7 +29,7 @@ BODIES, EVERY, GROUPS, FEWEST = 32, 5_000, 64, 20_000
 fewest bodies of a run. The few that roll on take fifty times the steps of the others: of 128 of 100 000 bodies the work was
 distributed over the time as that of all to 20 %."""
 STOP = 4.0
-"""What a stop costs a body beyond its iterations, in iterations: its rows and spheres, which come from memory, and what its batch
+"""What a stop costs a body beyond its iterations, in iterations: its rows and spheres, which come from memory, and what its thread
 waits for (100 000 bodies, two threads, Zen 3)."""
 
 

@@ -300,10 +300,10 @@ def unite(state: State) -> None:
         refresh_spheres(state)
 
 
-def place_some(state: State, first: int, last: int, into: Array | None = None) -> Array:
-    """Return the spheres of bodies `first` to `last` - 1, whose table is not kept; `into`: a table with room for them."""
+def place_some(state: State, first: int, last: int) -> Array:
+    """Return the spheres of bodies `first` to `last` - 1, whose table is not kept."""
     low, high = int(state.start[first]), int(state.start[last])
-    S = table(high - low, sphere.WIDTH) if into is None else into[: high - low]
+    S = table(high - low, sphere.WIDTH)
     S[:, sphere.RADIUS] = state.radii[low:high]
     start, B = state.start[first : last + 1] - low, state.B[first:last]
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], np.diff(start))

@@ -82,8 +82,10 @@ def closed_contacts(state: State) -> Closed:
 
 
 def plate_contacts(state: State, drag: Array, contacts: Closed) -> list[tuple[Array, Array]]:
-    """Return the normal force of each plate, the lower one first, on each body [N], and what its spin adds to the speed there
-    [m/s], each (n_bodies,). Contacts that pull do not count."""
+    """Return what the bodies have of each plate, the lower one first; contacts that pull do not count.
+
+    It is the normal force of the plate [N], and what the spin of the body adds to the speed there [m/s], each (n_bodies,).
+    """
     n, on = state.n_bodies, np.flatnonzero((contacts.force > 0.0) & ((contacts.side == LOWER) | (contacts.side == UPPER)))
     owner, force, point = contacts.body[on], contacts.force[on], contacts.point[on]
     spin = state.bodies.spin[owner]
