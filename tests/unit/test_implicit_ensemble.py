@@ -155,6 +155,7 @@ def test_work_of_a_few_bodies_is_that_of_all(small_batches, monkeypatch):
     monkeypatch.setattr(pilot, "EVERY", 5)
     simulation, untouched = built(), built()
     work = expected_work(simulation.integrator, [(stop, np.inf) for stop in STOPS])
+    assert expected_work(simulation.integrator, [(stop, np.inf) for stop in STOPS], lambda: True) is None
     assert work is not None and work.fractions[0] == 0.0 and work.fractions[-1] == 1.0
     assert np.all(np.diff(work.fractions) > 0.0)
     assert_same(simulation, untouched)

@@ -8,7 +8,7 @@ time of the few bodies would count too much what a call costs that has few bodie
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +29,8 @@ BODIES, EVERY, GROUPS, FEWEST = 32, 5_000, 64, 20_000
 fewest bodies of a run. The few that roll on take fifty times the steps of the others: of 128 of 100 000 bodies the work was
 distributed over the time as that of all to 20 %."""
 STOP = 4.0
-"""What a stop costs a body beyond its iterations, in iterations: its rows and spheres, which come from memory, and what its thread
-waits for (100 000 bodies, two threads, Zen 3)."""
+"""What a stop costs a body beyond its iterations, in iterations: its rows and spheres, which come from memory, and the time for
+which its thread waits (100 000 bodies, two threads, Zen 3)."""
 
 
 class Work(NamedTuple):
@@ -44,10 +44,13 @@ class Work(NamedTuple):
         return float(np.interp(times, self.times, self.fractions).mean())
 
 
-def expected_work(integrator: ImplicitEnsemble, stops: Iterable[tuple[float, float]]) -> Work | None:
+def expected_work(
+    integrator: ImplicitEnsemble, stops: Iterable[tuple[float, float]], interrupted: Callable[[], bool] = lambda: False
+) -> Work | None:
     """Return the work of a run from its present state to the last stop (time [s], distance [m]); None where it is not known.
 
-    It is known for large ensembles, unless a guard stops one of the few bodies.
+    It is known for large ensembles, unless a guard stops one of the few bodies, or `interrupted` returns True before the end: it
+    is called after each group of them.
     """
     rows, n = integrator.state.slots.rows, integrator.state.n_bodies
     if n < FEWEST or not isinstance(rows, ClosedRows):
@@ -59,6 +62,8 @@ def expected_work(integrator: ImplicitEnsemble, stops: Iterable[tuple[float, flo
         for stop in stops:
             for group in groups:
                 group.advance_to(*stop)
+                if interrupted():
+                    return None
             times.append(groups[0].state.time)
             iterations.append(_iterations(groups))
     except GuardStop:

@@ -242,7 +242,9 @@ class RunLoop:
         from thirdbody.engine.pilot import expected_work
 
         stops = islice(targets(self.simulation), self.reached, None)
-        return expected_work(slow, (stop[:2] for stop in stops if stop[2])) if isinstance(slow, ImplicitEnsemble) else None
+        if not isinstance(slow, ImplicitEnsemble):
+            return None
+        return expected_work(slow, (stop[:2] for stop in stops if stop[2]), self.stop)
 
     def _left(self, slow: Implicit) -> float | None:
         """Return the wall time that is left [s], by the work that is done; None before the first steps.
