@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -64,7 +65,8 @@ class RunLoop:
         self.folder = self.resumed_as = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
-        self.frame_cost, self.aside = 0.0, 0.0  # wall time [s] of the last frame, and of all frames and checkpoints so far
+        self.aside = 0.0  # wall time [s] of all frames and checkpoints so far
+        self.frame_costs: deque[float] = deque(maxlen=3)  # of the last frames
         self.written = self.reported = self.started
         self.work: Work | None = None  # how the work is distributed over the time of the run, where that is known
         self.limit = ""
@@ -218,8 +220,8 @@ class RunLoop:
         self.energy_guard.check(simulation.state, stored)
         if slow := self._implicit():
             slow.refuse_created_energy()
-        self.frame_cost = time.perf_counter() - begun
-        self.aside += self.frame_cost
+        self.frame_costs.append(time.perf_counter() - begun)
+        self.aside += self.frame_costs[-1]
 
     def _report_progress(self, series: dict[str, Any]) -> None:
         """Report the progress so far."""
@@ -249,7 +251,8 @@ class RunLoop:
     def _left(self, slow: Implicit) -> float | None:
         """Return the wall time that is left [s], by the work that is done; None before the first steps.
 
-        Frames are counted as long as the last one, checkpoints with the part of the time that they may take.
+        Frames are counted as long as the shortest of the last three: the process grows in the first one with contacts, which
+        takes twice as long. Checkpoints are counted with the part of the time that they may take.
         """
         assert self.work is not None
         done = self.work.done(slow.totals[:, run_totals.TIME])
@@ -258,7 +261,7 @@ class RunLoop:
         frames = planned_frames(self.simulation) - self.writer.frames
         checkpoints = self.cost / (self.cost + max(self.every, MIN_INTERVAL_OVER_COST * self.cost)) if self.cost else 0.0
         steps = (time.perf_counter() - self.begun - self.aside) * (1.0 / done - 1.0)
-        return (steps + frames * self.frame_cost) / (1.0 - checkpoints)
+        return (steps + frames * min(self.frame_costs, default=0.0)) / (1.0 - checkpoints)
 
     def _implicit(self) -> Implicit | None:
         """Return the integrator if it is implicit; importing its class here would compile its steps."""
