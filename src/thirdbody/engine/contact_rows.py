@@ -54,9 +54,6 @@ class AllRows:
         """Return columns of the records of closed candidates, an array for each column or slice of them."""
         return [self.R[:, each][closed] for each in columns]
 
-    number = 1
-    """Number of batches."""
-
 
 @dataclass
 class Batch:

@@ -1,6 +1,6 @@
 """Memory of freed tables that the process keeps for the next ones.
 
-The C library returns large freed tables to the system, which fills new ones with zeros page by page. In a run of a million bodies
+The C library returns large freed tables to the system, which fills new ones with zeros page by page. In a run of 100 000 bodies
 that is a seventh of the time of a frame.
 """
 
@@ -12,7 +12,7 @@ number of tables outside of the heap."""
 
 
 def keep_freed_memory() -> None:
-    """Keep freed tables for new ones from now on; with another C library than GNU's nothing changes."""
+    """Keep freed tables of this process for new ones from now on; with another C library than GNU's nothing changes."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, TypeError, AttributeError):
