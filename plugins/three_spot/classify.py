@@ -271,6 +271,14 @@ def label_without_effects(C: Array, n: int, observed: Array, m: Array, out: Arra
         write_label(C, n, observed, m, pose, out)
 
 
+@njit(error_model="numpy")
+def label_without_forecasts(C: Array, n: int, observed: Array, m: Array, out: Array) -> None:
+    """`label` of a body that has no forecast (NO_FORECAST): half the time."""
+    clear(m, out)
+    if n > 0:
+        write_label(C, n, observed, m, support_of(C, n), out)
+
+
 @helper
 def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out: Array) -> None:
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""

@@ -27,4 +27,5 @@ table.scalar("t_max", "", "largest friction at which it can slide")
 WIDTH = table.width
 MARGINS = table.names()[FRICTION:SIDE]
 EXTRAS = table.names()[SIDE:]
+FORECASTS = table.names()[FORECAST:]
 CODES = ("sliding_side", "forecast")

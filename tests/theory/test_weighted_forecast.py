@@ -7,7 +7,7 @@ import math
 import friction_cones
 import numpy as np
 import pytest
-from thirdbody_three_spot import classify, conditions
+from thirdbody_three_spot import classify, conditions, label_output
 
 from thirdbody import plugin as k
 
@@ -103,6 +103,15 @@ def test_a_negligible_weight_leaves_the_closed_form_of_no_weight():
     # beyond that programmes take over, and the ends move with the weight: by w times a length of the body over its height
     slopes = [(found["t_max"] - requested[0]["t_max"]) / w for found, w in zip(requested[2:], (1e-3, 2e-3), strict=True)]
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-2) and 0.1 < abs(slopes[0]) < 2.0
+
+
+def test_labels_without_forecasts_differ_in_them_only():
+    upper, lower, heights, frictions, drag = case(np.random.default_rng(3))
+    body = upper, lower, heights, WRENCHES["weight, pull and torque"], frictions, drag
+    full, without = label(*body), label(*body, classify.label_without_forecasts)
+    assert full["mu_required"] > 0.0
+    assert [without.pop(name) for name in label_output.FORECASTS] == [k.NO_FORECAST, 0.0, 0.0, 0.0]
+    assert without == {name: full[name] for name in without}
 
 
 def test_the_labels_without_effects_are_the_same_bits():

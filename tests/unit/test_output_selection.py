@@ -8,15 +8,19 @@ import h5py
 import numpy as np
 import pytest
 from ensembles import SCENE
+from thirdbody_three_spot import LABELLER
 from trajectories import whole_and_resumed
 
 import thirdbody
 from thirdbody.errors import InputError
+from thirdbody.plugin import NO_FORECAST
+from thirdbody.runner.prepare import prepare
 from thirdbody.trajectory import validate
 from thirdbody.trajectory.reader import FILE_NAME
 
 EXPLICIT = {"solver.integrator": "explicit", "solver.settle": "50 ns", "solver.distance": "4 nm", "output.every": "1 nm"}
 SMALL = {"output.blocks": ["clumps"], "output.precision": "float32", "output.compress": True}
+LABELS = (*LABELLER.margins, *LABELLER.extras)
 FEW = SMALL | {"output.arrays": ["quaternion", "friction_work"]}
 
 
@@ -62,6 +66,20 @@ def test_single_precision_and_few_arrays(whole, tmp_path):
         with h5py.File(tmp_path / "run" / FILE_NAME) as file:
             stored = file["VTKHDF/clumps/PointData/quaternion"]
             assert stored.compression == "gzip" and stored.chunks[0] == len(bodies["id"])
+
+
+def test_forecasts_are_computed_where_they_are_written(whole, tmp_path):
+    recorded = whole.bodies(-1)
+    assert np.any(recorded["forecast"] != NO_FORECAST)
+    for arrays in (["forecast", "mu_required"], ["margin_rotation", "roll_ratio"]):
+        with run(tmp_path / arrays[0], **{"output.arrays": arrays}) as lean:
+            assert np.array_equal(lean.states, whole.states) and np.array_equal(lean.reasons, whole.reasons)
+            for name in arrays:
+                assert np.array_equal(lean.bodies(-1)[name], recorded[name])
+    scene = thirdbody.Scene.parse(SCENE).with_settings(EXPLICIT | {"output.arrays": arrays})
+    simulation = prepare(scene)
+    simulation.integrator.advance_to(time=simulation.settle)
+    assert np.all(simulation.integrator.label()[:, 2 + LABELS.index("forecast")] == NO_FORECAST)
 
 
 def test_a_chunk_of_what_is_not_written_may_be_of_any_size(tmp_path):

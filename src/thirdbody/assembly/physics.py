@@ -100,7 +100,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     labeller = family.labeller or _any_labeller(registry)
     table = interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
-        physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller, table)
+        physics = _physics(chain, rows, pairs, materials, effects, effect_row, _for_output(scene, labeller), table)
         physics = replace(physics, pull_off=pull_off_forces(chain.laws, pairs, options))
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
@@ -285,6 +285,14 @@ def _compiled_measures(
         raise _not_compiled(measures, problem) from problem
     rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
     return Measures(function, np.array(rows, float).ravel(), layout, cells_of(scene))
+
+
+def _for_output(scene: Scene, labeller: Labeller | None) -> Labeller | None:
+    """Return the labeller, without its forecasts where the scene has none of them written."""
+    arrays = scene.output.arrays
+    if labeller is None or labeller.label_without_forecasts is None or arrays is None or {*arrays} & {*labeller.forecasts}:
+        return labeller
+    return replace(labeller, label=labeller.label_without_forecasts, label_without_effects=None)
 
 
 def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, interaction) -> Physics:

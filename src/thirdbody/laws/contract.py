@@ -243,7 +243,8 @@ class Labeller:
     on a copy of the memory, so that output changes nothing. Columns: `loaded_contact` for contacts and `observed_body` for the
     body (`thirdbody.plugin`). `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory` name the
     floats that the engine stores per body and per contact, initially zero. `label_without_effects` is an optional variant of
-    `label` that compiles faster, used where no effect acts on bodies.
+    `label` that compiles faster, used where no effect acts on bodies. `label_without_forecasts` is one that leaves out the extras
+    `forecasts`, used where a run writes none of them.
     """
 
     name: str
@@ -260,6 +261,8 @@ class Labeller:
     codes: tuple[str, ...] = ()  # extras that are small integers
     outputs: Iterable[Column] = ()  # unit and meaning of margins and extras, for `thirdbody keys`
     label_without_effects: Callable | None = None
+    label_without_forecasts: Callable | None = None
+    forecasts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

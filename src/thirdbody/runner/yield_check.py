@@ -11,6 +11,7 @@ import numpy as np
 from thirdbody.assembly.load_checks import limit_words
 from thirdbody.engine.state import World
 from thirdbody.laws.first_yield import yield_limit
+from thirdbody.trajectory.frame_contacts import LOWER_PLATE, UPPER_PLATE, FrameContacts
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -36,9 +37,9 @@ class PeakPressure:
         self.ratio, self.pressure, self.over = float(state["ratio"]), float(state["pressure"]), int(state["over"])
         self.pair = (int(state["pair"][0]), int(state["pair"][1]))
 
-    def update(self, contacts: Mapping[str, np.ndarray]) -> None:
+    def update(self, contacts: FrameContacts) -> None:
         """Update with the contacts of one frame."""
-        pressure, (own, other) = contacts["peak_pressure"], self._sides(contacts)
+        pressure, (own, other) = contacts.peak_pressure, self._sides(contacts)
         if not len(pressure):
             return
         ratio = pressure / self.limits[own, other]
@@ -48,13 +49,13 @@ class PeakPressure:
         if ratio[worst] > self.ratio:
             self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
 
-    def _sides(self, contacts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _sides(self, contacts: FrameContacts) -> tuple[np.ndarray, np.ndarray]:
         """Return the material codes of each contact's body and of its partner, (n,) and (n,)."""
-        partner = contacts["partner"]
+        partner = contacts.partner
         other = self.of_body[np.maximum(partner, 0)]
         for side, material in self.of_plate.items():
             other = np.where(partner == side, material, other)
-        return self.of_body[contacts["body"]], other
+        return self.of_body[contacts.body], other
 
     def summary(self) -> dict[str, Any]:
         """Return largest peak pressure [Pa], largest ratio to first yield, that limit [Pa] or None, materials."""
@@ -78,8 +79,8 @@ class PeakPressure:
 
 
 def plate_materials(world: World) -> dict[int, int]:
-    """Return the material code of each plate by its partner code in frames: -1 lower, -2 upper."""
-    given = {-1: world.lower, -2: None if world.upper is None else world.upper.material}
+    """Return the material code of each plate by its partner code in frames."""
+    given = {LOWER_PLATE: world.lower, UPPER_PLATE: None if world.upper is None else world.upper.material}
     return {side: material for side, material in given.items() if material is not None}
 
 

@@ -87,11 +87,11 @@ def plate_contacts(state: State, drag: Array, contacts: Closed) -> list[tuple[Ar
     It is the normal force of the plate [N], and what the spin of the body adds to the speed there [m/s], each (n_bodies,).
     """
     n, on = state.n_bodies, np.flatnonzero((contacts.force > 0.0) & ((contacts.side == LOWER) | (contacts.side == UPPER)))
-    owner, force, point = contacts.body[on], contacts.force[on], contacts.point[on]
-    spin = state.bodies.spin[owner]
-    along_x = spin[:, 1] * point[:, 2] - spin[:, 2] * point[:, 1]
-    along_y = spin[:, 2] * point[:, 0] - spin[:, 0] * point[:, 2]
-    added, at = along_x * drag[0] + along_y * drag[1], owner + n * (contacts.side[on] == UPPER)
+    owner, force, point = contacts.body[on], contacts.force[on], contacts.point.take(on, axis=0)  # four times as fast as [on]
+    spin = state.bodies.spin
+    # (w x r) . e = r . (e x w); e has no component along z
+    turning = np.column_stack([drag[1] * spin[:, 2], -drag[0] * spin[:, 2], drag[0] * spin[:, 1] - drag[1] * spin[:, 0]])
+    added, at = np.einsum("ij,ij->i", point, turning.take(owner, axis=0)), owner + n * (contacts.side[on] == UPPER)
     totals, sums = np.bincount(at, force, 2 * n), np.bincount(at, force * added, 2 * n)
     means = np.divide(sums, totals, out=np.zeros(2 * n), where=totals > 0.0)
     return [(totals[:n], means[:n]), (totals[n:], means[n:])]

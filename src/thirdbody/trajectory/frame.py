@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.energy import Ledger, Stored
-from thirdbody.engine.measures import body_amounts, contact_maxima, map_densities
+from thirdbody.engine.measures import body_amounts, map_densities
 from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER
-from thirdbody.kernels.rolling_kinematics import TWIST
+from thirdbody.kernels.columns import body, body_extra, patch, record, run_totals, sphere
+from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
+from thirdbody.trajectory.frame_contacts import FrameContacts
 from thirdbody.trajectory.interval_means import IntervalMeans
 from thirdbody.trajectory.profiles import Profiler
 from thirdbody.trajectory.sample import Sample
@@ -45,7 +44,7 @@ class FrameMaker:
         self.blocks: tuple[str, ...] = ("spheres", "contacts")  # of these, what is written: the other one is empty in frames
         self.arrays: frozenset[str] | None = None  # of the bodies, what frames have; None: all
         self.sample: Sample | None = None
-        self.watch: Callable[[dict[str, np.ndarray]], None] | None = None  # gets all contacts of each frame, written or not
+        self.watch: Callable[[FrameContacts], None] | None = None  # gets all contacts of each frame, written or not
 
     def follow(self, sample: Sample) -> None:
         """Restrict frames to a sample of the bodies; series are those of all."""
@@ -78,7 +77,7 @@ class FrameMaker:
     def body_arrays(self) -> list[str]:
         """Return the names of the arrays of the bodies, without those that never change."""
         labels = np.zeros((self.state.n_bodies, 0)) if self.labeller else None
-        return [name for name in self._arrays_of_bodies(labels, {}) if name != "points"]
+        return [name for name in self._arrays_of_bodies(labels, FrameContacts(self.state)) if name != "points"]
 
     def frame(self, labels: np.ndarray | None, stored: Stored | None = None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
@@ -87,15 +86,14 @@ class FrameMaker:
         """
         s = self.state
         self.interval_means = self.means.finish() if self.means else {}
-        on = self.state.slots.rows.closed()
-        closed = self._needed_of_contacts(on)
+        closed = FrameContacts(s)
         if self.watch is not None:
             self.watch(closed)
         clumps = self._clumps(labels, closed)
         series = self._series(clumps, closed, stored)
         if self.sample is not None:
             clumps = {name: values[self.sample.bodies] for name, values in clumps.items()}
-        contacts = self._contacts(on, closed)
+        contacts = self._contacts(closed)
         return Frame(s.time, self._spheres(clumps), clumps, contacts, self._plates(), series, self._profiles(), map_densities(s))
 
     def _spheres(self, clumps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -116,80 +114,22 @@ class FrameMaker:
         mean = self.interval_means.get("profiles")
         return self.profiler.profiles(self.profiler(self.state) if mean is None else mean, self.state)
 
-    def _contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the arrays of the closed contacts that are written; `on`, `needed`: of all that are closed."""
+    def _contacts(self, contacts: FrameContacts) -> dict[str, np.ndarray]:
+        """Return the arrays of the closed contacts that are written."""
         chosen: Any = slice(None)
         if "contacts" not in self.blocks:
             chosen = slice(0)
         elif self.sample is not None:
-            chosen = self.sample.has(needed["body"]) | self.sample.has(needed["partner"])
-        arrays = self._all_of_contacts(on[chosen], {name: values[chosen] for name, values in needed.items()})
+            chosen = self.sample.has(contacts.body) | self.sample.has(contacts.partner)
+        arrays = contacts.arrays(chosen)
         return arrays if self.sample is None else self.sample.of_contacts(arrays)
 
-    def _needed_of_contacts(self, on: np.ndarray) -> dict[str, np.ndarray]:
-        """Return what bodies and series of a frame need of the closed contacts."""
-        s, slots = self.state, self.state.slots
-        partner = slots.partner[on]
-        sides, owner = sides_of(partner), s.body[slots.own[on]]
-        other = np.where(sides == DEBRIS, s.order[s.body[np.maximum(partner, 0)]], np.where(sides == LOWER, -1, -2))
-        tangential, normal, normal_force, limit, pressure, point = slots.rows.records(
-            on, record.TANGENTIAL_FORCE3, record.NORMAL3, record.NORMAL_FORCE, record.FRICTION_LIMIT, record.PEAK_PRESSURE,
-            record.POINT3,
-        )  # fmt: skip
-        size = np.sqrt(tangential[:, 0] ** 2 + tangential[:, 1] ** 2 + tangential[:, 2] ** 2)
-        return {
-            "owner": owner,
-            "body": s.order[owner],
-            "partner": other,
-            "side": sides.astype(np.uint8),
-            "normal_force": normal_force,
-            "force": normal_force[:, None] * normal + tangential,
-            "utilisation": np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0),
-            "peak_pressure": pressure,
-            "arm": point,
-        }
-
-    def _all_of_contacts(self, on: np.ndarray, needed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all arrays of the closed contacts, in the order of the file; `needed`: those that are known."""
-        s, slots = self.state, self.state.slots
-        (R,) = slots.rows.records(on, slice(None)) if len(on) else (np.zeros((0, slots.rows.widths[1])),)
-        slip = slots.rows.histories(on, contact_state.SLIP) if len(on) else np.zeros(0)
-        tangential = R[:, record.TANGENTIAL_FORCE3]
-        arrays = {
-            "points": s.bodies.position[needed["owner"]] + needed["arm"],
-            "body": needed["body"],
-            "partner": needed["partner"],
-            "side": needed["side"],
-            "normal": R[:, record.NORMAL3],
-            "normal_force": needed["normal_force"],
-            "tangential_force": tangential,
-            "force": needed["force"],
-            "utilisation": needed["utilisation"],
-            "slip": slip - contact_state.CLOSED,
-            "overlap": R[:, record.OVERLAP],
-            "contact_radius": R[:, record.CONTACT_RADIUS],
-            "peak_pressure": needed["peak_pressure"],
-            "critical_slip": R[:, record.CRITICAL_SLIP],
-        }
-        if s.physics.moments:
-            moment = R[:, record.MOMENT3]
-            size, limit = np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT]
-            arrays["moment"] = moment
-            arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
-        if s.physics.rolling >= TWIST:
-            arrays["twist_moment"] = R[:, record.TWIST_MOMENT]
-            size, limit = np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT]
-            arrays["twist_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
-        return arrays | contact_maxima(s, on)
-
-    def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _clumps(self, labels: np.ndarray | None, contacts: FrameContacts) -> dict[str, np.ndarray]:
         """Return the arrays of the bodies that are written."""
         arrays = self._arrays_of_bodies(labels, contacts)
         return {name: values() for name, values in arrays.items() if self.arrays is None or name in self.arrays}
 
-    def _arrays_of_bodies(
-        self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]
-    ) -> dict[str, Callable[[], np.ndarray]]:
+    def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: FrameContacts) -> dict[str, Callable[[], np.ndarray]]:
         """Return what computes the arrays of the bodies, by their names."""
         s, given = self.state, self.given
         arrays: dict[str, Callable[[], np.ndarray]] = {
@@ -201,9 +141,9 @@ class FrameMaker:
             "torque": lambda: s.B[given, body.TORQUE3],
             "friction_work": self._friction_work,
             "slip_distance": lambda: s.B[given, body.SLIP_DISTANCE],
-            "utilisation": lambda: self._largest(contacts, contacts["utilisation"]),
-            "peak_pressure": lambda: self._largest(contacts, contacts["peak_pressure"]),
-            "contacts": lambda: self._count(contacts),
+            "utilisation": lambda: contacts.largest(contacts.utilisation),
+            "peak_pressure": lambda: contacts.largest(contacts.peak_pressure),
+            "contacts": contacts.number,
         }
         if s.physics.loss:
             arrays[f"{s.physics.loss}_work"] = lambda: s.E[given, body_extra.NORMAL_LOSS]
@@ -244,26 +184,6 @@ class FrameMaker:
         np.minimum.at(lowest, label, np.arange(n))
         return lowest[label]
 
-    def _largest(self, contacts: dict[str, np.ndarray], values: np.ndarray) -> np.ndarray:
-        """Return the largest value over the contacts of each body, zero without any."""
-        largest = np.zeros(self.state.n_bodies)
-        np.maximum.at(largest, contacts["body"], values)
-        debris = contacts["partner"] >= 0
-        np.maximum.at(largest, contacts["partner"][debris], values[debris])
-        return largest
-
-    def _count(self, contacts: dict[str, np.ndarray]) -> np.ndarray:
-        partners = contacts["partner"][contacts["partner"] >= 0]
-        return np.bincount(np.concatenate([contacts["body"], partners]), minlength=self.state.n_bodies)
-
-    def _active(self, contacts: dict[str, np.ndarray]) -> float:
-        """Return the fraction of bodies that are pressed from above and from below."""
-        lift, debris = contacts["force"][:, 2], contacts["partner"] >= 0
-        bodies = np.concatenate([contacts["body"], contacts["partner"][debris]])
-        lift = np.concatenate([lift, -lift[debris]])
-        above, below = (np.bincount(bodies[on], minlength=self.state.n_bodies) > 0 for on in (lift < 0.0, lift > 0.0))
-        return float(np.mean(above & below))
-
     def _plates(self) -> dict[str, np.ndarray] | None:
         if self._corners is None:
             return None
@@ -299,14 +219,13 @@ class FrameMaker:
             return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
 
-    def _series(self, clumps: dict[str, np.ndarray], contacts: dict[str, np.ndarray], stored: Stored | None) -> dict[str, Any]:
+    def _series(self, clumps: dict[str, np.ndarray], contacts: FrameContacts, stored: Stored | None) -> dict[str, Any]:
         s, states = self.state, clumps.get("state")
         upper, lower, direct = self._mean_forces()
         lines = self.ledger.lines(s, stored)
         both = upper + direct
         normal = abs(both[2])
-        carry = contacts["normal_force"] != 0.0
-        loaded = np.count_nonzero(self._count({name: contacts[name][carry] for name in ("body", "partner")}))
+        loaded = np.count_nonzero(contacts.number(contacts.normal_force != 0.0))
         dragged = bool(np.any(self.drag))
         series: dict[str, Any] = {
             "time": s.time,
@@ -319,12 +238,12 @@ class FrameMaker:
             "loaded": loaded,
         }
         if s.world.upper is not None:
-            series["active"] = self._active(contacts)
+            series["active"] = contacts.active()
         if s.world.upper is not None and s.world.upper.direct is not None:
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
-            closed = Closed(contacts["side"], contacts["owner"], contacts["normal_force"], contacts["arm"])
+            closed = Closed(contacts.side, contacts.owner, contacts.normal_force, contacts.arm)
             series |= parts_of(accommodation(self.drag, s, closed) if mean is None else mean)
         if self.scene_time is not None:
             series["scene_time"] = self.scene_time(s.time)

@@ -1,0 +1,137 @@
+"""Closed contacts of a frame: bodies and series need some of their columns, and only those are gathered."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from thirdbody.engine.candidates import sides_of
+from thirdbody.engine.measures import contact_maxima
+from thirdbody.engine.state import State
+from thirdbody.kernels.columns import contact_state, record
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER
+from thirdbody.kernels.rolling_kinematics import TWIST
+
+Array = np.ndarray
+LOWER_PLATE, UPPER_PLATE = -1, -2
+"""Partners that are plates, in files."""
+
+
+class FrameContacts:
+    """Closed contacts now, (n,) each; bodies are numbered as in the scene."""
+
+    def __init__(self, state: State) -> None:
+        self.state, self.on = state, state.slots.rows.closed()
+
+    @cached_property
+    def owner(self) -> Array:
+        """Rows of their bodies in the tables of the state."""
+        return self.state.body[self.state.slots.own[self.on]]
+
+    @cached_property
+    def body(self) -> Array:
+        """Their bodies."""
+        return self.state.order[self.owner]
+
+    @cached_property
+    def side(self) -> Array:
+        """What each touches (`columns.sides`)."""
+        return sides_of(self.state.slots.partner[self.on]).astype(np.uint8)
+
+    @cached_property
+    def partner(self) -> Array:
+        """The other body, LOWER_PLATE or UPPER_PLATE."""
+        s, plate = self.state, np.where(self.side == LOWER, LOWER_PLATE, UPPER_PLATE)
+        if not np.any(self.side == DEBRIS):
+            return plate
+        other = np.maximum(s.slots.partner[self.on], 0)
+        return np.where(self.side == DEBRIS, s.order[s.body[other]], plate)
+
+    @cached_property
+    def _records(self) -> list[Array]:
+        """Columns of the records that every frame needs, gathered in one pass."""
+        return self.state.slots.rows.records(
+            self.on, record.NORMAL_FORCE, record.NORMAL + 2, record.TANGENTIAL_FORCE + 2, record.PEAK_PRESSURE, record.POINT3
+        )
+
+    @property
+    def normal_force(self) -> Array:
+        """Normal forces [N]."""
+        return self._records[0]
+
+    @cached_property
+    def lift(self) -> Array:
+        """Components along z of the forces on the bodies [N]."""
+        normal_force, normal, tangential, _, _ = self._records
+        return normal_force * normal + tangential
+
+    @property
+    def peak_pressure(self) -> Array:
+        """Peak pressures [Pa]."""
+        return self._records[3]
+
+    @property
+    def arm(self) -> Array:
+        """Contact points from the centres of mass of the bodies (n, 3) [m]."""
+        return self._records[4]
+
+    @cached_property
+    def utilisation(self) -> Array:
+        """Tangential forces over their friction limits."""
+        force, limit = self.state.slots.rows.records(self.on, record.TANGENTIAL_FORCE3, record.FRICTION_LIMIT)
+        size = np.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + force[:, 2] ** 2)
+        return np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+
+    def largest(self, values: Array) -> Array:
+        """Return the largest value over the contacts of each body (n_bodies,), zero without any."""
+        largest, debris = np.zeros(self.state.n_bodies), self.partner >= 0
+        np.maximum.at(largest, self.body, values)
+        np.maximum.at(largest, self.partner[debris], values[debris])
+        return largest
+
+    def number(self, chosen: Any = slice(None)) -> Array:
+        """Return the number of contacts of each body (n_bodies,), of those chosen."""
+        body, partner = self.body[chosen], self.partner[chosen]
+        return np.bincount(np.concatenate([body, partner[partner >= 0]]), minlength=self.state.n_bodies)
+
+    def active(self) -> float:
+        """Return the fraction of bodies that are pressed from above and from below."""
+        debris = self.partner >= 0
+        bodies = np.concatenate([self.body, self.partner[debris]])
+        lift = np.concatenate([self.lift, -self.lift[debris]])
+        above, below = (np.bincount(bodies[on], minlength=self.state.n_bodies) > 0 for on in (lift < 0.0, lift > 0.0))
+        return float(np.mean(above & below))
+
+    def arrays(self, chosen: Any) -> dict[str, Array]:
+        """Return all arrays of the chosen contacts, in the order of the file."""
+        s, on = self.state, self.on[chosen]
+        rows = s.slots.rows
+        (R,) = rows.records(on, slice(None)) if len(on) else (np.zeros((0, rows.widths[1])),)
+        slip = rows.histories(on, contact_state.SLIP) if len(on) else np.zeros(0)
+        tangential, normal_force = R[:, record.TANGENTIAL_FORCE3], R[:, record.NORMAL_FORCE]
+        arrays = {
+            "points": s.bodies.position[self.owner[chosen]] + R[:, record.POINT3],
+            "body": self.body[chosen],
+            "partner": self.partner[chosen],
+            "side": self.side[chosen],
+            "normal": R[:, record.NORMAL3],
+            "normal_force": normal_force,
+            "tangential_force": tangential,
+            "force": normal_force[:, None] * R[:, record.NORMAL3] + tangential,
+            "utilisation": self.utilisation[chosen] if len(on) else np.zeros(0),
+            "slip": slip - contact_state.CLOSED,
+            "overlap": R[:, record.OVERLAP],
+            "contact_radius": R[:, record.CONTACT_RADIUS],
+            "peak_pressure": R[:, record.PEAK_PRESSURE],
+            "critical_slip": R[:, record.CRITICAL_SLIP],
+        }
+        if s.physics.moments:
+            moment = R[:, record.MOMENT3]
+            size, limit = np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT]
+            arrays["moment"] = moment
+            arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        if s.physics.rolling >= TWIST:
+            arrays["twist_moment"] = R[:, record.TWIST_MOMENT]
+            size, limit = np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT]
+            arrays["twist_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        return arrays | contact_maxima(s, on)
