@@ -90,8 +90,8 @@ def plate_contacts(state: State, drag: Array, contacts: Closed) -> list[tuple[Ar
     owner, force, point = contacts.body[on], contacts.force[on], contacts.point.take(on, axis=0)  # four times as fast as [on]
     spin = state.bodies.spin
     # (w x r) . e = r . (e x w); e has no component along z
-    turning = np.column_stack([drag[1] * spin[:, 2], -drag[0] * spin[:, 2], drag[0] * spin[:, 1] - drag[1] * spin[:, 0]])
-    added, at = np.einsum("ij,ij->i", point, turning.take(owner, axis=0)), owner + n * (contacts.side[on] == UPPER)
+    crossed = np.column_stack([drag[1] * spin[:, 2], -drag[0] * spin[:, 2], drag[0] * spin[:, 1] - drag[1] * spin[:, 0]])
+    added, at = np.einsum("ij,ij->i", point, crossed.take(owner, axis=0)), owner + n * (contacts.side[on] == UPPER)
     totals, sums = np.bincount(at, force, 2 * n), np.bincount(at, force * added, 2 * n)
     means = np.divide(sums, totals, out=np.zeros(2 * n), where=totals > 0.0)
     return [(totals[:n], means[:n]), (totals[n:], means[n:])]
