@@ -71,12 +71,13 @@ def test_single_precision_and_few_arrays(whole, tmp_path):
 def test_forecasts_are_computed_where_they_are_written(whole, tmp_path):
     recorded = whole.bodies(-1)
     assert np.any(recorded["forecast"] != NO_FORECAST)
-    for arrays in (["forecast", "mu_required"], ["margin_rotation", "roll_ratio"]):
+    others = ["margin_rotation", "roll_ratio"]
+    for arrays in (["forecast", "mu_required"], others):
         with run(tmp_path / arrays[0], **{"output.arrays": arrays}) as lean:
             assert np.array_equal(lean.states, whole.states) and np.array_equal(lean.reasons, whole.reasons)
             for name in arrays:
                 assert np.array_equal(lean.bodies(-1)[name], recorded[name])
-    scene = thirdbody.Scene.parse(SCENE).with_settings(EXPLICIT | {"output.arrays": arrays})
+    scene = thirdbody.Scene.parse(SCENE).with_settings(EXPLICIT | {"output.arrays": others})
     simulation = prepare(scene)
     simulation.integrator.advance_to(time=simulation.settle)
     assert np.all(simulation.integrator.label()[:, 2 + LABELS.index("forecast")] == NO_FORECAST)

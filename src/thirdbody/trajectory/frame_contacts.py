@@ -21,7 +21,12 @@ class FrameContacts:
     """Closed contacts now, (n,) each; bodies are numbered as in the scene."""
 
     def __init__(self, state: State) -> None:
-        self.state, self.on = state, state.slots.rows.closed()
+        self.state = state
+
+    @cached_property
+    def on(self) -> Array:
+        """Their candidates."""
+        return self.state.slots.rows.closed()
 
     @cached_property
     def owner(self) -> Array:
@@ -79,8 +84,7 @@ class FrameContacts:
     def utilisation(self) -> Array:
         """Tangential forces over their friction limits."""
         force, limit = self.state.slots.rows.records(self.on, record.TANGENTIAL_FORCE3, record.FRICTION_LIMIT)
-        size = np.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + force[:, 2] ** 2)
-        return np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        return _over_limit(np.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + force[:, 2] ** 2), limit)
 
     def largest(self, values: Array) -> Array:
         """Return the largest value over the contacts of each body (n_bodies,), zero without any."""
@@ -127,11 +131,14 @@ class FrameContacts:
         }
         if s.physics.moments:
             moment = R[:, record.MOMENT3]
-            size, limit = np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT]
             arrays["moment"] = moment
-            arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+            arrays["rolling_utilisation"] = _over_limit(np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT])
         if s.physics.rolling >= TWIST:
             arrays["twist_moment"] = R[:, record.TWIST_MOMENT]
-            size, limit = np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT]
-            arrays["twist_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+            arrays["twist_utilisation"] = _over_limit(np.abs(R[:, record.TWIST_MOMENT]), R[:, record.TWIST_LIMIT])
         return arrays | contact_maxima(s, on)
+
+
+def _over_limit(size: Array, limit: Array) -> Array:
+    """Return a force or moment over its limit, zero without one."""
+    return np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
