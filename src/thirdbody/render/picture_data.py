@@ -12,6 +12,7 @@ from thirdbody.quantity import quantity_text, with_unit
 from thirdbody.render.coloring import Arrays, Legend, LegendScale, compute_coloring
 from thirdbody.render.force_tubes import Tubes, force_tubes
 from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces
+from thirdbody.trajectory.names import LOWER_PLATE
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.rebuilt_spheres import rows_of
 from thirdbody.trajectory.state_groups import code_name
@@ -128,7 +129,7 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
 def _touching(run: Run, frame: int, bodies: Arrays, shift: np.ndarray) -> Touching:
     """Return the loaded contacts with the lower plate."""
     contacts = run.block("contacts", frame)
-    chosen = (contacts["partner"] == -1) & (contacts["normal_force"] > 0.0)
+    chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
     row = rows_of(bodies, contacts["body"][chosen])
     return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
 

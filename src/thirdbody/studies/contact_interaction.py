@@ -19,6 +19,7 @@ import numpy as np
 
 from thirdbody.studies.cost import Study
 from thirdbody.studies.worker_process import RUNS
+from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 
 Array = np.ndarray
 
@@ -102,7 +103,7 @@ def closest(folder: Path) -> Spots | None:
         frame = max(0, int(moved[0]) - 1) if len(moved) else run.frames - 1
         table = run.contacts(frame)
     result = []
-    for partner, plate in ((-1, "lower"), (-2, "upper")):
+    for partner, plate in ((LOWER_PLATE, "lower"), (UPPER_PLATE, "upper")):
         here = (table["partner"] == partner) & (table["overlap"] > 0.0)
         for body in np.unique(table["body"][here]):
             k = np.flatnonzero(here & (table["body"] == body))

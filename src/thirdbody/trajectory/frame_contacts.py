@@ -11,10 +11,9 @@ from thirdbody.engine.state import State
 from thirdbody.kernels.columns import contact_state, record
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.rolling_kinematics import TWIST
+from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 
 Array = np.ndarray
-LOWER_PLATE, UPPER_PLATE = -1, -2
-"""Partners that are plates, in files."""
 
 
 class FrameContacts:

@@ -135,6 +135,9 @@ CLUMPS = {
     "state": Name("1", "State, a code of `state_names`."),
     "state_reason": Name("1", "Reason for the state, a code of `reason_names`."),
 }
+LOWER_PLATE, UPPER_PLATE = -1, -2
+"""Values of `partner` of contacts with a plate."""
+
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),
     "body": Name("1", "Body that owns the contact."),
