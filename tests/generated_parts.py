@@ -20,9 +20,9 @@ SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 
 
-def rooms() -> str:
+def packages() -> str:
     """Return a table of all packages with the first line of their docstring, in the order of their names."""
-    lines = ["| room | what it holds |", "|---|---|"]
+    lines = ["| package | what it holds |", "|---|---|"]
     for path in sorted(SOURCE.rglob("__init__.py")):
         name = ".".join(path.parent.relative_to(SOURCE).parts)
         docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
@@ -161,8 +161,8 @@ def sweep_results() -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures, "kinds": kinds,
-    "sweep_keys": sweep_keys, "sweep_results": sweep_results,
+    "packages": packages, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures,
+    "kinds": kinds, "sweep_keys": sweep_keys, "sweep_results": sweep_results,
     "law-data": law_data,
 }  # fmt: skip
 PARTS |= REFERENCE | {"gallery": gallery}

@@ -16,10 +16,10 @@ OURS = sorted(SOURCE.rglob("*.py"))
 THEIRS = sorted(PLUGINS.rglob("*.py"))
 
 GROUND = {"errors", "dimensions", "units", "quantity", "granular_flow", "palette", "rotations", "atomic_files"}
-"""Modules of the root that every room may import."""
+"""Modules of the root that every package may import."""
 
-# what each room may import besides itself and the ground, at the head of a module or in a function, for type checkers too
-ROOMS = {
+# what each package may import besides itself and the ground, at the head of a module or in a function, for type checkers too
+PACKAGES = {
     "system": set(),
     "jit": {"system"},
     "kernels": {"jit"},
@@ -43,9 +43,9 @@ ROOMS = {
         "jit", "system",
     },
 }  # fmt: skip
-ROOMS["cli"] = set(ROOMS)
+PACKAGES["cli"] = set(PACKAGES)
 
-# rooms within rooms, by the same rule
+# subpackages, by the same rule
 INNER = {
     "kernels": {"explicit": {""}, "implicit": {"explicit", ""}, "": set()},
     "laws": {"codegen": {""}, "conformance": {"codegen", ""}, "": {"codegen"}},
@@ -73,7 +73,7 @@ FACADES = {"trajectory.reader": {"export", "plot", "render"}}
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
 LIGHT = [
     "__init__.py", "errors.py", "dimensions.py", "units.py", "runner/progress.py",
-    *(path.relative_to(SOURCE).as_posix() for room in ("cli", "scene", "system") for path in (SOURCE / room).rglob("*.py")),
+    *(path.relative_to(SOURCE).as_posix() for package in ("cli", "scene", "system") for path in (SOURCE / package).rglob("*.py")),
 ]  # fmt: skip
 COMPILED = {"jit", "kernels", "laws", "bodies", "engine"}
 DRAWING = {"trajectory", "export", "plot", "render"}
@@ -96,10 +96,10 @@ def room_of(name: str) -> str:
     return (name.split(".") + [""])[1]
 
 
-def inner_room_of(name: str, room: str) -> str:
-    """`explicit` for thirdbody.kernels.explicit.drift; empty for a module that lies in the room itself."""
+def subpackage_of(name: str, package: str) -> str:
+    """`explicit` for thirdbody.kernels.explicit.drift; empty for a module that lies in the package itself."""
     parts = name.split(".")
-    return parts[2] if len(parts) > 2 and parts[1] == room and parts[2] in INNER[room] else ""
+    return parts[2] if len(parts) > 2 and parts[1] == package and parts[2] in INNER[package] else ""
 
 
 def statements_at_start(body: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
@@ -173,11 +173,11 @@ def test_there_is_something_to_read():
 
 
 def test_every_room_and_every_module_of_the_root_has_its_rule():
-    rooms = {path.name for path in SOURCE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
-    assert rooms == set(ROOMS)
+    packages = {path.name for path in SOURCE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
+    assert packages == set(PACKAGES)
     assert {path.stem for path in SOURCE.glob("*.py")} == set(ROOT_MODULES)
-    for room, inner in INNER.items():
-        assert {path.name for path in (SOURCE / room).iterdir() if (path / "__init__.py").is_file()} >= set(inner) - {""}
+    for package, inner in INNER.items():
+        assert {path.name for path in (SOURCE / package).iterdir() if (path / "__init__.py").is_file()} >= set(inner) - {""}
 
 
 @each(OURS, name_of)
@@ -187,16 +187,16 @@ def test_imports_point_down(path):
     if len(parts) == 1:
         allowed = ROOT_MODULES[parts[0]]
     else:
-        allowed = ROOMS[parts[0]] | GROUND | FACADES.get(".".join(parts), set())
+        allowed = PACKAGES[parts[0]] | GROUND | FACADES.get(".".join(parts), set())
     assert used <= allowed, f"{'.'.join(parts)} must not import {sorted(used - allowed)}"
 
 
 @each([path for path in OURS if path.relative_to(SOURCE).parts[0] in INNER], name_of)
-def test_imports_point_down_inside_rooms(path):
+def test_imports_point_down_inside_packages(path):
     own = path.relative_to(SOURCE).with_suffix("").parts
-    room, inside = own[0], own[1] if len(own) > 2 and own[1] in INNER[own[0]] else ""
-    used = {inner_room_of(name, room) for name, _ in imports(path) if name.startswith(f"thirdbody.{room}.")} - {inside}
-    assert used <= INNER[room].get(inside, set()), f"{'.'.join(own)} must not import {sorted(used)}"
+    package, inside = own[0], own[1] if len(own) > 2 and own[1] in INNER[own[0]] else ""
+    used = {subpackage_of(name, package) for name, _ in imports(path) if name.startswith(f"thirdbody.{package}.")} - {inside}
+    assert used <= INNER[package].get(inside, set()), f"{'.'.join(own)} must not import {sorted(used)}"
 
 
 def test_no_imports_go_round_in_a_circle():
@@ -250,7 +250,7 @@ def test_what_starts_with_the_command_is_light(name):
 
 
 @each(OURS, name_of)
-def test_numba_stays_in_compiled_rooms_and_drawing_in_its_own(path):
+def test_numba_stays_in_compiled_packages_and_drawing_in_its_own(path):
     own, used = path.relative_to(SOURCE).parts[0], at_start(path)
     if own not in COMPILED:
         assert "numba" not in used

@@ -8,12 +8,12 @@ from pages import ROOT
 
 PAGE = ROOT / "src" / "README.md"
 PACKAGE = ROOT / "src" / "thirdbody"
-ROOMS = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+PACKAGES = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
 
 
 def test_modules_that_the_page_names_exist():
     text = PAGE.read_text(encoding="utf-8")
-    names = {name for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)*)`", text) if name.split(".")[0] in ROOMS}
+    names = {name for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)*)`", text) if name.split(".")[0] in PACKAGES}
     missing = [name for name in names if not _is_module(name)]
     assert len(names) > 20 and not missing, sorted(missing)
 

@@ -23,6 +23,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.threads import distribute
 from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
@@ -126,8 +127,13 @@ class ImplicitIslands(Implicit):
         finally:
             codes[waiting] = Stop.NONE
         parts, tables, context = self.islands.parts, self._pack_tables(self.islands.tables), self._context()
+        advance = _driver()
+
+        def advance_islands(tries: float) -> None:
+            distribute(range(parts), lambda: lambda part: advance(part, until, tries, context, tables))
+
         while going := self._going(until):
-            self._call(going, lambda tries: _driver()(parts, until, tries, context, tables))
+            self._call(going, advance_islands)
             watch()
         self._collect()
 
@@ -247,6 +253,6 @@ class ImplicitIslands(Implicit):
 
 def _driver() -> Callable:
     """Return the kernel of islands that have steps of their own; imported here: a common plate needs none of it."""
-    from thirdbody.kernels.implicit.island_driver import advance_islands
+    from thirdbody.kernels.implicit.island_driver import advance_part
 
-    return advance_islands
+    return advance_part

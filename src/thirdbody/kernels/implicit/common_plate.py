@@ -5,6 +5,7 @@ for a given rise of the plate, with the derivative of their force on the plate a
 of the arrow matrix. One scalar equation for the plate remains (`engine.implicit_common_plate`).
 """
 
+import numpy as np
 from numba import njit, prange, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
@@ -210,14 +211,15 @@ def solve_bodies(bodies, first_iteration, displacement, dt, v_x, v_y, packed):
     `solutions` (n, body_solution.WIDTH). `packed`: a packed `ImplicitContext`.
     """
     for c in prange((bodies + BODIES - 1) // BODIES):
-        solve_chunk(c, first_iteration, displacement, Motion(dt, v_x, v_y), packed)
+        # signed: for the unsigned index of the loop it would be compiled a second time
+        solve_chunk(np.int64(c), first_iteration, displacement, Motion(dt, v_x, v_y), packed)
 
 
 @njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
 def accept_bodies(bodies, end, whole, cuts, dt, v_x, v_y, packed):
     """Accept the step solved by `solve_bodies`, cut `cuts` times; `whole`: it ends exactly at the time `end` [s]."""
     for c in prange((bodies + BODIES - 1) // BODIES):
-        accept_chunk(c, end, whole, cuts, Motion(dt, v_x, v_y), packed)
+        accept_chunk(np.int64(c), end, whole, cuts, Motion(dt, v_x, v_y), packed)
 
 
 @njit(types.void(PACKED), **OPTIONS)

@@ -5,6 +5,7 @@ band matrix: the column of the plate. Contacts between bodies do not feel the pl
 the bodies.
 """
 
+import numpy as np
 from numba import njit, prange, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
@@ -137,11 +138,11 @@ def solve_islands(parts, first_iteration, displacement, dt, v_x, v_y, packed, pa
     `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
     """
     for part in prange(parts):
-        solve_part(part, first_iteration, displacement, Motion(dt, v_x, v_y), packed, packed_tables)
+        solve_part(np.int64(part), first_iteration, displacement, Motion(dt, v_x, v_y), packed, packed_tables)
 
 
 @njit(types.void(_D, _B, _I, _D, _D, _D, PACKED, PACKED), parallel=True, **OPTIONS)
 def accept_islands(end, whole, cuts, dt, v_x, v_y, packed, packed_tables):
     """Accept the step solved by `solve_islands` (`common_plate.accept_bodies`)."""
     for part in prange(tables_of(packed_tables).part_edges.shape[0] - 1):
-        accept_part(part, Motion(dt, v_x, v_y), (end, whole, cuts), packed, packed_tables)
+        accept_part(np.int64(part), Motion(dt, v_x, v_y), (end, whole, cuts), packed, packed_tables)

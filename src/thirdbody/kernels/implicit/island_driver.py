@@ -1,8 +1,8 @@
 """BDF2 driver of islands: those whose patches are their own, advanced to a common time by individual steps."""
 
-from numba import njit, prange, types
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, DIRECT
 from thirdbody.kernels.columns import run_totals, step_memory
 from thirdbody.kernels.implicit.bdf2 import PACKED
 from thirdbody.kernels.implicit.bundles import context_of
@@ -20,9 +20,13 @@ def is_going(context, island, until):
     return context.totals[island.bodies[0], run_totals.TIME] < until
 
 
-@njit(**CHUNK)
+@njit(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), nogil=True, **DIRECT)
 def advance_part(part, until, tries, packed, packed_tables):
-    """Advance the islands of a part in sequence, with one workspace."""
+    """Advance the islands of a part to the time `until` [s], with at most `tries` trial steps each.
+
+    In sequence, with one workspace. `packed`: a packed `ImplicitContext`; `packed_tables`: packed `IslandTables`. The parts do
+    not change a bit of the result. Threads of Python call this: in a `prange` it would take twice as long to compile.
+    """
     context, tables = context_of(packed), tables_of(packed_tables)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
@@ -31,13 +35,3 @@ def advance_part(part, until, tries, packed, packed_tables):
         last = T[step_memory.TRIES] + tries
         while is_going(context, island, until) and T[step_memory.TRIES] < last:
             island_step(context, tables, island, until, pool)
-
-
-@njit(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), parallel=True, **OPTIONS)
-def advance_islands(parts, until, tries, packed, packed_tables):
-    """Advance all islands to the time `until` [s], with at most `tries` trial steps each.
-
-    `packed`: a packed `ImplicitContext`; `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
-    """
-    for part in prange(parts):
-        advance_part(part, until, tries, packed, packed_tables)

@@ -12,8 +12,8 @@ from typing import Any
 
 from thirdbody.scene.model import Scene
 
-ROOMS = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "trajectory")
-"""Rooms whose source decides on results."""
+PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "trajectory")
+"""Packages whose source decides on results."""
 
 FILE_KEYS = ("file", "table")
 """Keys of a scene that name files."""
@@ -23,7 +23,7 @@ FILE_KEYS = ("file", "table")
 def code_version(plugins: tuple[Path, ...] = ()) -> str:
     """Return the hash of the source that decides on results: ours, that of installed plug-ins, and plug-in files."""
     root = Path(__file__).parents[2]
-    files = [file for name in ROOMS for file in sorted((root / name).rglob("*.py"))]
+    files = [file for name in PACKAGES for file in sorted((root / name).rglob("*.py"))]
     for point in sorted(entry_points(group="thirdbody.plugins"), key=lambda point: point.name):
         spec = find_spec(point.module.partition(".")[0])
         if spec is not None and spec.origin:
