@@ -91,7 +91,7 @@ def imports(path: Path, root: Path = SOURCE, package: str = "thirdbody") -> Iter
             yield from ((f"{origin}.{alias.name}", node) for alias in node.names)
 
 
-def room_of(name: str) -> str:
+def package_of(name: str) -> str:
     """`engine` for thirdbody.engine.state.State; empty for the package itself."""
     return (name.split(".") + [""])[1]
 
@@ -172,7 +172,7 @@ def test_there_is_something_to_read():
     assert len(OURS) > 50 and len(THEIRS) >= 3
 
 
-def test_every_room_and_every_module_of_the_root_has_its_rule():
+def test_every_package_and_every_module_of_the_root_has_its_rule():
     packages = {path.name for path in SOURCE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
     assert packages == set(PACKAGES)
     assert {path.stem for path in SOURCE.glob("*.py")} == set(ROOT_MODULES)
@@ -183,7 +183,7 @@ def test_every_room_and_every_module_of_the_root_has_its_rule():
 @each(OURS, name_of)
 def test_imports_point_down(path):
     parts = path.relative_to(SOURCE).with_suffix("").parts
-    used = {room_of(name) for name, _ in imports(path) if name.split(".")[0] == "thirdbody"} - {parts[0], "", "__version__"}
+    used = {package_of(name) for name, _ in imports(path) if name.split(".")[0] == "thirdbody"} - {parts[0], "", "__version__"}
     if len(parts) == 1:
         allowed = ROOT_MODULES[parts[0]]
     else:

@@ -24,7 +24,7 @@ class FrameContacts:
 
     @cached_property
     def on(self) -> Array:
-        """Their candidates."""
+        """Numbers of the candidates that are closed."""
         return self.state.slots.rows.closed()
 
     @cached_property

@@ -138,6 +138,7 @@ def solve_islands(parts, first_iteration, displacement, dt, v_x, v_y, packed, pa
     `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
     """
     for part in prange(parts):
+        # signed: for the unsigned index of the loop it would be compiled a second time
         solve_part(np.int64(part), first_iteration, displacement, Motion(dt, v_x, v_y), packed, packed_tables)
 
 
