@@ -11,11 +11,11 @@ import sys
 import time
 from typing import Any
 
-import numba
 from effect_labels import SCENE
 
 import thirdbody
 from thirdbody.assembly.simulation import Simulation
+from thirdbody.jit.threads import allow_threads
 from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.prepare import prepare
 
@@ -51,7 +51,7 @@ def seconds(run: Simulation, distance: float) -> float:
 
 def main() -> None:
     """Print median and range of the pairs."""
-    numba.set_num_threads(1)
+    allow_threads(1)
     for integrator in sys.argv[1:] or PIECES:
         for effect, options in EFFECTS.items():
             without, named = started(integrator, {}), started(integrator, {effect: options})

@@ -30,6 +30,7 @@ from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.candidates import Candidates
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Physics
+from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
 from thirdbody.kernels.columns import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE
@@ -232,7 +233,7 @@ def begun(name: str) -> Simulation:
 @cache
 def both(name: str) -> Pass:
     """A scene, its steps by the engine on one thread and by the plain step."""
-    numba.set_num_threads(1)
+    allow_threads(1)
     simulation = begun(name)
     reference, *spare = (Reference(simulation) for _ in range(1 + sum(scene == name for scene, *_ in CHANGES)))
     events = follow(simulation, SCENES[name][1])
@@ -258,14 +259,13 @@ def changed(name: str, spoil: Spoil, patch: pytest.MonkeyPatch) -> dict[str, flo
 
 @pytest.fixture
 def two_threads(monkeypatch) -> Iterator[None]:
-    """Two threads; where there is one core the work is cut as for two all the same, and one thread does all parts."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    """Two threads, also where there is one core."""
+    before = allowed_threads()
+    allow_threads(2)
     monkeypatch.setattr(thread_tuner, "STARVED", 0.0)  # on a busy machine, too,
     monkeypatch.setattr(thread_tuner, "SHORT", 0.0)  # and one thread is not tried
     yield
-    numba.set_num_threads(before)
+    allow_threads(before)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates, Numbers
@@ -21,6 +20,8 @@ from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.team import words_of
+from thirdbody.jit.threads import allowed_threads, helpers
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.columns import body_force, chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
 from thirdbody.kernels.columns.sides import LOWER, UPPER
@@ -77,6 +78,7 @@ class Explicit:
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
         self.packer, self.measures = Packer(KINDS), arguments_of(state)
+        self.announced = np.zeros(step_loop.ANNOUNCED)
         self.agree: Callable[[Bound], Bound] = lambda bound: bound  # of the parts of a run on their bound of the time step
         self.independent = not coupling(state, True)
         if self.independent and state.world.rough:
@@ -161,7 +163,7 @@ class Explicit:
         self.rows_of_parts: dict[int, tuple[Numbers, Numbers, Numbers]] = {}
         self.forces = table(0, body_force.WIDTH)
         self.kinds = self.state.slots.kind[: 0 if self.state.physics.kinds.size == 1 else None]  # not read where all are equal
-        self._scratch(numba.get_num_threads())
+        self._scratch(allowed_threads())
 
     def _force_rows(self, threads: int) -> tuple[Numbers, Numbers, Numbers]:
         """Return the rows of F by candidate (-1: none) and by remote force, and of `forces` by group, on so many threads."""
@@ -180,6 +182,7 @@ class Explicit:
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.REMOTE, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.scratch_sizes(len(physics.history), longest, len(physics.interaction) > 0)
+        self.team = table(1, words_of(threads))[0].view(np.int64)
         self.scratch = table(parts, max(floats, drift_scratch.WIDTH * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
         maximum = slots.max_per_body if physics.labels else 0
@@ -188,10 +191,12 @@ class Explicit:
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
         s, (began, worked) = self.state, clocks()
         before = s.A[run_totals.STEPS]
-        threads = self.pace.threads(numba.get_num_threads(), began)
+        threads = self.pace.threads(allowed_threads(), began)
         if len(self.scratch) < step_loop.PARTS_PER_THREAD * threads:
             self._scratch(threads)
-        answer = step_loop.advance(budget, time, distance, dt, threads, self._context(threads))
+        context = self._context(threads)
+        with helpers(self._members(threads), self.team, lambda member: step_loop.help_out(member, threads, context)):
+            answer = step_loop.advance(budget, time, distance, dt, threads, context)
         self.sum_up()
         now, busy = clocks()
         done = int(s.A[run_totals.STEPS] - before)
@@ -199,6 +204,10 @@ class Explicit:
         self.seconds = max(now - began, 1e-9) / max(done, 1)
         refresh_spheres(s)  # the kernel updates only spheres with candidates
         return answer
+
+    def _members(self, threads: int) -> int:
+        """Return the number of threads that a step of so few groups is divided among."""
+        return threads if step_loop.parts_of.py_func(len(self.moved), threads) > 1 else 1
 
     def _context(self, threads: int = 1) -> Array:
         """Return the packed kernel arguments for so many threads."""
@@ -210,6 +219,7 @@ class Explicit:
             s.X0, s.patch, s.S, s.B, s.E, s.orientations, self.forces, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
+            self.team, self.announced,
             len(physics.history), *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
             physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride,
             int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,

@@ -18,6 +18,7 @@ from thirdbody.engine.plate_copies import one_plate
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
+from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.columns import (
     body_solution,
     contact_state,
@@ -34,6 +35,9 @@ from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
+
+FEWEST = 8
+"""Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
@@ -171,11 +175,14 @@ class ImplicitCommonPlate(Implicit):
 
     def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
         """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate.solve_bodies`."""
-        kernel.solve_bodies(self.state.n_bodies, *step, context)
+        distribute(self._pieces(), lambda: lambda piece: kernel.solve_bodies(*piece, *step, context))
 
     def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
         """Accept the step of all bodies; `step`: arguments of `common_plate.accept_bodies`."""
-        kernel.accept_bodies(self.state.n_bodies, *step, context)
+        distribute(self._pieces(), lambda: lambda piece: kernel.accept_bodies(*piece, *step, context))
+
+    def _pieces(self) -> list[tuple[int, int]]:
+        return pieces_of(0, self.state.n_bodies, FEWEST)
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""

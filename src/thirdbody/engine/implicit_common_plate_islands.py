@@ -15,6 +15,7 @@ from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, State
+from thirdbody.jit.threads import distribute
 from thirdbody.kernels.columns import body_solution
 from thirdbody.kernels.implicit import common_plate_islands as kernel
 
@@ -41,13 +42,13 @@ class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
 
     def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
         super()._solve_bodies(step, context)
-        if self.islands.count:
-            kernel.solve_islands(self.islands.parts, *step, context, self._packed_tables)
+        parts, tables = range(self.islands.parts if self.islands.count else 0), self._packed_tables
+        distribute(parts, lambda: lambda part: kernel.solve_islands(part, *step, context, tables))
 
     def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
         super()._accept_bodies(step, context)
-        if self.islands.count:
-            kernel.accept_islands(*step, context, self._packed_tables)
+        parts, tables = range(self.islands.parts if self.islands.count else 0), self._packed_tables
+        distribute(parts, lambda: lambda part: kernel.accept_islands(part, *step, context, tables))
 
     def _tables(self) -> dict[str, Array]:
         return super()._tables() | {"plate": self.plate, "plate_memory": self.plate_memory}

@@ -11,13 +11,12 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
-from thirdbody.jit.threads import distribute
+from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
@@ -77,7 +76,7 @@ class ImplicitEnsemble(Implicit):
     @property
     def per_call(self) -> int:
         """Largest number of bodies in a call."""
-        return BATCH if isinstance(self.state.slots.rows, AllRows) else BATCH * BATCHES * numba.get_num_threads()
+        return BATCH if isinstance(self.state.slots.rows, AllRows) else BATCH * BATCHES * allowed_threads()
 
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""

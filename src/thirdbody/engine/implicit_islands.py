@@ -9,7 +9,6 @@ of the stride and are advanced again as one. So the result does not depend on ho
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 
 from thirdbody.engine.candidates import Numbers
@@ -23,7 +22,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
-from thirdbody.jit.threads import distribute
+from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
@@ -175,7 +174,7 @@ class ImplicitIslands(Implicit):
     def _connect(self) -> None:
         """Find the islands. Raises GuardStop where one of them is too large to pay."""
         slots = self.state.slots
-        self.islands = islands_of(self.state, slots, numba.get_num_threads())
+        self.islands = islands_of(self.state, slots, allowed_threads())
         self.initial_overlaps, self.max_per_body = np.zeros(slots.count), slots.max_per_body
         largest = int(self.islands.sizes.max(initial=0))
         self._recent[1] = max(self._recent[1], largest)

@@ -34,9 +34,6 @@ HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "n
 CHUNK: dict[str, Any] = HELPER | pipeline_options(Inner)
 """Kernels called once per chunk, by kernels only: without the wrappers the engine compiles in half the time."""
 
-CHUNK_OF_THREADS: dict[str, Any] = HELPER | {"parallel": True}
-"""The same for loops that are distributed over threads."""
-
 INNER: dict[str, Any] = CHUNK | {"forceinline": True}
 """Kernels called per body or contact: without inlining, passing their arrays costs more than their work (190 -> 55 us per
 step)."""

@@ -44,6 +44,8 @@ KINDS: Kinds = {
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
+    # the threads of this run (`jit.team`), and the pass that they work on: its number, then the fields of `Step`
+    "team": _I1, "announced": _ROW,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
     **dict.fromkeys(("stored", "dashpots", "loss_column", "width"), _I),

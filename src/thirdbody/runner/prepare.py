@@ -40,7 +40,9 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
 def check_threads(threads: int | None) -> list[str]:
     """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
-    maximum = _max_threads()
+    from thirdbody.jit.threads import most_threads
+
+    maximum = most_threads()
     if threads is not None and threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
     if threads is not None and threads > maximum:
@@ -50,14 +52,7 @@ def check_threads(threads: int | None) -> list[str]:
 
 def set_threads(threads: int | None) -> None:
     """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
-    import numba
+    from thirdbody.jit.threads import allow_threads, most_threads
 
-    maximum = _max_threads()
-    numba.set_num_threads(maximum if threads is None else min(threads, maximum))
-
-
-def _max_threads() -> int:
-    """Return the number of threads that numba was started with: one per core available to this process."""
-    import numba
-
-    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    maximum = most_threads()
+    allow_threads(maximum if threads is None else min(threads, maximum))

@@ -196,9 +196,9 @@ class Block:
         """Return the chunks of a frame, deflated on the threads of the run; HDF5 itself would use one."""
         if not self._storage.compress:
             return [None] * len(columns)
-        import numba
+        from thirdbody.jit.threads import allowed_threads
 
-        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        with ThreadPoolExecutor(allowed_threads()) as pool:
             return list(pool.map(Column.deflated, columns, arrays))
 
     def _append_cells(self, count: int) -> None:

@@ -83,23 +83,26 @@ class Bounds(NamedTuple):
     """(bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps."""
 
 
+class Tables(NamedTuple):
+    """What the candidates and bodies of all pieces write."""
+
+    stiffnesses: Array
+    """`contact_stiffness`: in the rows of the candidates of a piece, one after the other, those of its contacts."""
+    row_of: Array
+    """Row of each candidate in `stiffnesses`, or -1."""
+    minimum: Array
+    """Lower bounds of the steps of each body, by frequency and by both [s]."""
+
+
 class Scratch(NamedTuple):
-    """Scratch of `shortest_steps`."""
+    """Scratch of a piece."""
 
     inputs: Array
     """Of the law's stiffness: a tile of `law_input`."""
     outputs: Array
     """k_n, k_t, k_r, c_n, c_t, c_r of a tile, then k_w and c_w about the normal; zero without a twisting law."""
-    stiffnesses: Array
-    """`contact_stiffness`"""
     near: Array
     """List of candidates."""
-    row_of: Array
-    """Row of each candidate in `stiffnesses`, or -1."""
-    minimum: Array
-    """Lower bounds of the steps of each body."""
-    matrices: Array
-    """Stiffness and damping of a body, and their squares."""
 
 
 @njit(**BARE)
@@ -134,9 +137,8 @@ def approach(i, j, normal, context, horizon):
 
 
 @njit(**BARE)
-def store_stiffness(m, first, P, scratch, patches):
+def store_stiffness(m, first, P, outputs, stiffnesses, patches):
     """Write the stiffness of a tile of m contacts into rows from `first` on; add it to that of the patches."""
-    outputs, stiffnesses = scratch.outputs, scratch.stiffnesses
     for t in range(m):
         r = first + t
         k_n, k_t, k_r = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE]
@@ -151,15 +153,17 @@ def store_stiffness(m, first, P, scratch, patches):
 
 
 @njit(**BARE_CHUNK)
-def active_candidates(context, scratch):
-    """List the candidates with plates and those between spheres within reach; return their number. Sets `row_of` to -1."""
-    own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, scratch.row_of
+def active_candidates(first, last, context, near, row_of):
+    """List the candidates first to last - 1 with plates, and between spheres within reach; return their number.
+
+    Sets `row_of` to -1.
+    """
+    own, partner, S = context.own, context.partner, context.S
     m, box = np.int64(0), box_of(context.D)
-    for k in range(context.n_plates):
+    for k in range(first, min(last, context.n_plates)):
         near[m], row_of[k] = k, -1
         m += np.int64(not first_body.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
-    for p in range(own.shape[0] - context.n_plates):
-        k = p + context.n_plates
+    for k in range(max(first, context.n_plates), last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
@@ -170,10 +174,13 @@ def active_candidates(context, scratch):
 
 
 @njit(**BARE)
-def find_contacts(n, context, horizon, stiffness, patches, scratch):
-    """Fill rows of those of the first n candidates in `scratch.near` that are within reach or will be within the horizon."""
-    S, P, inputs, stiffnesses, box = context.S, context.P, scratch.inputs, scratch.stiffnesses, box_of(context.D)
-    m, first = np.int64(0), np.int64(0)
+def find_contacts(n, first, context, horizon, stiffness, scratch, tables, patches):
+    """Fill rows from `first` on for those of the first n candidates in `scratch.near` that are within reach or will be within
+    the horizon."""
+    S, P, inputs, outputs, stiffnesses, box = (
+        context.S, context.P, scratch.inputs, scratch.outputs, tables.stiffnesses, box_of(context.D)
+    )  # fmt: skip
+    m = np.int64(0)
     for e in range(n):
         k = scratch.near[e]
         overlap, n_x, n_y, n_z = overlap_and_normal(k, context, box)
@@ -197,7 +204,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
             inputs[m + law_input.MASS * TILE] = mass
             inputs[m + law_input.PAIR_TYPE * TILE], inputs[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
             r = first + m
-            scratch.row_of[k] = r
+            tables.row_of[k] = r
             stiffnesses[r, contact_stiffness.NORMAL] = n_x
             stiffnesses[r, contact_stiffness.NORMAL + 1] = n_y
             stiffnesses[r, contact_stiffness.NORMAL + 2] = n_z
@@ -205,17 +212,17 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
             stiffnesses[r, contact_stiffness.COUNT], stiffnesses[r, contact_stiffness.PATCH] = count, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
-            stiffness(inputs, scratch.outputs, m, context.pairs)
-            store_stiffness(m, first, P, scratch, patches)
+            stiffness(inputs, outputs, m, context.pairs)
+            store_stiffness(m, first, P, outputs, stiffnesses, patches)
             first += m
             m = np.int64(0)
 
 
 @njit(**BARE_CHUNK)
-def assemble(b, context, scratch):
+def assemble(b, context, near, tables):
     """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
-    row_of, near, stiffnesses = scratch.row_of, scratch.near, scratch.stiffnesses
+    row_of, stiffnesses = tables.row_of, tables.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
@@ -279,49 +286,64 @@ def patch_bounds(P, patches, time):
 
 
 _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
-_I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+_I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = function_at(LAW)
-STIFFNESS = types.int64(
-    types.NamedTuple((types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly),
-    types.NamedUniTuple(types.float64, 4, Horizon),
-    types.int64,
-    types.NamedTuple((_F2, _I1, _F2), Bounds),
-    types.NamedTuple((_F1, _F1, _F2, _S1, _S1, _F2, _F3), Scratch),
-)
+ASSEMBLY = types.NamedTuple((_I, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly)
+TABLES, SCRATCH = types.NamedTuple((_F2, _S1, _F2), Tables), types.NamedTuple((_F1, _F1, _S1), Scratch)
+HORIZON = types.NamedUniTuple(types.float64, 4, Horizon)
 
 
-@njit(STIFFNESS, **DIRECT, **NO_COUNTS)
-def shortest_steps(context, horizon, stiffness, bounds, scratch):
-    """Compute lower bounds of the longest stable steps of patches and of bodies that may have the shortest.
+@njit(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES, _F2), nogil=True, **DIRECT, **NO_COUNTS)
+def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables, patches):
+    """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches.
 
-    Returns how many bodies these are, at least 1. Contacts are assumed as deep as they can get within the `horizon`.
-    `stiffness`: address of the compiled function. A contact between two bodies that both move counts twice in each
-    (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
+    Contacts are assumed as deep as they can get within the `horizon`. `stiffness`: address of the compiled function. A contact
+    between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
-    B, E, n, minimum, number, bodies = context.B, context.E, context.own.shape[0], scratch.minimum, bounds.number, bounds.bodies
-    m = active_candidates(context, scratch)
-    find_contacts(m, context, horizon, stiffness_at(stiffness), bounds.patches, scratch)
-    patch_bounds(context.P, bounds.patches, horizon.time)
-    first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
-    many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
-    for b in range(many):
-        K, C = assemble(b, context, scratch)
+    m = active_candidates(first, last, context, scratch.near, tables.row_of)
+    find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables, patches)
+
+
+@njit(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
+def bound_bodies(first, last, context, near, tables):
+    """Write lower bounds of the steps of bodies first to last - 1 into `tables.minimum`. `near`: scratch."""
+    B, E, minimum = context.B, context.E, tables.minimum
+    for b in range(first, last):
+        K, C = assemble(b, context, near, tables)
         u = 1.0 / B[b, body.MASS]
         v = 1.0 / min(E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2])
         maximum = eigenvalue_upper_bound(K, u, v)
         minimum[b, 0], minimum[b, 1] = stable_step(maximum, 0.0), stable_step(maximum, eigenvalue_upper_bound(C, u, v))
-        if minimum[b, 0] < by_frequency:
-            first, by_frequency = (np.int64(b), first[1]), minimum[b, 0]
-        if minimum[b, 1] < by_both:
-            first, by_both = (first[0], np.int64(b)), minimum[b, 1]
+
+
+@njit(**BARE)
+def smallest(minimum, column):
+    """Return the first body with the smallest of the bounds in a column; 0 if none is a number."""
+    first, least = np.int64(0), np.inf
+    for b in range(minimum.shape[0]):
+        if minimum[b, column] < least:
+            first, least = np.int64(b), minimum[b, column]
+    return first
+
+
+@njit(_I(_I, ASSEMBLY, types.float64, types.NamedTuple((_F2, _I1, _F2), Bounds), _S1, TABLES, _F3), **DIRECT, **NO_COUNTS)
+def shortest_steps(many, context, time, bounds, near, tables, matrices):
+    """Compute lower bounds of the longest stable steps of patches, and of those of the first `many` bodies that may have the
+    shortest. Returns how many bodies these are, at least 1.
+
+    `time`: horizon [s]; `near`, `matrices`: scratch, the latter for stiffness and damping of a body and their squares.
+    """
+    minimum, number, bodies = tables.minimum, bounds.number, bounds.bodies
+    patch_bounds(context.P, bounds.patches, time)
     number[0], bodies[0, 0], bodies[0, 1], bodies[0, 2], bodies[0, 3] = 0, 0.0, 0.0, np.inf, np.inf
     m, by_frequency, by_both = np.int64(0), np.inf, np.inf
+    first = smallest(minimum, 0), smallest(minimum, 1)
     for t in range(many + 2 if many > 0 else 0):
         one = first[t] if t < 2 else np.int64(t - 2)
         # comparisons in this form let NaN through
         if minimum[one, 1] != np.inf and not (minimum[one, 0] > by_frequency and minimum[one, 1] > by_both):
-            sums, shortest = assemble(one, context, scratch), (by_frequency, by_both)
-            result, by_frequency, by_both = candidate_bound(one, sums, context, scratch.matrices, m, bounds, shortest)
+            sums, shortest = assemble(one, context, near, tables), (by_frequency, by_both)
+            result, by_frequency, by_both = candidate_bound(one, sums, context, matrices, m, bounds, shortest)
             if t > 1:  # the first two are visited again in their order
                 m = result
     return max(m, 1)
@@ -332,15 +354,19 @@ def empty_bounds(n_bodies, n_patches):
     return Bounds(np.zeros((n_patches, 4)), np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)))
 
 
-def make_scratch(n_bodies, n_candidates):
-    """Return the scratch of `shortest_steps`. Allocated here since each allocation in a kernel costs 0.1 s of compilation;
-    untouched parts cost no memory."""
-    return Scratch(
-        np.zeros((law_input.HISTORY + 1) * TILE),
-        np.zeros(8 * TILE),
-        np.empty((n_candidates, contact_stiffness.WIDTH)),
-        np.empty(n_candidates + 1, np.int32),
-        np.empty(n_candidates, np.int32),
-        np.empty((n_bodies, 2)),
-        np.empty((4, 6, 8)),
-    )
+# Tables are allocated here since each allocation in a kernel costs 0.1 s of compilation; untouched parts cost no memory.
+
+
+def make_tables(n_bodies, n_candidates):
+    """Return the tables of all pieces."""
+    return Tables(np.empty((n_candidates, contact_stiffness.WIDTH)), np.empty(n_candidates, np.int32), np.empty((n_bodies, 2)))
+
+
+def make_scratch(longest):
+    """Return the scratch of pieces of at most `longest` candidates."""
+    return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))
+
+
+def make_matrices():
+    """Return the matrices of `shortest_steps`."""
+    return np.empty((4, 6, 8))

@@ -6,11 +6,13 @@ It returns to Python only for events: a target reached, a search due, a new time
 from enum import IntEnum
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
+from thirdbody.jit.atomics import count_up, load_word
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, extract, load
+from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, patch, run_totals
@@ -50,8 +52,11 @@ class Stop(IntEnum):
 NEARLY = 1.000001
 """A target that is missed only by rounding counts as reached, so that the run does not add a step for it."""
 
-PARTS_PER_THREAD = 2
+PARTS_PER_THREAD = 4
 """Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
+
+ANNOUNCED = 1 + len(Step._fields)
+"""Numbers of a pass as the helpers get it: its number, then the fields of `Step`."""
 
 FEW = 2
 """Groups below which one thread does all: some 100 us of work. Waking others costs 5 us, or ms if their cores are busy."""
@@ -174,20 +179,66 @@ def rebuild_needed(context, patch_path):
 work_at = function_at(WORK)
 
 _I, _F = types.int64, types.float64
-ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, types.Array(_I, 1, "C"))
-
-
-@njit(**CHUNK_OF_THREADS)
-def run_parallel(parts, task, count, step, packed, work):
-    """Run the groups of one pass in `parts` parts, on all threads."""
-    for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, step, packed)
+PACKED = types.Array(_I, 1, "C")
+ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
 
 
 @njit(**BARE)
 def parts_of(groups, threads):
     """Return the number of parts of a pass over so many groups."""
     return min(groups, PARTS_PER_THREAD * threads) if threads > 1 and groups >= FEW else 1
+
+
+@njit(**BARE)
+def announce(task, step, announced):
+    """Write down the next pass for the helpers."""
+    announced[0], announced[1], announced[2] = task, step.number, step.record
+    announced[3], announced[4], announced[5], announced[6] = step.time, step.dt, step.v_x, step.v_y
+    announced[7], announced[8] = step.pending, step.turn
+
+
+@njit(**BARE)
+def announced_pass(announced):
+    """Return pass and step as `announce` wrote them."""
+    number, record = np.int64(announced[1]), announced[2] != 0.0
+    return np.int64(announced[0]), Step(
+        number, record, announced[3], announced[4], announced[5], announced[6], announced[7], announced[8]
+    )
+
+
+@njit(**BARE)
+def run_part(part, parts, task, step, context, packed, work):
+    """Run one pass of a step over the groups of a part."""
+    groups = np.int64(context.lowest.shape[0])
+    work(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
+    count_up(context.team, DONE)
+
+
+@njit(**BARE_CHUNK)
+def run_pass(parts, task, threads, step, context, packed, work):
+    """Run one pass of a step in so many parts, on all threads."""
+    announce(task, step, context.announced)
+    open_pass(context.team, threads)
+    part = next_part(context.team, np.int64(0), threads, parts)
+    while part >= 0:
+        run_part(part, parts, task, step, context, packed, work)
+        part = next_part(context.team, np.int64(0), threads, parts)
+    close_pass(context.team, parts)
+
+
+@njit(types.void(_I, _I, PACKED), nogil=True, **DIRECT, **NO_COUNTS)
+def help_out(member, threads, packed):
+    """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
+    context = context_of(packed)
+    work, parts, attempts = work_at(context.work), parts_of(np.int64(context.lowest.shape[0]), threads), np.int64(0)
+    while load_word(context.team, DISMISSED) == 0:
+        part = next_part(context.team, member, threads, parts)
+        if part < 0:
+            attempts = wait_again(attempts)
+        else:
+            task, step = announced_pass(context.announced)
+            run_part(part, parts, task, step, context, packed, work)
+            attempts = np.int64(0)
 
 
 @njit(**BARE_CHUNK)
@@ -223,7 +274,7 @@ def run(budget, until, distance, dt, threads, packed):
             if parts == 1:
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
             else:
-                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), step, packed, work)
+                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, work)
         pending = 0.0 if step.record or context.has_effects != 0 else 1.0
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
@@ -238,7 +289,7 @@ def run(budget, until, distance, dt, threads, packed):
     return Stop.BUDGET, -1, pending
 
 
-@njit(ADVANCE, **DIRECT, **NO_COUNTS)
+@njit(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
     """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 

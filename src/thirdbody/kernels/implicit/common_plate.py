@@ -5,10 +5,9 @@ for a given rise of the plate, with the derivative of their force on the plate a
 of the arrow matrix. One scalar equation for the plate remains (`engine.implicit_common_plate`).
 """
 
-import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, law_output, patch, step_memory, step_start
 from thirdbody.kernels.columns.tile import TILE
@@ -49,9 +48,6 @@ from thirdbody.kernels.implicit.step_control import (
 )
 from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.predicates import is_upper
-
-BODIES = 8
-"""Bodies per chunk, which share a workspace; small enough to spread a few bodies over all cores."""
 
 
 @njit(**BARE)
@@ -154,16 +150,6 @@ def solve_body(context, b, first_iteration, displacement, motion, space):
         solution[body_solution.ROTATION] = rotation_of(y, active.start)
 
 
-@njit(**CHUNK)
-def solve_chunk(chunk, first_iteration, displacement, motion, packed):
-    """Solve the bodies of a chunk; see `solve_bodies`."""
-    context = context_of(packed)
-    space = make_workspace(context)
-    for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
-        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
-            solve_body(context, b, first_iteration, displacement, motion, space)
-
-
 @njit(**BARE_CHUNK)
 def accept_body(context, b, end, whole, cuts, motion, space):
     """Accept the step of body b.
@@ -190,36 +176,31 @@ def end_step(context, active, motion, ended, space):
     active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(active.number, context, space.diagnostics)
 
 
-@njit(**CHUNK)
-def accept_chunk(chunk, end, whole, cuts, motion, packed):
-    """Accept the step of the bodies of a chunk; see `accept_bodies`."""
-    context = context_of(packed)
-    space = make_workspace(context)
-    for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
-        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
-            accept_body(context, b, end, whole, cuts, motion, space)
-
-
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
 
 
-@njit(types.void(_I, _B, _D, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
-def solve_bodies(bodies, first_iteration, displacement, dt, v_x, v_y, packed):
-    """Solve the step of all bodies for a given rise of the plate [m].
+@njit(types.void(_I, _I, _B, _D, _D, _D, _D, PACKED), nogil=True, **OPTIONS)
+def solve_bodies(first, last, first_iteration, displacement, dt, v_x, v_y, packed):
+    """Solve the step of bodies first to last - 1 for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions` (n, body_solution.WIDTH). `packed`: a packed `ImplicitContext`.
     """
-    for c in prange((bodies + BODIES - 1) // BODIES):
-        # signed: for the unsigned index of the loop it would be compiled a second time
-        solve_chunk(np.int64(c), first_iteration, displacement, Motion(dt, v_x, v_y), packed)
+    context, motion = context_of(packed), Motion(dt, v_x, v_y)
+    space = make_workspace(context)
+    for b in range(first, last):
+        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
+            solve_body(context, b, first_iteration, displacement, motion, space)
 
 
-@njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
-def accept_bodies(bodies, end, whole, cuts, dt, v_x, v_y, packed):
+@njit(types.void(_I, _I, _D, _B, _I, _D, _D, _D, PACKED), nogil=True, **OPTIONS)
+def accept_bodies(first, last, end, whole, cuts, dt, v_x, v_y, packed):
     """Accept the step solved by `solve_bodies`, cut `cuts` times; `whole`: it ends exactly at the time `end` [s]."""
-    for c in prange((bodies + BODIES - 1) // BODIES):
-        accept_chunk(np.int64(c), end, whole, cuts, Motion(dt, v_x, v_y), packed)
+    context, motion = context_of(packed), Motion(dt, v_x, v_y)
+    space = make_workspace(context)
+    for b in range(first, last):
+        if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
+            accept_body(context, b, end, whole, cuts, motion, space)
 
 
 @njit(types.void(PACKED), **OPTIONS)

@@ -5,10 +5,9 @@ band matrix: the column of the plate. Contacts between bodies do not feel the pl
 the bodies.
 """
 
-import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, patch
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
@@ -110,40 +109,25 @@ def accept_island(context, tables, island, motion, ended, pool):
         label_bodies(context, tables, island, pool)
 
 
-@njit(**CHUNK)
-def solve_part(part, first_iteration, displacement, motion, packed, packed_tables):
-    """Solve the islands of a part in sequence; see `solve_islands`."""
-    context, tables = context_of(packed), tables_of(packed_tables)
+_D, _B, _I = types.float64, types.boolean, types.int64
+
+
+@njit(types.void(_I, _B, _D, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
+def solve_islands(part, first_iteration, displacement, dt, v_x, v_y, packed, packed_tables):
+    """Solve the step of the islands of a part, in sequence, for a given rise of the plate [m] (`common_plate.solve_bodies`).
+
+    `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
+    """
+    context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
         solve_island(context, island_of(tables.order[p], context, tables), first_iteration, displacement, motion, pool)
 
 
-@njit(**CHUNK)
-def accept_part(part, motion, ended, packed, packed_tables):
-    """Accept the step of the islands of a part; see `accept_islands`."""
-    context, tables = context_of(packed), tables_of(packed_tables)
+@njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
+def accept_islands(part, end, whole, cuts, dt, v_x, v_y, packed, packed_tables):
+    """Accept the step of the islands of a part, solved by `solve_islands` (`common_plate.accept_bodies`)."""
+    context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
-        accept_island(context, tables, island_of(tables.order[p], context, tables), motion, ended, pool)
-
-
-_D, _B, _I = types.float64, types.boolean, types.int64
-
-
-@njit(types.void(_I, _B, _D, _D, _D, _D, PACKED, PACKED), parallel=True, **OPTIONS)
-def solve_islands(parts, first_iteration, displacement, dt, v_x, v_y, packed, packed_tables):
-    """Solve the step of all islands for a given rise of the plate [m] (`common_plate.solve_bodies`).
-
-    `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
-    """
-    for part in prange(parts):
-        # signed: for the unsigned index of the loop it would be compiled a second time
-        solve_part(np.int64(part), first_iteration, displacement, Motion(dt, v_x, v_y), packed, packed_tables)
-
-
-@njit(types.void(_D, _B, _I, _D, _D, _D, PACKED, PACKED), parallel=True, **OPTIONS)
-def accept_islands(end, whole, cuts, dt, v_x, v_y, packed, packed_tables):
-    """Accept the step solved by `solve_islands` (`common_plate.accept_bodies`)."""
-    for part in prange(tables_of(packed_tables).part_edges.shape[0] - 1):
-        accept_part(np.int64(part), Motion(dt, v_x, v_y), (end, whole, cuts), packed, packed_tables)
+        accept_island(context, tables, island_of(tables.order[p], context, tables), motion, (end, whole, cuts), pool)
