@@ -14,7 +14,7 @@ BEFORE = (
     ("mypy", ["-m", "mypy"]),
     # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
     ("explicit kernels", ["-c", "from thirdbody.engine import explicit, time_step"]),
-    ("implicit kernels", ["-c", "from thirdbody.engine import implicit_common_plate_islands, implicit_ensemble"]),
+    ("implicit kernels", ["-c", "from thirdbody.kernels.implicit import bdf2, common_plate_islands, ensemble, island_driver"]),
 )
 TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", QUICK]
 

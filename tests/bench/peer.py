@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from ensemble import PATH, Case, scene_of
 
-from thirdbody.engine.time_step import rayleigh_time
+from thirdbody.engine.rayleigh_time import rayleigh_time
 from thirdbody.runner.simulate import prepare
 
 NAME, NS_PER_SPHERE_STEP, FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18

@@ -25,7 +25,7 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.precompile import warm_up
+from thirdbody.engine.precompile import EXPLICIT, warm_up
 from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
@@ -116,7 +116,7 @@ def simulation_of(start: Start) -> Simulation:
     A scene file cannot say this, for it refuses bodies that overlap at the start, and here a flow goes on; so the bodies are put
     into the place of those that the scene would make, and everything else is built as for any scene.
     """
-    warm_up()
+    warm_up(EXPLICIT)
     placed = placed_of(start)
     plate = building.upper_plate
 

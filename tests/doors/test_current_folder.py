@@ -41,7 +41,7 @@ def executed(folder: Path) -> list[str]:
 def test_the_processes_that_compile_first(planted):
     queue, end = os.pipe()
     os.close(end)  # nothing to compile: it starts, imports numba and ends
-    assert precompile._helper(queue).wait() == 0
+    assert precompile._helper((), queue).wait() == 0
     os.close(queue)
     assert executed(planted) == []
 

@@ -128,6 +128,16 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
     assert simulation.state.patches.displacement.tobytes() == reference.state.patches.displacement.tobytes()
 
 
+def test_a_run_stopped_between_two_strides_is_the_whole_run(tmp_path):
+    """Bodies that meet are searched once a stride: one that is done is not begun again."""
+    execute(prepare(scene_of("close_spots")), tmp_path / "whole")
+    simulation, ends = prepare(scene_of("close_spots")), itertools.count()
+    with pytest.raises(Interrupted):  # `earlier` is empty where a stride is done
+        execute(simulation, tmp_path / "cut", stop=lambda: not simulation.integrator.earlier and next(ends) >= 3)
+    thirdbody.resume(tmp_path / "cut", progress=False).close()
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+
+
 def assert_plate_followed_schedule(state):
     """The displacement of every patch is the integral of the plate's velocity."""
     schedule = state.world.upper.schedule

@@ -202,7 +202,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
     for rise in (-h, 0.0, h):
-        common_plate.solve_bodies(simulation.state.n_bodies, True, rise, dt, *velocity, context)
+        common_plate.solve_bodies(0, simulation.state.n_bodies, True, rise, dt, *velocity, context)
         solutions.append(one.solutions.copy())
         common_plate.restore_bodies(context)
     assert all(solution[:, body_solution.SOLVED].all() for solution in solutions)

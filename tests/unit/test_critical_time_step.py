@@ -110,7 +110,7 @@ def find(state, rng) -> None:
     spheres, incidence = incidences(len(own), own, partner, len(S))
     state.slots = SimpleNamespace(
         own=own, partner=partner, kind=rng.integers(0, 4, len(own)).astype(np.int32), edges=spheres[state.start],
-        incidence=incidence, n_plates=len(flat), count=len(own), Q=FLAT,
+        incidence=incidence, n_plates=len(flat), count=len(own), Q=FLAT, max_per_body=len(incidence),
     )  # fmt: skip
 
 
@@ -267,7 +267,7 @@ def test_of_twins_the_first_limits():
     state.S[:, 2], state.order = state.S[:, 3] - 0.1, np.array([1, 0])
     state.slots = SimpleNamespace(
         own=np.array([0, 1], np.int32), partner=np.array([-1, -1], np.int32), kind=np.zeros(2, np.int32), n_plates=2, count=2,
-        edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32), Q=FLAT,
+        edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32), Q=FLAT, max_per_body=1,
     )  # fmt: skip
     assert bound(state, [SOFT], 0, 0.3).body == 1
     assert _contact_bounds(state, 0.0, 0.3)[0].tolist() == [0, 1]

@@ -15,8 +15,8 @@ from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.expected_islands import ExpectedIslands
+from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
-from thirdbody.engine.time_step import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.kernels.columns import sphere
 from thirdbody.laws.contract import Law

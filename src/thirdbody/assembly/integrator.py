@@ -12,6 +12,7 @@ from thirdbody.assembly.inertial_number import inertial_number
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
+from thirdbody.engine.precompile import EXPLICIT
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
@@ -231,6 +232,19 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     built.start()
     return built
+
+
+def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
+    """Return the names of the units of compiled code that a run needs (`engine.precompile`), the longest first."""
+    if chosen.kind == "explicit":
+        return EXPLICIT
+    if carried_together(state):
+        return ("common_plate_islands", "common_plate", "labels") if state.world.debris_meets else ("common_plate", "labels")
+    if state.world.debris_meets:
+        return "islands", "bodies", "labels"
+    from thirdbody.engine.implicit_ensemble import is_ensemble
+
+    return "ensemble" if is_ensemble(state) else "bodies", "labels"
 
 
 def _kind(state: State) -> type[Implicit]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from thirdbody.assembly.bed import Bed, bed_of, fast_bed_warnings
 from thirdbody.assembly.effect_reminders import effect_reminders
 from thirdbody.assembly.inertial_number import examine_inertia
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
-from thirdbody.assembly.integrator import Plan, implicit, plan
+from thirdbody.assembly.integrator import Plan, implicit, plan, units_of
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
@@ -141,13 +141,14 @@ class Simulation:
 
 
 def build(
-    scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None,
-    before: str = "",
+    scene: Scene, registry: Registry | None = None, force: bool = False,
+    ready: Callable[[Sequence[str]], None] = lambda units: None, before: str = "",
 ) -> Simulation:  # fmt: skip
     """Build the simulation of a scene, compiled and at time zero. Raises InputError for a scene that cannot run.
 
-    `force` lets a fixed time step exceed its bound. `ready` is called once the bodies are made, before the step loop is imported
-    and compiled. `before`: the integrator with which a run began, which goes on with it.
+    `force` lets a fixed time step exceed its bound. `ready` is called once the integrator is chosen, with the units that it needs
+    (`engine.precompile`), before they are imported and compiled. `before`: the integrator with which a run began, which goes on
+    with it.
     """
     registry = registry or discover()
     rough = plate_surfaces(scene)
@@ -162,7 +163,6 @@ def build(
     debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
     order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
     placed = placed.reordered(order)
-    ready()
     requested, bed = scene, bed_of(scene, choice, placed) if debris_contact else None
     scale = speed_scale(scene, choice, bed)
     scene = at_computed_speed(scene, scale)
@@ -177,6 +177,7 @@ def build(
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state, upper, before)
+    ready(units_of(chosen, state))
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state), *effect_reminders(scene, choice, state)]
     if chosen.kind == "implicit":
         refuse_scale(scene, scale)

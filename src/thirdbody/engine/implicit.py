@@ -25,9 +25,9 @@ from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
 from thirdbody.engine.plate_copies import own_patches
+from thirdbody.engine.rayleigh_time import rayleigh_time
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
-from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
@@ -45,7 +45,6 @@ from thirdbody.kernels.columns import (
     step_start,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
@@ -238,8 +237,11 @@ class Implicit:
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
+        # imported here: other implicit integrators compile none of it
+        from thirdbody.kernels.implicit.bdf2 import advance_bodies
+
         context = self._context()
-        distribute(parts_of(first, last, tries), lambda: lambda part: kernel.advance_bodies(*part, until, tries, context))
+        distribute(parts_of(first, last, tries), lambda: lambda part: advance_bodies(*part, until, tries, context))
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
 from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
+
+if TYPE_CHECKING:
+    from thirdbody.kernels.implicit.ensemble import OneBody
 
 BATCHES = 16
 """Batches of a thread in a call: at its end others wait for half a batch on average."""
@@ -57,6 +59,8 @@ class ImplicitEnsemble(Implicit):
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         spheres = int(np.diff(state.start).max()) if state.sphere_table is None else 0
+        from thirdbody.kernels.implicit.ensemble import OneBody
+
         H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
         radii = state.radii if state.sphere_table is None else np.zeros(0)
         return Scratch(OneBody(H, R, table(spheres, sphere.WIDTH), radii), rows.scratch())
@@ -84,6 +88,9 @@ class ImplicitEnsemble(Implicit):
         if isinstance(rows, AllRows):
             super().advance_bodies(first, last, until, tries)
             return
+        # imported here: to ask whether a state fits compiles none of it
+        from thirdbody.kernels.implicit.ensemble import Span, advance_batch
+
         context = self._context()
 
         def worker() -> Callable[[int], None]:

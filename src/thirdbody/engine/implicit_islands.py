@@ -100,6 +100,8 @@ class ImplicitIslands(Implicit):
         return min(until, now + max(REST * self.rayleigh, LATER * now))
 
     def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        if not self._waiting(0, self.state.n_bodies, until):
+            return  # the run was stopped after this stride
         self._search()
         while True:
             self._advance_all(until, watch, between)

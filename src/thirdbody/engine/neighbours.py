@@ -7,6 +7,7 @@ import numpy as np
 from thirdbody.engine.candidates import Candidates, Numbers, sides_of
 from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, Ints, Physics, State, table
+from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.columns import contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER
@@ -126,8 +127,19 @@ def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tupl
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, source: Array, target: Array) -> None:
     for new_part, old_part in (((0, n_plates), (0, old.n_plates)), ((n_plates, len(own)), (old.n_plates, old.count))):
-        new_rows = passes.CandidateRows(*new_part, own, partner, target)
-        passes.carry_history(new_rows, passes.CandidateRows(*old_part, old.own, old.partner, source))
+        _carry_part(new_part, own, partner, target, passes.CandidateRows(*old_part, old.own, old.partner, source))
+
+
+def _carry_part(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array, old: passes.CandidateRows) -> None:
+    """Carry rows to candidates `part[0]` to `part[1]` - 1; both lists are sorted by owner."""
+    owners = old.own[old.first : old.last]
+
+    def carry(piece: tuple[int, int]) -> None:
+        if piece[0] < piece[1]:
+            first = old.first + int(np.searchsorted(owners, own[piece[0]]))
+            passes.carry_history(passes.CandidateRows(*piece, own, partner, target), old._replace(first=first))
+
+    distribute(pieces_of(*part, passes.FEWEST), lambda: carry)
 
 
 def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
@@ -170,8 +182,7 @@ def _closest_points(state: State, n_plates: int, own: Numbers, partner: Numbers,
     Q = table(n_plates if state.world.rough else 0, surface_contact.WIDTH)
     Q[:, surface_contact.DISTANCE] = Q[:, surface_contact.SEARCHED] = np.inf
     if len(Q):
-        new_rows = passes.CandidateRows(0, n_plates, own, partner, Q)
-        passes.carry_history(new_rows, passes.CandidateRows(0, old.n_plates, old.own, old.partner, old.Q))
+        _carry_part((0, n_plates), own, partner, Q, passes.CandidateRows(0, old.n_plates, old.own, old.partner, old.Q))
     return Q
 
 

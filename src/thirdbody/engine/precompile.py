@@ -1,8 +1,9 @@
 """Parallel compilation at the first start of a version, since numba compiles on one core only.
 
-Child processes start first and compile what every scene needs. The main process reads its scene, compiles its laws, places its
-bodies, and then joins in: each process takes the next unit from a common queue, and all write to the same cache, from which the
-compiled code is loaded.
+What kernels a scene needs is known once its bodies are made and its integrator is chosen. Until then child processes compile
+those of the explicit integrator, if nothing has been compiled yet; what turns out not to be needed is dropped. Then the main
+process joins in: each process takes the next unit from a common queue, and all write to the same cache, from which the compiled
+code is loaded.
 """
 
 import atexit
@@ -11,7 +12,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from thirdbody.jit import cache_dir
@@ -19,69 +21,93 @@ from thirdbody.jit.gc_pause import paused
 from thirdbody.system.child_process import python_command, python_environment
 from thirdbody.system.cpu_count import cores
 
-MARK = "warm"
-"""File in the cache folder that marks a complete compilation."""
+MARK = "compiled-"
+"""Beginning of the names of files in the cache folder that mark a unit whose compiled code is complete."""
 
 PATIENCE = 300.0
 """Time [s] to wait for the child processes; the main process compiles what they have not finished."""
 
 PROCESSES = 4
-"""Maximum number of processes: the passes of a step alone take longer to compile than a quarter of the rest."""
+"""Maximum number of processes: the longest unit takes longer to compile than a quarter of the rest."""
 
 COLD = 1
-"""LLVM's optimisation level for all but the passes of a step: 0.8 of the compile time, bit-identical results."""
+"""LLVM's optimisation level for laws and `COLD_UNITS`: 0.8 of the compile time, bit-identical results."""
 
-_begun: tuple[int, list[subprocess.Popen[bytes]]] | None = None
+_begun: tuple[tuple[str, ...], int, list[subprocess.Popen[bytes]]] | None = None
+"""Units that are being compiled, their queue, the child processes."""
+
+_reported = False
+
 _usual: Any = None
 """numba's default level while `COLD` is set."""
 
 
 def start_compiling() -> None:
-    """Start child processes that fill the cache while this process reads its scene."""
-    global _begun
-    if _begun is not None or (cache_dir.cache_folder() / MARK).exists():
-        return
-    queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
-    os.write(end, bytes(range(len(UNITS))))
-    os.close(end)
-    _begun = queue, [_helper(queue) for _ in range(min(cores(), PROCESSES) - 1)]
-    atexit.register(_end)
-    _quickly()
+    """Start child processes that compile while this process reads its scene, at the first start of all."""
+    if _begun is None and not any(_is_complete(unit) for unit in UNITS):
+        _begin(EXPLICIT, min(cores(), PROCESSES) - 1)
 
 
 def report_compilation() -> None:
-    """Report why this start compiles: on a terminal, or always if every start will."""
-    if _begun is not None and cache_dir.note:
-        print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
+    """Report once why this start compiles: on a terminal, or always if every start will."""
+    global _reported
+    if _begun is None or _reported:
         return
-    if _begun is not None and sys.stderr.isatty():
+    _reported = True
+    if cache_dir.note:
+        print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
+    elif sys.stderr.isatty():
         print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
 
 
-def warm_up() -> None:
-    """Fill the cache; after a failure numba compiles each function at its first call."""
-    start_compiling()
+def warm_up(units: Sequence[str]) -> None:
+    """Compile these units, keys of `UNITS`; after a failure numba compiles each function at its first call."""
+    missing = tuple(unit for unit in units if not _is_complete(unit))
+    if _begun is not None and not set(missing) <= set(_begun[0]):
+        _end()
+    if missing and _begun is None:
+        _begin(missing, min(cores(), PROCESSES, len(missing)) - 1)
+        report_compilation()
     if _begun is None:
         return
-    queue, others = _begun
+    names, queue, others = _begun
     try:
         with paused("compiler"):
-            work_off(queue)
+            work_off(names, queue)
         if _all_done(others):
-            (cache_dir.folder() / MARK).touch()
+            for unit in names:
+                _mark_of(unit).touch()
     finally:
         _end()
 
 
-def work_off(queue: int) -> None:
-    """Compile the units left in the queue."""
+def work_off(names: Sequence[str], queue: int) -> None:
+    """Compile the units left in the queue, which has their places in `names`."""
     _quickly()
     while token := os.read(queue, 1):
-        unit = UNITS[token[0]]
-        if unit is _work:
+        if names[token[0]] not in COLD_UNITS:
             _thoroughly()
-        unit()
+        UNITS[names[token[0]]]()
         _quickly()
+
+
+def _mark_of(unit: str) -> Path:
+    return cache_dir.cache_folder() / f"{MARK}{unit}"
+
+
+def _is_complete(unit: str) -> bool:
+    return _mark_of(unit).exists()
+
+
+def _begin(names: tuple[str, ...], processes: int) -> None:
+    """Queue these units, and start so many child processes that compile them."""
+    global _begun
+    queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
+    os.write(end, bytes(range(len(names))))
+    os.close(end)
+    _begun = names, queue, [_helper(names, queue) for _ in range(processes)]
+    atexit.register(_end)
+    _quickly()
 
 
 def _quickly() -> None:
@@ -112,7 +138,7 @@ def _end() -> None:
     if _begun is None:
         return
     _thoroughly()
-    queue, others = _begun
+    _, queue, others = _begun
     _begun = None
     os.close(queue)
     for other in others:
@@ -120,9 +146,9 @@ def _end() -> None:
             other.terminate()
 
 
-def _helper(queue: int) -> subprocess.Popen[bytes]:
+def _helper(names: Sequence[str], queue: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        python_command("thirdbody.engine.precompile"), env=python_environment(),
+        [*python_command("thirdbody.engine.precompile"), *names], env=python_environment(),
         stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
@@ -136,17 +162,45 @@ def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:
         return False
 
 
-def _work() -> None:
-    from thirdbody.kernels import label_bodies  # noqa: F401  (imported to be compiled; they have functions in common)
-    from thirdbody.kernels.explicit import passes  # noqa: F401  (imported to be compiled; they have functions in common)
+# -- units: what is imported is compiled --
+
+
+def _passes() -> None:
+    # together, as they have functions in common
+    from thirdbody.kernels import label_bodies  # noqa: F401
+    from thirdbody.kernels.explicit import passes  # noqa: F401
 
 
 def _step() -> None:
-    from thirdbody.kernels.explicit import step_loop  # noqa: F401  (imported to be compiled)
+    from thirdbody.kernels.explicit import step_loop  # noqa: F401
 
 
 def _stability() -> None:
-    from thirdbody.kernels.explicit import critical_time_step  # noqa: F401  (imported to be compiled)
+    from thirdbody.kernels.explicit import critical_time_step  # noqa: F401
+
+
+def _labels() -> None:
+    from thirdbody.kernels import label_bodies  # noqa: F401
+
+
+def _bodies() -> None:
+    from thirdbody.kernels.implicit import bdf2  # noqa: F401
+
+
+def _ensemble() -> None:
+    from thirdbody.kernels.implicit import ensemble  # noqa: F401
+
+
+def _islands() -> None:
+    from thirdbody.kernels.implicit import island_driver  # noqa: F401
+
+
+def _common_plate() -> None:
+    from thirdbody.kernels.implicit import common_plate  # noqa: F401
+
+
+def _common_plate_islands() -> None:
+    from thirdbody.kernels.implicit import common_plate_islands  # noqa: F401
 
 
 def _search() -> None:
@@ -169,10 +223,19 @@ def _search() -> None:
     place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], *rows)
 
 
-UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)
-"""Units of compilation, the longest first."""
+UNITS: dict[str, Callable[[], None]] = {
+    "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels, "bodies": _bodies,
+    "ensemble": _ensemble, "islands": _islands, "common_plate": _common_plate, "common_plate_islands": _common_plate_islands,
+}  # fmt: skip
+"""Units of compilation by name."""
+
+EXPLICIT = ("passes", "step", "stability", "search")
+"""Units of the explicit integrator, the longest first."""
+
+COLD_UNITS = ("step", "stability", "search", "labels")
+"""Units that are optimised at the level `COLD`."""
 
 if __name__ == "__main__":
     gc.disable()
-    work_off(sys.stdin.fileno())
+    work_off(sys.argv[1:], sys.stdin.fileno())
     os._exit(0)  # everything is written; deallocating millions of objects would take a second

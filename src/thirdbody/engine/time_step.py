@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates
+from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import Array, Ints, State
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
-
-RAYLEIGH_FRACTION = 0.2
-"""Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""
 
 STABILITY_FRACTION = 0.2
 """Time step over 2/omega: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
@@ -41,12 +39,6 @@ class Bound:
     body: int
     stability: float  # longest stable step [s]; infinite without contacts
     rayleigh: float  # Rayleigh time [s]
-
-
-def rayleigh_time(radius: float, material: Material) -> float:
-    """Return the time [s] of a Rayleigh wave around a sphere: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
-    speed = 0.1631 * material.poisson_ratio + 0.8766
-    return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
 def bound(state: State, materials: list[Material], steps: int, max_overlap: float, candidates: Candidates | None = None) -> Bound:

@@ -64,8 +64,6 @@ def folder() -> Path:
     global _folder
     if _folder is None:
         result = cache_folder()
-        # waiting OpenMP threads would spin: on shared cores a step took 12 ms instead of 0.5 ms
-        os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         with paused("numba"):
             import numba
 

@@ -18,9 +18,9 @@ def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool
         from thirdbody.studies.robustness.plot import check_format
 
         check_format(out)  # before the work
-    from thirdbody.engine.precompile import warm_up
+    from thirdbody.engine.precompile import EXPLICIT, warm_up
 
-    warm_up()
+    warm_up(EXPLICIT)
     result = list(rows(cases, quick, sweep=not quick, log=log))
     if json:
         print_json([as_json(row) for row in result])
