@@ -13,8 +13,7 @@ BEFORE = (
     ("format", ["-m", "ruff", "format", "--check", "-q", "."]),
     ("mypy", ["-m", "mypy"]),
     # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
-    ("explicit kernels", ["-c", "from thirdbody.engine import explicit, time_step"]),
-    ("implicit kernels", ["-c", "from thirdbody.kernels.implicit import bdf2, common_plate_islands, ensemble, island_driver"]),
+    ("kernels", ["-c", "from thirdbody.engine.precompile import UNITS, warm_up; warm_up(tuple(UNITS))"]),
 )
 TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", QUICK]
 

@@ -16,7 +16,7 @@ from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_extra, body_solution, patch, record, run_totals, step_memory, step_settings
-from thirdbody.kernels.implicit import common_plate
+from thirdbody.kernels.implicit import common_plate_driver
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model
 
@@ -182,7 +182,7 @@ def test_slopes_of_an_island_are_difference_quotients(make, plate):
     for rise in (-h, 0.0, h):
         one._solve_bodies((True, rise, dt, 1e-3, 0.0), context)
         solutions.append(one.solutions.copy())
-        common_plate.restore_bodies(context)
+        common_plate_driver.restore_bodies(context)
     assert len(between_bodies(simulation)) == 1 and all(found[:, body_solution.SOLVED].all() for found in solutions)
     quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     # curved: a fourth of h^2 over the square of an overlap of some nm, and rounding of 1e-9 of the load over h

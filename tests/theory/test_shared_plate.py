@@ -14,7 +14,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
-from thirdbody.kernels.implicit import common_plate, step_control
+from thirdbody.kernels.implicit import common_plate_driver, step_control
 from thirdbody.scene import model
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -199,12 +199,12 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     state = simulation.state
     poses = np.hstack((state.B[:, : body.SPIN], state.orientations))
     dt, h, context = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
-    velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
+    velocity = common_plate_driver.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
     for rise in (-h, 0.0, h):
-        common_plate.solve_bodies(0, simulation.state.n_bodies, True, rise, dt, *velocity, context)
+        common_plate_driver.solve_bodies(0, simulation.state.n_bodies, True, rise, dt, *velocity, context)
         solutions.append(one.solutions.copy())
-        common_plate.restore_bodies(context)
+        common_plate_driver.restore_bodies(context)
     assert all(solution[:, body_solution.SOLVED].all() for solution in solutions)
     quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)

@@ -57,9 +57,6 @@ def check(
     json: Json = False,
 ) -> None:
     """Check a scene and print it with all defaults, laws and their sources, time step and its limit, and run time."""
-    from thirdbody.engine.precompile import start_compiling
-
-    start_compiling()
     from thirdbody.report.scene_check import check_report, print_check
     from thirdbody.report.tables import print_json
     from thirdbody.runner.prepare import prepare
@@ -86,10 +83,7 @@ def run(
     shared: Parts,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
-    from thirdbody.engine.precompile import start_compiling
-
     times = _wall_times(execution)
-    start_compiling()
     from thirdbody.report.tables import print_warnings
     from thirdbody.runner.parts.joined import cut
     from thirdbody.runner.parts.workers import workers_of

@@ -238,7 +238,7 @@ class Implicit:
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
         # imported here: other implicit integrators compile none of it
-        from thirdbody.kernels.implicit.bdf2 import advance_bodies
+        from thirdbody.kernels.implicit.body_driver import advance_bodies
 
         context = self._context()
         distribute(parts_of(first, last, tries), lambda: lambda part: advance_bodies(*part, until, tries, context))

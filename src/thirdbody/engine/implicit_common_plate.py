@@ -30,7 +30,7 @@ from thirdbody.kernels.columns import (
     step_start,
 )
 from thirdbody.kernels.columns.sides import LOWER
-from thirdbody.kernels.implicit import common_plate as kernel
+from thirdbody.kernels.implicit import common_plate_driver as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
@@ -174,11 +174,11 @@ class ImplicitCommonPlate(Implicit):
         return step, False
 
     def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
-        """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate.solve_bodies`."""
+        """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate_driver.solve_bodies`."""
         distribute(self._pieces(), lambda: lambda piece: kernel.solve_bodies(*piece, *step, context))
 
     def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
-        """Accept the step of all bodies; `step`: arguments of `common_plate.accept_bodies`."""
+        """Accept the step of all bodies; `step`: arguments of `common_plate_driver.accept_bodies`."""
         distribute(self._pieces(), lambda: lambda piece: kernel.accept_bodies(*piece, *step, context))
 
     def _pieces(self) -> list[tuple[int, int]]:

@@ -1,9 +1,8 @@
 """Parallel compilation at the first start of a version, since numba compiles on one core only.
 
 What kernels a scene needs is known once its bodies are made and its integrator is chosen. Until then child processes compile
-those of the explicit integrator, if nothing has been compiled yet; what turns out not to be needed is dropped. Then the main
-process joins in: each process takes the next unit from a common queue, and all write to the same cache, from which the compiled
-code is loaded.
+what it probably needs, while the main process compiles its laws. Then this one joins in: each process takes the next unit from a
+common queue, and all write to the same cache, from which the compiled code is loaded.
 """
 
 import atexit
@@ -42,10 +41,11 @@ _usual: Any = None
 """numba's default level while `COLD` is set."""
 
 
-def start_compiling() -> None:
-    """Start child processes that compile while this process reads its scene, at the first start of all."""
-    if _begun is None and not any(_is_complete(unit) for unit in UNITS):
-        _begin(EXPLICIT, min(cores(), PROCESSES) - 1)
+def start_compiling(units: Sequence[str]) -> None:
+    """Start child processes that compile the units that are probably needed; `warm_up` tells which ones are."""
+    missing = _missing(units)
+    if missing and _begun is None:
+        _begin(missing, min(cores(), PROCESSES) - 1)
 
 
 def report_compilation() -> None:
@@ -62,9 +62,9 @@ def report_compilation() -> None:
 
 def warm_up(units: Sequence[str]) -> None:
     """Compile these units, keys of `UNITS`; after a failure numba compiles each function at its first call."""
-    missing = tuple(unit for unit in units if not _is_complete(unit))
-    if _begun is not None and not set(missing) <= set(_begun[0]):
-        _end()
+    missing = _missing(units)
+    if _begun is not None and set(missing) != set(_begun[0]):
+        _end()  # something else was expected
     if missing and _begun is None:
         _begin(missing, min(cores(), PROCESSES, len(missing)) - 1)
         report_compilation()
@@ -95,8 +95,9 @@ def _mark_of(unit: str) -> Path:
     return cache_dir.cache_folder() / f"{MARK}{unit}"
 
 
-def _is_complete(unit: str) -> bool:
-    return _mark_of(unit).exists()
+def _missing(units: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the units that have not been compiled."""
+    return tuple(unit for unit in units if not _mark_of(unit).exists())
 
 
 def _begin(names: tuple[str, ...], processes: int) -> None:
@@ -184,7 +185,7 @@ def _labels() -> None:
 
 
 def _bodies() -> None:
-    from thirdbody.kernels.implicit import bdf2  # noqa: F401
+    from thirdbody.kernels.implicit import body_driver  # noqa: F401
 
 
 def _ensemble() -> None:
@@ -196,7 +197,7 @@ def _islands() -> None:
 
 
 def _common_plate() -> None:
-    from thirdbody.kernels.implicit import common_plate  # noqa: F401
+    from thirdbody.kernels.implicit import common_plate_driver  # noqa: F401
 
 
 def _common_plate_islands() -> None:
@@ -224,10 +225,10 @@ def _search() -> None:
 
 
 UNITS: dict[str, Callable[[], None]] = {
-    "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels, "bodies": _bodies,
-    "ensemble": _ensemble, "islands": _islands, "common_plate": _common_plate, "common_plate_islands": _common_plate_islands,
+    "islands": _islands, "common_plate_islands": _common_plate_islands, "common_plate": _common_plate, "ensemble": _ensemble,
+    "bodies": _bodies, "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels,
 }  # fmt: skip
-"""Units of compilation by name."""
+"""Units of compilation by name, the longest first."""
 
 EXPLICIT = ("passes", "step", "stability", "search")
 """Units of the explicit integrator, the longest first."""

@@ -16,6 +16,9 @@ from numba.np.numpy_support import as_dtype
 Kinds = dict[str, Any]
 """Numba's types of the packed arguments, by name: contiguous arrays, and int64."""
 
+PACKED = types.Array(types.int64, 1, "C")
+"""Numba's type of packed arguments."""
+
 _LONG = ir.IntType(64)
 
 
@@ -90,7 +93,7 @@ def make_unpacker(kinds: Kinds, names: type) -> Any:
                 parts.append(_table(context, builder, kind, *numbers) if len(numbers) > 1 else numbers[0])
             return context.make_tuple(builder, whole, parts)
 
-        return whole(types.Array(types.int64, 1, "C")), make
+        return whole(PACKED), make
 
     return function
 

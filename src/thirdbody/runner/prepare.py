@@ -14,6 +14,9 @@ from thirdbody.scene.model import Scene
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
+MANY = 512
+"""Bodies above which a run is most likely an ensemble (`engine.implicit_ensemble`)."""
+
 _preparing = threading.Lock()
 """Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
 
@@ -27,7 +30,7 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
     from thirdbody.laws.registry import discover
 
     with _preparing, paused("simulation"):
-        start_compiling()
+        start_compiling(likely_units(scene))
         report_compilation()
         registry = discover(tuple(plugins))
         from thirdbody.assembly.rate_test import examine_rate_test
@@ -38,16 +41,31 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
         return simulation
 
 
+def likely_units(scene: Scene) -> tuple[str, ...]:
+    """Return the units of compiled code (`engine.precompile`) that a scene needs most likely, before its bodies are made.
+
+    `assembly.integrator.units_of` tells which ones it needs.
+    """
+    from thirdbody.engine.precompile import EXPLICIT
+
+    upper, solver = scene.plates.upper, scene.solver
+    if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
+        return EXPLICIT
+    if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
+        return "islands", "bodies", "labels"
+    return "ensemble" if sum(getattr(debris, "count", 1) for debris in scene.debris) > MANY else "bodies", "labels"
+
+
 def check_threads(threads: int | None) -> list[str]:
     """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
+    if threads is None:
+        return []
+    if threads < 1:
+        raise UsageError(f"threads = {threads}: must be at least 1")
     from thirdbody.jit.threads import most_threads
 
     maximum = most_threads()
-    if threads is not None and threads < 1:
-        raise UsageError(f"threads = {threads}: must be at least 1")
-    if threads is not None and threads > maximum:
-        return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"]
-    return []
+    return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"] if threads > maximum else []
 
 
 def set_threads(threads: int | None) -> None:

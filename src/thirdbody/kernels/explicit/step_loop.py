@@ -11,6 +11,7 @@ from numba import njit, types
 from thirdbody.jit.atomics import count_up, load_word
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
 from thirdbody.kernels.bundles import Step
@@ -179,7 +180,6 @@ def rebuild_needed(context, patch_path):
 work_at = function_at(WORK)
 
 _I, _F = types.int64, types.float64
-PACKED = types.Array(_I, 1, "C")
 ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, PACKED)
 
 

@@ -1,4 +1,4 @@
-"""BDF2 driver: bodies between two plates, advanced to a common time by individual steps.
+"""BDF2 steps: a body between two plates, advanced to a time by steps of its own.
 
 A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
 to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
@@ -7,14 +7,14 @@ and is of second order: at 1 m/s, where inertia governs sliding, the same error 
 """
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
+from thirdbody.kernels.implicit.bundles import ActiveBody
 from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
 from thirdbody.kernels.implicit.newton import Outcome, newton
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
@@ -140,20 +140,3 @@ def advance_body(b, until, tries, context, start, space):
         and active.memory[step_memory.TRIES] < last
     ):
         step(context, active, until, space)
-
-
-PACKED = types.Array(types.int64, 1, "C")
-
-
-@njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), nogil=True, **DIRECT)
-def advance_bodies(low, high, until, tries, packed):
-    """Advance bodies `low` to `high` - 1 in sequence to the time `until` [s], with individual time steps.
-
-    A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
-    `memory` (step_memory.CODE) and stays at the end of its last step. `packed`: a packed `ImplicitContext`. Threads may advance
-    different bodies at once.
-    """
-    context = context_of(packed)
-    space, start = make_workspace(context), np.zeros(step_start.WIDTH)
-    for b in range(low, high):
-        advance_body(b, until, tries, context, start, space)

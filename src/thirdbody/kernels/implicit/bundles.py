@@ -1,7 +1,6 @@
 """Arguments of the implicit kernels that travel together; `Motion` and `Tile` are those of `kernels.bundles`.
 
-The tables of a run are packed into one array at the boundary of compiled code (`jit.packed_arguments`): numba cannot pass tuples
-of tables into a loop over threads.
+The tables of a run are packed into one array at the boundary of compiled code (`jit.packed_arguments`).
 """
 
 from collections import namedtuple

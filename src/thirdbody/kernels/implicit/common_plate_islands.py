@@ -8,12 +8,12 @@ the bodies.
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
+from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, patch
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
 from thirdbody.kernels.implicit.accept_step import accept_step
 from thirdbody.kernels.implicit.band_matrix import entry, factorise_band
-from thirdbody.kernels.implicit.bdf2 import PACKED
 from thirdbody.kernels.implicit.bundles import FREEDOMS, context_of
 from thirdbody.kernels.implicit.common_plate import begin_body, copy_start, end_step, plate_reaction, write_outcome
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at, tables_of
@@ -114,9 +114,10 @@ _D, _B, _I = types.float64, types.boolean, types.int64
 
 @njit(types.void(_I, _B, _D, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
 def solve_islands(part, first_iteration, displacement, dt, v_x, v_y, packed, packed_tables):
-    """Solve the step of the islands of a part, in sequence, for a given rise of the plate [m] (`common_plate.solve_bodies`).
+    """Solve the step of the islands of a part, in sequence, for a given rise of the plate [m].
 
-    `packed_tables`: packed `IslandTables`. The parts do not change a bit of the result.
+    Arguments as in `common_plate_driver.solve_bodies`; `packed_tables`: packed `IslandTables`. The parts do not change a bit of
+    the result.
     """
     context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
     pool = pool_of_part(part, context, tables)
@@ -126,7 +127,7 @@ def solve_islands(part, first_iteration, displacement, dt, v_x, v_y, packed, pac
 
 @njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
 def accept_islands(part, end, whole, cuts, dt, v_x, v_y, packed, packed_tables):
-    """Accept the step of the islands of a part, solved by `solve_islands` (`common_plate.accept_bodies`)."""
+    """Accept the step of the islands of a part, solved by `solve_islands` (`common_plate_driver.accept_bodies`)."""
     context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):

@@ -3,8 +3,8 @@
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, DIRECT
+from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.columns import run_totals, step_memory
-from thirdbody.kernels.implicit.bdf2 import PACKED
 from thirdbody.kernels.implicit.bundles import context_of
 from thirdbody.kernels.implicit.island_bundles import tables_of
 from thirdbody.kernels.implicit.island_step import island_of, island_step, pool_of_part
