@@ -29,7 +29,7 @@ PACKAGES = {
     "surfaces": {"bodies", "kernels"},
     "scene": {"bodies", "laws", "surfaces"},
     "assembly": {"scene", "surfaces", "engine", "bodies", "laws", "kernels"},
-    "trajectory": {"surfaces", "engine", "laws", "kernels"},
+    "trajectory": {"surfaces", "engine", "laws", "kernels", "jit"},
     "export": {"trajectory"},
     "plot": {"trajectory", "surfaces"},
     "render": {"trajectory", "bodies", "system"},

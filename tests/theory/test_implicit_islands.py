@@ -15,6 +15,7 @@ from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIs
 from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body, body_extra, body_solution, patch, record, run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit import common_plate_driver
 from thirdbody.runner.prepare import set_threads
@@ -180,7 +181,7 @@ def test_slopes_of_an_island_are_difference_quotients(make, plate):
     one._search()
     dt, h, context, solutions = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context(), []
     for rise in (-h, 0.0, h):
-        one._solve_bodies((True, rise, dt, 1e-3, 0.0), context)
+        one._solve_bodies((True, rise, Motion(dt, 1e-3, 0.0)), context)
         solutions.append(one.solutions.copy())
         common_plate_driver.restore_bodies(context)
     assert len(between_bodies(simulation)) == 1 and all(found[:, body_solution.SOLVED].all() for found in solutions)

@@ -13,6 +13,7 @@ from thirdbody_three_spot import theory
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
 from thirdbody.kernels.implicit import common_plate_driver, step_control
 from thirdbody.scene import model
@@ -202,7 +203,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     velocity = common_plate_driver.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
     for rise in (-h, 0.0, h):
-        common_plate_driver.solve_bodies(0, simulation.state.n_bodies, True, rise, dt, *velocity, context)
+        common_plate_driver.solve_bodies(0, simulation.state.n_bodies, True, rise, Motion(dt, *velocity), context)
         solutions.append(one.solutions.copy())
         common_plate_driver.restore_bodies(context)
     assert all(solution[:, body_solution.SOLVED].all() for solution in solutions)

@@ -12,7 +12,7 @@ from numba import njit
 from thirdbody.jit.atomics import count_up, load_word
 from thirdbody.jit.options import BARE
 from thirdbody.jit.team import DISMISSED, DONE, FIRST, LINE, close_pass, next_part, open_pass, wait_again, words_of
-from thirdbody.jit.threads import allow_threads, allowed_threads, distribute, helpers, most_threads, pieces_of
+from thirdbody.jit.threads import allow_threads, allowed_threads, distribute, helpers, max_threads, pieces_of
 
 UNCACHED = {"error_model": "numpy", "nogil": True, "_nrt": False}
 PASSES, PARTS = 20_000, 7
@@ -135,6 +135,6 @@ def test_every_thread_of_python_has_its_own_number():
         other = threading.Thread(target=lambda: seen.append(allowed_threads()))
         other.start()
         other.join()
-        assert (allowed_threads(), seen) == (before + 1, [most_threads()])
+        assert (allowed_threads(), seen) == (before + 1, [max_threads()])
     finally:
         allow_threads(before)

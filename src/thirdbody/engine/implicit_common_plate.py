@@ -19,6 +19,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import (
     body_solution,
     contact_state,
@@ -127,7 +128,7 @@ class ImplicitCommonPlate(Implicit):
             dt *= kernel.reduction(converged, error, rotation)
             if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
-        self._accept_bodies((end, whole, cuts, dt, v_x, v_y), context)
+        self._accept_bodies((end, whole, cuts, Motion(dt, v_x, v_y)), context)
         self._accept(dt, step, load, (v_x, v_y))
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
@@ -151,7 +152,7 @@ class ImplicitCommonPlate(Implicit):
         row, first_iteration, context = self.state.P[-1], True, self._context()
         displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            self._solve_bodies((first_iteration, displacement, dt, *velocity), context)
+            self._solve_bodies((first_iteration, displacement, Motion(dt, *velocity)), context)
             first_iteration = False
             step = self._motion(displacement, dt)
             if not self.solutions[:, body_solution.SOLVED].all():
@@ -173,11 +174,11 @@ class ImplicitCommonPlate(Implicit):
                 return step, abs(force) <= 1e-5 * scale
         return step, False
 
-    def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
+    def _solve_bodies(self, step: tuple[bool, float, Motion], context: Array) -> None:
         """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate_driver.solve_bodies`."""
         distribute(self._pieces(), lambda: lambda piece: kernel.solve_bodies(*piece, *step, context))
 
-    def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
+    def _accept_bodies(self, step: tuple[float, bool, int, Motion], context: Array) -> None:
         """Accept the step of all bodies; `step`: arguments of `common_plate_driver.accept_bodies`."""
         distribute(self._pieces(), lambda: lambda piece: kernel.accept_bodies(*piece, *step, context))
 

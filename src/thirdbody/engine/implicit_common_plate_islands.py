@@ -16,6 +16,7 @@ from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.threads import distribute
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution
 from thirdbody.kernels.implicit import common_plate_islands as kernel
 
@@ -40,12 +41,12 @@ class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):
         self._packed_tables = self._pack_tables(self.islands.tables)
         self.solutions[:, body_solution.IN_ISLAND] = self.islands.member
 
-    def _solve_bodies(self, step: tuple[bool, float, float, float, float], context: Array) -> None:
+    def _solve_bodies(self, step: tuple[bool, float, Motion], context: Array) -> None:
         super()._solve_bodies(step, context)
         parts, tables = range(self.islands.parts if self.islands.count else 0), self._packed_tables
         distribute(parts, lambda: lambda part: kernel.solve_islands(part, *step, context, tables))
 
-    def _accept_bodies(self, step: tuple[float, bool, int, float, float, float], context: Array) -> None:
+    def _accept_bodies(self, step: tuple[float, bool, int, Motion], context: Array) -> None:
         super()._accept_bodies(step, context)
         parts, tables = range(self.islands.parts if self.islands.count else 0), self._packed_tables
         distribute(parts, lambda: lambda part: kernel.accept_islands(part, *step, context, tables))

@@ -23,8 +23,8 @@ DONE, DISMISSED = 0, LINE
 FIRST = 2 * LINE
 """Word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each."""
 
-TAKEN = 1 << 40
-"""Number of taken parts before the first pass is opened: more than there are."""
+CLOSED = 1 << 40
+"""Such a number before the first pass is opened: more than there are parts."""
 
 SPINS = 2000
 """Attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer."""
@@ -51,9 +51,9 @@ def next_part(words, member, members, parts):
         first, last = owner * parts // members, (owner + 1) * parts // members
         # counted only where some are left: counting takes the line from the other cores
         if load_word(words, FIRST + LINE * owner) < last - first:
-            taken = count_up(words, FIRST + LINE * owner)
-            if taken < last - first:
-                return first + taken
+            part = first + count_up(words, FIRST + LINE * owner)
+            if part < last:
+                return part
     return -1
 
 

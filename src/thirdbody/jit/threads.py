@@ -19,7 +19,7 @@ from typing import TypeVar
 import numba
 import numpy as np
 
-from thirdbody.jit.team import DISMISSED, FIRST, LINE, TAKEN
+from thirdbody.jit.team import CLOSED, DISMISSED, FIRST, LINE
 
 Piece = TypeVar("Piece")
 
@@ -33,7 +33,7 @@ WAITING = 1024
 _allowed = threading.local()
 
 
-def most_threads() -> int:
+def max_threads() -> int:
     """Return the largest number of threads: one per core that this process may use, or NUMBA_NUM_THREADS."""
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
@@ -45,7 +45,7 @@ def allow_threads(number: int) -> None:
 
 def allowed_threads() -> int:
     """Return the number of threads of runs that this thread makes: at first the largest one."""
-    return getattr(_allowed, "number", None) or most_threads()
+    return getattr(_allowed, "number", None) or max_threads()
 
 
 def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
@@ -59,8 +59,8 @@ def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
 
 def pieces_of(first: int, last: int, fewest: int) -> list[tuple[int, int]]:
     """Return the ranges into which `first` to `last` - 1 are divided for the threads of this run, of at least `fewest` each."""
-    most = PIECES * allowed_threads() if allowed_threads() > 1 else 1
-    number = max(1, min(most, (last - first) // fewest))
+    maximum = PIECES * allowed_threads() if allowed_threads() > 1 else 1
+    number = max(1, min(maximum, (last - first) // fewest))
     edges = [first + k * (last - first) // number for k in range(number + 1)]
     return list(itertools.pairwise(edges))
 
@@ -92,7 +92,7 @@ def helpers(members: int, team: np.ndarray, help_out: Callable[[int], None]) -> 
 
     `help_out(member)` returns once the team is dismissed.
     """
-    team[FIRST::LINE], team[DISMISSED] = TAKEN, 0
+    team[FIRST::LINE], team[DISMISSED] = CLOSED, 0
     tasks = [_pool().submit(help_out, member) for member in range(1, members)]
     try:
         yield

@@ -256,24 +256,23 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
         Q=np.full((6, many + LANES), np.inf),
     )  # fmt: skip
     fill_cells(S, spheres, grid, lists)
-    found: dict[int, Array] = {}
+    pairs_of: dict[int, Array] = {}
 
     def worker():
         around = np.empty(10, np.int64)
 
         def collect_piece(piece):
-            share = (piece[1] - piece[0]) / columns
-            pairs = np.empty((2, int(1.5 * share * len(own)) + 64), np.int32)
+            pairs = np.empty((2, int(1.5 * len(own) * (piece[1] - piece[0]) / columns) + 64), np.int32)
             m = collect(*piece, skin, grid, lists, around, pairs)
             if m > pairs.shape[1]:
                 pairs = np.empty((2, m), np.int32)
                 collect(*piece, skin, grid, lists, around, pairs)
-            found[piece[0]] = pairs[:, :m]
+            pairs_of[piece[0]] = pairs[:, :m]
 
         return collect_piece
 
     distribute(pieces_of(0, columns, max(1, FEWEST * columns // max(many, 1))), worker)
-    pairs = np.concatenate([found[first] for first in sorted(found)], axis=1)
+    pairs = np.concatenate([pairs_of[first] for first in sorted(pairs_of)], axis=1)
     m = n + pairs.shape[1]
     if m <= len(own):
         at = np.zeros(many + 1, np.int32)

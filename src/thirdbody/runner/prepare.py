@@ -62,15 +62,15 @@ def check_threads(threads: int | None) -> list[str]:
         return []
     if threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
-    from thirdbody.jit.threads import most_threads
+    from thirdbody.jit.threads import max_threads
 
-    maximum = most_threads()
+    maximum = max_threads()
     return [f"{threads} threads were requested; {maximum} are used, as many as there are cores"] if threads > maximum else []
 
 
 def set_threads(threads: int | None) -> None:
     """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
-    from thirdbody.jit.threads import allow_threads, most_threads
+    from thirdbody.jit.threads import allow_threads, max_threads
 
-    maximum = most_threads()
+    maximum = max_threads()
     allow_threads(maximum if threads is None else min(threads, maximum))

@@ -319,10 +319,10 @@ def bound_bodies(first, last, context, near, tables):
 @njit(**BARE)
 def smallest(minimum, column):
     """Return the first body with the smallest of the bounds in a column; 0 if none is a number."""
-    first, least = np.int64(0), np.inf
+    first, limit = np.int64(0), np.inf
     for b in range(minimum.shape[0]):
-        if minimum[b, column] < least:
-            first, least = np.int64(b), minimum[b, column]
+        if minimum[b, column] < limit:
+            first, limit = np.int64(b), minimum[b, column]
     return first
 
 

@@ -23,26 +23,27 @@ from thirdbody.kernels.implicit.step_control import (
 )
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
+MOTION = types.NamedUniTuple(_D, 3, Motion)
 
 
-@njit(types.void(_I, _I, _B, _D, _D, _D, _D, PACKED), nogil=True, **OPTIONS)
-def solve_bodies(first, last, first_iteration, displacement, dt, v_x, v_y, packed):
+@njit(types.void(_I, _I, _B, _D, MOTION, PACKED), nogil=True, **OPTIONS)
+def solve_bodies(first, last, first_iteration, displacement, motion, packed):
     """Solve the step of bodies first to last - 1 for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions` (n, body_solution.WIDTH). `packed`: a packed `ImplicitContext`.
     """
-    context, motion = context_of(packed), Motion(dt, v_x, v_y)
+    context = context_of(packed)
     space = make_workspace(context)
     for b in range(first, last):
         if context.solutions[b, body_solution.IN_ISLAND] == 0.0:
             solve_body(context, b, first_iteration, displacement, motion, space)
 
 
-@njit(types.void(_I, _I, _D, _B, _I, _D, _D, _D, PACKED), nogil=True, **OPTIONS)
-def accept_bodies(first, last, end, whole, cuts, dt, v_x, v_y, packed):
+@njit(types.void(_I, _I, _D, _B, _I, MOTION, PACKED), nogil=True, **OPTIONS)
+def accept_bodies(first, last, end, whole, cuts, motion, packed):
     """Accept the step solved by `solve_bodies`, cut `cuts` times; `whole`: it ends exactly at the time `end` [s]."""
-    context, motion = context_of(packed), Motion(dt, v_x, v_y)
+    context = context_of(packed)
     space = make_workspace(context)
     for b in range(first, last):
         if context.solutions[b, body_solution.IN_ISLAND] == 0.0:

@@ -110,25 +110,26 @@ def accept_island(context, tables, island, motion, ended, pool):
 
 
 _D, _B, _I = types.float64, types.boolean, types.int64
+MOTION = types.NamedUniTuple(_D, 3, Motion)
 
 
-@njit(types.void(_I, _B, _D, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
-def solve_islands(part, first_iteration, displacement, dt, v_x, v_y, packed, packed_tables):
+@njit(types.void(_I, _B, _D, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
+def solve_islands(part, first_iteration, displacement, motion, packed, packed_tables):
     """Solve the step of the islands of a part, in sequence, for a given rise of the plate [m].
 
     Arguments as in `common_plate_driver.solve_bodies`; `packed_tables`: packed `IslandTables`. The parts do not change a bit of
     the result.
     """
-    context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
+    context, tables = context_of(packed), tables_of(packed_tables)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
         solve_island(context, island_of(tables.order[p], context, tables), first_iteration, displacement, motion, pool)
 
 
-@njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED, PACKED), nogil=True, **OPTIONS)
-def accept_islands(part, end, whole, cuts, dt, v_x, v_y, packed, packed_tables):
+@njit(types.void(_I, _D, _B, _I, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
+def accept_islands(part, end, whole, cuts, motion, packed, packed_tables):
     """Accept the step of the islands of a part, solved by `solve_islands` (`common_plate_driver.accept_bodies`)."""
-    context, tables, motion = context_of(packed), tables_of(packed_tables), Motion(dt, v_x, v_y)
+    context, tables = context_of(packed), tables_of(packed_tables)
     pool = pool_of_part(part, context, tables)
     for p in range(tables.part_edges[part], tables.part_edges[part + 1]):
         accept_island(context, tables, island_of(tables.order[p], context, tables), motion, (end, whole, cuts), pool)
