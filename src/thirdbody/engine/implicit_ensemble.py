@@ -56,11 +56,11 @@ class ImplicitEnsemble(Implicit):
 
     def _make_scratch(self) -> Scratch:
         """Return tables with room for the rows and the spheres of any body, and for the closed contacts of any batch."""
+        from thirdbody.kernels.implicit.ensemble import OneBody
+
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         spheres = int(np.diff(state.start).max()) if state.sphere_table is None else 0
-        from thirdbody.kernels.implicit.ensemble import OneBody
-
         H, R = (np.zeros((self.max_per_body, width)) for width in rows.widths)
         radii = state.radii if state.sphere_table is None else np.zeros(0)
         return Scratch(OneBody(H, R, table(spheres, sphere.WIDTH), radii), rows.scratch())
