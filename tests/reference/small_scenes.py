@@ -109,7 +109,7 @@ def heap(seed: int, speed: float, level: str, effects: str = "") -> Simulation:
 
 def layer() -> Simulation:
     """A dense layer of balls, sheared by a plate at a fixed height: bodies and spheres in one table, several groups."""
-    peers_scenes.warm_up = lambda: None  # type: ignore[attr-defined]  # it would compile what these tests never call
+    peers_scenes.warm_up = lambda units: None  # type: ignore[attr-defined]  # it would compile what these tests never call
     return peers_scenes.simulation_of(peers_scenes.start_of("S", peers_scenes.generated(1600)))
 
 
