@@ -70,3 +70,10 @@ def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
     precompile.warm_up(("passes",))
     precompile.warm_up(("passes",))
     assert compiled == ["passes", "passes"]
+
+
+def test_later_starts_expect_nothing(compiled):
+    """Where another integrator is chosen again and again, what was expected would never be complete."""
+    precompile.warm_up(("passes",))
+    precompile.start_compiling(("islands",))
+    assert precompile._begun is None

@@ -42,10 +42,12 @@ _usual: Any = None
 
 
 def start_compiling(units: Sequence[str]) -> None:
-    """Start child processes that compile the units that are probably needed; `warm_up` tells which ones are."""
-    missing = _missing(units)
-    if missing and _begun is None:
-        _begin(missing, min(cores(), PROCESSES) - 1)
+    """Start child processes that compile the units that are probably needed, at the first start of all.
+
+    `warm_up` gets those that are. Later starts wait for it: what is expected in vain would be compiled, and dropped, every time.
+    """
+    if _begun is None and len(_missing(tuple(UNITS))) == len(UNITS):
+        _begin(tuple(units), min(cores(), PROCESSES) - 1)
 
 
 def report_compilation() -> None:

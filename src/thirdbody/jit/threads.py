@@ -53,8 +53,7 @@ def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
 
     `tries`: trial steps of each of them, at most.
     """
-    size = max(FEWEST, math.ceil(WORTH / tries), (last - first) // (PIECES * allowed_threads()))
-    return [(low, min(low + size, last)) for low in range(first, last, size)]
+    return pieces_of(first, last, max(FEWEST, math.ceil(WORTH / tries)))
 
 
 def pieces_of(first: int, last: int, fewest: int) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, CHUNK
 from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels import signatures
-from thirdbody.kernels.bundles import Tile
+from thirdbody.kernels.bundles import Motion, Tile
 from thirdbody.kernels.columns import (
     contact_sums,
     contact_tangent,
@@ -31,6 +31,9 @@ Array = np.ndarray
 FREEDOMS = 7
 """Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
 the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
+
+MOTION = types.NamedUniTuple(types.float64, 3, Motion)
+"""Numba's type of a `Motion`."""
 
 SHARED = (
     "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "orientations",

@@ -8,7 +8,7 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, step_memory
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.implicit.accept_step import reject_step
-from thirdbody.kernels.implicit.bundles import active_body, context_of, make_workspace
+from thirdbody.kernels.implicit.bundles import MOTION, active_body, context_of, make_workspace
 from thirdbody.kernels.implicit.common_plate import accept_body, solve_body
 from thirdbody.kernels.implicit.step_control import (
     bdf2_weights,
@@ -23,7 +23,6 @@ from thirdbody.kernels.implicit.step_control import (
 )
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
-MOTION = types.NamedUniTuple(_D, 3, Motion)
 
 
 @njit(types.void(_I, _I, _B, _D, MOTION, PACKED), nogil=True, **OPTIONS)

@@ -9,12 +9,11 @@ from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
-from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body_solution, patch
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
 from thirdbody.kernels.implicit.accept_step import accept_step
 from thirdbody.kernels.implicit.band_matrix import entry, factorise_band
-from thirdbody.kernels.implicit.bundles import FREEDOMS, context_of
+from thirdbody.kernels.implicit.bundles import FREEDOMS, MOTION, context_of
 from thirdbody.kernels.implicit.common_plate import begin_body, copy_start, end_step, plate_reaction, write_outcome
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at, tables_of
 from thirdbody.kernels.implicit.island_newton import evaluate, newton_of_island, solve_correction
@@ -110,7 +109,6 @@ def accept_island(context, tables, island, motion, ended, pool):
 
 
 _D, _B, _I = types.float64, types.boolean, types.int64
-MOTION = types.NamedUniTuple(_D, 3, Motion)
 
 
 @njit(types.void(_I, _B, _D, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
