@@ -163,7 +163,7 @@ def test_a_measure_that_is_not_named_never_was():
     assert np.array_equal(bare.state.slots.H, named.state.slots.H[:, : -layout.width])
 
 
-@pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=pytest.mark.full(kind="slow"))])
 def test_elastic_pairs_have_no_dashpot(level):
     """Restitution 1 asks for no damping: the law is that of a family that has none."""
     dashpots = {"hertz_damping", "tangential_damping"}

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.hard
+pytestmark = pytest.mark.full(kind="hard")
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SHORT = ("debris.0.count=8", "solver.distance=0.02 um", "output.every=0.02 um", "solver.settle=1 us")

@@ -33,7 +33,7 @@ def faults(code: int, out: str, err: str) -> list[str]:
     return [words for words, holds in wrong.items() if holds]
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("about", ["plug-ins", "settings", "runs", "files", "options", "outputs"])
 def test_no_command_line_breaks_the_program(about, tmp_path):
     spec = importlib.util.spec_from_file_location("thirdbody_command_lines", HERE / "command_lines.py")

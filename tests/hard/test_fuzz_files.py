@@ -203,7 +203,7 @@ def test_spoilt_files_are_refused(worker: Worker, tmp_path: Path, run_bytes: byt
     assert report["refused"] > BATCH // 3  # else the mutations are too tame to mean anything
 
 
-@pytest.mark.fuzz
+@pytest.mark.full(kind="fuzz")
 def test_a_thousand_spoilt_files_are_refused(worker: Worker, tmp_path: Path, run_bytes: bytes) -> None:
     report = fuzz(worker, tmp_path, run_bytes, range(MANY))
     print(dict(report))

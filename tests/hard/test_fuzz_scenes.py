@@ -215,12 +215,12 @@ def test_spoilt_settings_are_refused_by_key(folder: Path) -> None:
     many(FEW_SETTINGS, try_setting)
 
 
-@pytest.mark.fuzz
+@pytest.mark.full(kind="fuzz")
 def test_ten_thousand_spoilt_scenes_are_refused_by_key(folder: Path) -> None:
     many(MANY, a_scene)
 
 
-@pytest.mark.fuzz
+@pytest.mark.full(kind="fuzz")
 def test_thousands_of_spoilt_settings_are_refused_by_key(folder: Path) -> None:
     many(MANY_SETTINGS, try_setting)
 

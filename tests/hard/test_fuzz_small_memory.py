@@ -278,7 +278,7 @@ def test_hostile_files_are_reported_in_little_memory(worker: Worker, sound: dict
     fuzz(worker, sound, tmp_path, range(BATCH))
 
 
-@pytest.mark.fuzz
+@pytest.mark.full(kind="fuzz")
 def test_five_hundred_hostile_files_are_reported_in_little_memory(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
     report = fuzz(worker, sound, tmp_path, range(MANY))
     assert sum(count for (_, code), count in report.items() if code == 3) > MANY // 2  # else they are too tame

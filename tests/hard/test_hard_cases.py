@@ -25,7 +25,7 @@ def test_hard_case(case, setting):
     assert row.passed, "\n".join(row.broken)
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("case, setting", paths(quick=False))
 def test_hard_case_in_full(case, setting):
     """Every level, the long versions, and the largest stable step between 1.2 and 10 times the automatic one."""

@@ -107,7 +107,7 @@ def survives(tmp_path: Path, integrator: str, kill, kills: int) -> None:
         assert [name for name in wanted if found[name] != wanted[name]] == []
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("kill", [killed_at_random, killed_between])
 @pytest.mark.parametrize("integrator", CASES)
 def test_fifty_kills(tmp_path, integrator, kill):

@@ -19,7 +19,7 @@ from ensembles import EXPLICIT, arrays, scene
 import thirdbody
 from thirdbody.runner.checkpoint import FILE
 
-pytestmark = pytest.mark.hard
+pytestmark = pytest.mark.full(kind="hard")
 
 LARGE = {"debris.0.count": 2000, "debris.0.spheres": [3, 3], "domain.size": ["5 mm", "4 mm"]}
 CASES = {"implicit": LARGE | {"solver.distance": "0.3 um", "output.every": "0.1 um"}, "explicit": EXPLICIT | LARGE}

@@ -40,7 +40,7 @@ every = "20 ns"
 READS = 100
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 def test_a_run_that_is_being_written_is_never_damaged(tmp_path: Path) -> None:
     """Two thousand frames, one every few milliseconds; before the first one there is no run, or none that can be read."""
     (tmp_path / "scene.toml").write_text(SCENE)

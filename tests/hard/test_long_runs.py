@@ -49,7 +49,7 @@ def momentum(simulation: Simulation) -> np.ndarray:
     return np.asarray(B[:, [body.MASS]] * B[:, body.VELOCITY3]).sum(axis=0)
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 def test_ten_million_steps_of_one_rolling_clump(make):
     """Near round, so that it rolls on and on over the periodic faces; dragged at 1 m/s, loaded, with weight."""
     balls = [((0.0, 0.0, 0.0), 5.0), ((0.6, 0.1, 0.0), 4.8), ((-0.5, 0.3, 0.2), 4.9)]
@@ -64,7 +64,7 @@ def test_ten_million_steps_of_one_rolling_clump(make):
     assert residual < 1e-3 and norm < 1e-14 and lost < 1e-11
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 def test_a_million_steps_of_a_dense_bed():
     scene = thirdbody.Scene.load(SCENES / "dense_layer.toml").with_settings({"solver.distance": "1 m", "output.every": "1 m"})
     residual, norm, lost = drift(prepare(scene, force=True), 1_000_000)

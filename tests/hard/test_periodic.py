@@ -41,7 +41,9 @@ def world(make, length, shifts, effects):
     return simulation
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "none")) for name in EFFECTS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.full(kind="slow")] * (name != "none")) for name in EFFECTS]
+)
 def test_a_doubled_box_moves_alike(make, name):
     one, two = (world(make, k * LENGTH, [LENGTH * i for i in range(k)], EFFECTS[name]) for k in (1, 2))
     if name in ("flow", "necks"):

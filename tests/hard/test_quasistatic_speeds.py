@@ -13,7 +13,7 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.accuracy_warnings import ending_warnings
 from thirdbody.runner.simulate import prepare
 
-pytestmark = pytest.mark.hard
+pytestmark = pytest.mark.full(kind="hard")
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SPEEDS = (1e-3, 1e-2, 0.1, 1.0, 10.0)

@@ -121,7 +121,7 @@ def test_a_few_random_scenes_end_well(seed: int, tmp_path: Path) -> None:
     assert run_scene(random_scene(seed), tmp_path / "run") == "finished"
 
 
-@pytest.mark.fuzz
+@pytest.mark.full(kind="fuzz")
 @pytest.mark.parametrize("random", [random_scene, random_layer])
 def test_random_scenes_end_well_or_say_why(tmp_path: Path, random: Callable[[int], dict[str, Any]]) -> None:
     """Single bodies and layers that do not meet, by both integrators; layers whose bodies meet, by the implicit one."""

@@ -143,7 +143,7 @@ needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="n
 
 
 @needs_proc
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("integrator", EVERY)
 def test_thirty_signals_are_heard(tmp_path, integrator):
     heard(tmp_path, integrator, 30, EVERY[integrator])

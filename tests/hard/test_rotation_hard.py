@@ -91,7 +91,7 @@ def spinning_flake(make, step):
     return simulation
 
 
-@pytest.mark.parametrize("steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.full(kind="slow"))])
 def test_quaternion_and_momentum_over_many_steps(make, steps):
     simulation = spinning_flake(make, 0.05)
     E = simulation.state.E

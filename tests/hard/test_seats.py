@@ -15,7 +15,7 @@ import pytest
 from random_particles import clump, planar
 from thirdbody_three_spot.balance import balance
 
-pytestmark = pytest.mark.hard
+pytestmark = pytest.mark.full(kind="hard")
 
 MATERIALS = {side: {"shear_modulus": 80e9, "poisson_ratio": 0.3} for side in ("upper", "lower", "particle")}
 FARTHEST = 0.5  # rad, up to which `balance` follows a particle

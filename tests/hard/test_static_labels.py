@@ -14,7 +14,7 @@ from thirdbody_three_spot.balance import balance
 
 import thirdbody
 
-pytestmark = pytest.mark.hard
+pytestmark = pytest.mark.full(kind="hard")
 
 LOAD, DRAG, EVERY = 1e-4, 1.6e-6, 20e-9  # the drag is two to three windows of a clump, and more of a planar particle
 ALIKE = 0.95

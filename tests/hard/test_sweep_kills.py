@@ -108,7 +108,7 @@ def test_a_kill(whole):
     assert [row["status"] for row in table(whole / "whole")] == 3 * ["done", "failed"]
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 def test_thirty_kills(whole):
     kill_until(whole, 30, 1)
 

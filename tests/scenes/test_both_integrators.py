@@ -13,7 +13,7 @@ from stories import SCENE, Story, agreement, dragged
 import thirdbody
 from thirdbody.studies.nudge import NUDGE
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.full(kind="slow")
 
 
 def story(integrator: str, nudge: float = 0.0) -> Story:

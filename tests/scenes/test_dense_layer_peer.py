@@ -183,7 +183,7 @@ def steady(layer) -> dict[str, tuple[float, float]]:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("name", LAMMPS["steady"])
 def test_the_sheared_layer_has_the_same_steady_state(steady, name):
     # three standard errors of the difference, but no finer than 2 %: the two rules for dashpot and friction limit differ, and

@@ -38,7 +38,9 @@ def test_eight_times_the_load_presses_four_times_as_deep(dragged):
     assert (more - most) / (light - more) == pytest.approx(4.0, rel=2e-2)
 
 
-@pytest.mark.slow  # compiles three laws with their tangents; tests/theory/test_curved_slip.py has the order of the law itself
+@pytest.mark.full(
+    kind="slow"
+)  # compiles three laws with their tangents; tests/theory/test_curved_slip.py has the order of the law itself
 def test_more_springs_come_nearer_to_the_exact_field(dragged):
     exact = dragged(contact__level="exact")["friction_coefficient"]
     wrong = []

@@ -16,7 +16,7 @@ from stories import agreement, dragged, layer
 import thirdbody
 from thirdbody.studies.nudge import NUDGE
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.full(kind="slow")
 
 SCENE = Path(__file__).parents[2] / "scenes" / "yielding_debris.toml"
 

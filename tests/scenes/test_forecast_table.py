@@ -103,7 +103,7 @@ def table(request, tmp_path_factory):
     return rows
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_forecast_and_fact_agree(table):
     report, agree = sum(row["forecast"] for row in table), sum(row["agree"] for row in table)
     assert report > 900
@@ -112,18 +112,18 @@ def test_forecast_and_fact_agree(table):
     assert 50 < sum(row["slides"] for row in table) < report - 50
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_labels_do_not_flicker(table):
     assert np.mean([row["changes"] for row in table]) < 3.0
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_the_ledgers_close(table):
     assert max(row["residual"] for row in table) < 1e-3
     assert WATCHED == 40.0
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_the_picture_shows_what_the_table_counts(table):
     for row in table:
         report, wrong = row["drawn"]

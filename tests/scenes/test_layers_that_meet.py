@@ -23,7 +23,7 @@ BODIES = 300
 LABELS, FRICTION, PLACE = 0.98, 0.005, 0.01
 """Labels that agree at least; differences of friction and of the mean place at most."""
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.full(kind="slow")
 
 
 @functools.cache

@@ -101,7 +101,7 @@ LONG = {"pivoting", "pivoting implicit", "yielding_debris", "yielding_debris exp
 """Cases that compile kernels of their own."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CASES])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.full(kind="slow")] * (name in LONG)) for name in CASES])
 def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
     reference = prepare(scene_of(name))
     execute(reference, tmp_path / "whole")

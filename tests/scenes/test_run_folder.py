@@ -340,7 +340,7 @@ def test_a_kill_before_the_first_frame_leaves_the_old_run(old):
     assert check_after_a_kill(old) == "old"
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 def test_a_kill_at_any_call_leaves_the_old_run_or_the_new_one(finished, tmp_path):
     found = []
     for last in range(1, LAST_OF_A_RUN):

@@ -82,7 +82,7 @@ def test_every_notebook_is_listed():
 LONG = ("3_my_particles", "6_how_accurate", "7_a_sweep", "8_which_input_matters", "9_calibration")
 """Run behind `-m slow`: what they show besides is shown by the others and by tests of meshes, levels and sweeps."""
 
-RUN = [pytest.param(path, marks=pytest.mark.slow if path.stem in LONG else (), id=path.stem) for path in NOTEBOOKS]
+RUN = [pytest.param(path, marks=pytest.mark.full(kind="slow") if path.stem in LONG else (), id=path.stem) for path in NOTEBOOKS]
 
 
 @pytest.mark.parametrize("path", RUN)

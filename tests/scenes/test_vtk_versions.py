@@ -138,7 +138,7 @@ def python_with(version: str, cache: Path) -> Path:
     return python
 
 
-@pytest.mark.vtk
+@pytest.mark.full(kind="vtk")
 @pytest.mark.parametrize("which", ["made", "real"])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_vtk_reads_every_array_of_every_block_and_frame(version, which, request, folder):
@@ -178,7 +178,7 @@ def display() -> Iterator[str]:
         server.wait()
 
 
-@pytest.mark.paraview
+@pytest.mark.full(kind="paraview")
 def test_an_old_paraview_draws_the_pvd_files(real, folder):
     if not shutil.which("pvpython") or not shutil.which("Xvfb"):
         pytest.skip("needs ParaView and Xvfb")

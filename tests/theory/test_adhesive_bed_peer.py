@@ -28,7 +28,7 @@ def test_forces_and_stresses_are_near_those_of_lammps(found):
     assert found("adhesion") == pytest.approx(LAMMPS, rel=3e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_with_the_rule_of_lammps_for_a_neck_that_breaks_both_are_the_same(found):
     """1.4e-4; the forces jump at full steps, so both are of first order in the step: 2e-3 in the step of the test above."""
     assert found("neck_at_pull_off", 8) == pytest.approx(LAMMPS, rel=3e-4)

@@ -43,7 +43,7 @@ def states(tmp_path_factory):
         return measure(run)
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_friction_and_solid_fraction_are_those_of_homogeneous_shear(states):
     friction, fraction = REFERENCE[CONTACT_FRICTION]
     slowest = states[-1]
@@ -55,7 +55,7 @@ def test_friction_and_solid_fraction_are_those_of_homogeneous_shear(states):
     assert states[0].bed_friction > slowest.bed_friction and states[0].solid_fraction < slowest.solid_fraction
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_a_bed_shears_as_in_lammps(states):
     theirs, ours = LAMMPS["slow"], states[-1]
     error = np.hypot(ours.plate_friction_error, theirs["friction_error"])

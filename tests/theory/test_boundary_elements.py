@@ -24,7 +24,7 @@ from thirdbody.kernels.height_field import Jet
 from thirdbody.laws.hertz import HERTZ, HertzParameters
 from thirdbody.laws.kernel_data import Contact, Load
 
-pytestmark = pytest.mark.bem
+pytestmark = pytest.mark.full(kind="bem")
 
 YOUNG, POISSON, RADIUS, OVERLAP, MU = 1.0, 0.5, 1.0, 0.01, 0.3
 SHEAR = theory.shear_modulus(YOUNG, POISSON)

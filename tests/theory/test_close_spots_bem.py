@@ -16,7 +16,7 @@ from spot_groups import solved
 
 from thirdbody.studies.contact_interaction import Spots, boundary_element_forces
 
-pytestmark = pytest.mark.bem
+pytestmark = pytest.mark.full(kind="bem")
 
 E_STAR, RADIUS, OVERLAP = 1e11, 1e-6, 1e-8
 A = math.sqrt(RADIUS * OVERLAP)

@@ -106,7 +106,7 @@ def test_friction_that_jumps_is_booked_as_it_acts(tmp_path, level, base):
     assert residual(tmp_path / "scene.toml", base | {"level": level}) < CLOSED
 
 
-@pytest.mark.hard
+@pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("level, base", ALL)
 def test_friction_that_jumps_is_booked_as_it_acts_at_every_level(tmp_path, level, base):
     assert residual(tmp_path / "scene.toml", base | {"level": level}) < CLOSED

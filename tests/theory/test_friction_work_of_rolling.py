@@ -56,7 +56,7 @@ def test_friction_work_of_bodies_that_roll(level):
     assert np.max(errors) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("path", [PATH, 2e-6])
 def test_friction_work_of_many_bodies_that_roll(path):
     """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""

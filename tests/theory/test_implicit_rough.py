@@ -117,7 +117,7 @@ def test_threads_and_checkpoints_change_no_bit():
     assert unchanged_by_threads_and_resume(scene(8, **SURFACES))
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize(
     "settings", [rigid(6), MEET, MEET | rigid(6)], ids=["one plate", "bodies that meet", "bodies that meet under one plate"]
 )
@@ -197,7 +197,7 @@ def against_a_post(kind: str, settings: dict[str, Any]) -> tuple[np.ndarray, np.
     return push, state.bodies.position[np.argsort(state.order)], float(slots.R[met, record.NORMAL_FORCE].sum())
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize(
     "support", [{}, {"plates.upper.support": "rigid", "plates.upper.load": "0.2 mN"}], ids=["patches", "rigid"]
 )
@@ -209,7 +209,7 @@ def test_both_integrators_agree_where_bodies_meet_between_rough_plates(support):
     assert np.abs(ends - other_ends).max() < 1e-3 * 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_both_integrators_agree_on_rough_plates_at_1_m_per_s():
     """97 % of the labels at all stops (200 at the last one alone are too few to tell), and 1 % of friction.
 

@@ -29,7 +29,7 @@ def test_the_share_of_debris_falls_with_pressure_and_the_active_fraction_rises()
     assert list(shares) == sorted(shares, reverse=True) and list(active) == sorted(active)
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_friction_falls_with_pressure_on_rough_plates_and_not_on_smooth_ones(tmp_path):
     """Six points of the shipped sweep."""
     vary = {

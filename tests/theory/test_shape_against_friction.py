@@ -32,7 +32,7 @@ def test_a_long_particle_slides_below_the_closed_form_and_rolls_above(friction, 
             assert run.series["friction_coefficient"][-1] == pytest.approx(friction, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_the_shipped_sweep_finds_the_closed_form(tmp_path):
     for name in ("long_particle.toml", "shape_against_friction.toml"):
         shutil.copy(SWEEPS / name, tmp_path)

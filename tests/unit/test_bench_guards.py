@@ -51,7 +51,7 @@ def test_a_code_that_the_benchmark_no_longer_knows_is_reported(guards, tmp_path,
         guards.without_guards(tmp_path)
 
 
-@pytest.mark.slow  # compiles the engine a second time
+@pytest.mark.full(kind="slow")  # compiles the engine a second time
 def test_both_engines_come_to_the_same_bits_and_only_one_stops(guards, monkeypatch):
     monkeypatch.setattr(guards, "PINNED", {1: ()})  # other tests run too
     rows = guards.measure_guards([Case()], rounds=1, peers=None)  # exits where bits differ, or where a limit of 0 stops the other

@@ -23,7 +23,7 @@ def bench(monkeypatch):
     return importlib.import_module
 
 
-@pytest.mark.slow  # compiles every pass of the engine by itself
+@pytest.mark.full(kind="slow")  # compiles every pass of the engine by itself
 def test_every_pass_of_a_small_layer_is_measured(bench, monkeypatch):
     breakdown, scenes = bench("breakdown"), bench("peers_scenes")
     monkeypatch.setattr(breakdown, "SHORT", 1e-4)

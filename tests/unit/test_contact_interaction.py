@@ -87,7 +87,7 @@ def test_a_body_on_one_spot_per_plate_has_no_neighbours(tmp_path, capsys):
     assert "no body has two loaded spots" in capsys.readouterr().out
 
 
-@pytest.mark.bem
+@pytest.mark.full(kind="bem")
 @pytest.mark.parametrize("apart", [4.0, 8.0, 16.0])
 def test_boundary_elements_come_near_the_far_field_with_distance(apart):
     """A Hertz pressure acts like a point load but for (a/r)^2/10 of the displacement it makes (its second moment, 2 a^2/5, times
@@ -101,7 +101,7 @@ def test_boundary_elements_come_near_the_far_field_with_distance(apart):
     assert found > closed
 
 
-@pytest.mark.bem
+@pytest.mark.full(kind="bem")
 def test_spots_that_merge_are_refused():
     tamaas = pytest.importorskip("tamaas")
     with pytest.raises(ValueError, match="overlap"):

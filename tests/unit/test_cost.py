@@ -668,7 +668,7 @@ def test_an_existing_folder_is_refused(tmp_path):
     assert (tmp_path / "kept").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_the_whole_command(tmp_path, capsys):
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(SCENE)

@@ -217,7 +217,7 @@ def test_no_minimum_is_missed(field, coefficients):
     assert misses == 0 and several > 3
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_no_minimum_of_ten_thousand_spheres_is_missed(field, coefficients):
     misses, several = missed(field, coefficients, 10_000, 6)
     assert misses == 0 and several > 300

@@ -137,7 +137,7 @@ def test_random_packings(seed, tmp_path):
     relax_at_random(seed, tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("seed", range(4, 100))
 def test_many_random_packings(seed, tmp_path):
     relax_at_random(seed, tmp_path)

@@ -175,7 +175,7 @@ def test_a_guard_in_the_rate_test_leaves_the_run(finished, tmp_path, monkeypatch
         assert run.summary()["finished"]
 
 
-@pytest.mark.slow
+@pytest.mark.full(kind="slow")
 def test_strokes_are_compared_by_the_size_of_their_friction(tmp_path):
     """A run of one and a half cycles, whose last third begins at a turn and has none inside."""
     strokes = {

@@ -71,7 +71,7 @@ def browse(page: Path, *options: str) -> str:
     return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE).stdout
 
 
-@pytest.mark.browser
+@pytest.mark.full(kind="browser")
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 @pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
 def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
@@ -89,7 +89,7 @@ def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
     assert 'data-drawn="1200"' in drawn and "rolling" in drawn
 
 
-@pytest.mark.browser
+@pytest.mark.full(kind="browser")
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 def test_a_browser_shows_heights_of_a_rough_plate(tmp_path):
     image = pytest.importorskip("PIL.Image")
