@@ -3,6 +3,8 @@ others may use the cores."""
 
 from __future__ import annotations
 
+import fcntl
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +12,9 @@ from typing import NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, settings
+from shared_runs import SHARED
+
+import thirdbody
 
 settings.register_profile("any_machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any_machine")
@@ -42,3 +47,22 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
         return Reported(code, said.out, said.err)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Folder of the run of a scene of `SHARED`, made once by the first process that asks. Tests only read it, or copy it."""
+    parallel = "PYTEST_XDIST_WORKER" in os.environ
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if parallel else base) / "shared_runs"
+    folder.mkdir(exist_ok=True)
+
+    def of(name: str) -> Path:
+        with open(folder / f"{name}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (folder / name).exists():
+                thirdbody.run(thirdbody.Scene.parse(SHARED[name]), out=folder / f"{name}.part", progress=False, threads=1).close()
+                (folder / f"{name}.part").rename(folder / name)
+        return folder / name
+
+    return of
