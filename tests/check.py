@@ -1,4 +1,7 @@
-"""The one command for every check: lint, types, tests. `python tests/check.py [pytest arguments]`."""
+"""The one command for every check: lint, types, tests. `python tests/check.py [--full] [pytest arguments]`.
+
+The default is lint, types and the tests that need minutes in all; `--full` runs every test (`.ci/full` prepares a machine for it).
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,15 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-QUICK = " and ".join(f"not {mark}" for mark in ("slow", "bem", "vtk", "paraview", "browser", "fuzz", "hard"))
 BEFORE = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("format", ["-m", "ruff", "format", "--check", "-q", "."]),
+    ("style", ["tests/style.py"]),
     ("mypy", ["-m", "mypy"]),
     # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
     ("kernels", ["-c", "from thirdbody.engine.precompile import UNITS, warm_up; warm_up(tuple(UNITS))"]),
 )
-TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", QUICK]
+TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile"]
 
 
 def before() -> list[str]:
@@ -35,9 +38,12 @@ def before() -> list[str]:
 
 def main() -> int:
     """Run all steps, also after a failure; returns the number that failed."""
+    arguments = sys.argv[1:]
+    if "--full" in arguments:
+        arguments[arguments.index("--full")] = "-m "  # an empty expression of markers selects all tests
     failed = before()
     print("== pytest", flush=True)
-    if subprocess.run([sys.executable, *TESTS, *sys.argv[1:]], cwd=ROOT).returncode:
+    if subprocess.run([sys.executable, *TESTS, *arguments], cwd=ROOT).returncode:
         failed.append("pytest")
     print(f"== failed: {', '.join(failed)}" if failed else "== all passed")
     return len(failed)

@@ -1,0 +1,356 @@
+"""House rules that no linter knows, read from the source: `python tests/style.py` prints each break of one, in seconds."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
+OURS, THEIRS = sorted(SOURCE.rglob("*.py")), sorted(PLUGINS.rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+COLUMNS = SOURCE / "kernels" / "columns"
+MOST_LINES, LONGEST_FUNCTION = 400, 60
+
+# -- words --
+
+PRIVATE = """told tell tells telling foretell foretold asked ask judge judged look looks looked remembered forget forgets
+forgetting way ways rung rungs host guest guests shot reel course"""
+"""Words of the private vocabulary of earlier versions; nowhere in identifiers, tests included."""
+
+LOOSE = """found made kept keeps taken took takes kicked gone fresh met turned turns share shares most least deep turning rise
+pulls hold holds held sheet spread room walk climb march places see seen felt stands"""
+"""Words that stand for several terms, or name no result; not in the identifiers of src and plugins."""
+
+WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
+
+
+def identifiers(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Yield the identifiers that a module defines, with their lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name, node.lineno
+        elif isinstance(node, ast.arg):
+            yield node.arg, node.lineno
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id, node.lineno
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr, node.lineno
+        elif isinstance(node, ast.alias) and node.asname:
+            yield node.asname, node.lineno
+        elif isinstance(node, ast.ExceptHandler) and node.name:
+            yield node.name, node.lineno
+
+
+def private_words(tree: ast.Module, banned: str) -> Iterator[str]:
+    """Yield a line for each identifier with a banned word; `place` is the verb of the key `placement`, never a noun."""
+    for name, line in sorted(set(identifiers(tree)), key=lambda entry: entry[1]):
+        words = {word.lower() for word in WORD.findall(name)}
+        for word in sorted(words & set(banned.split())):
+            yield f"{line}: {name}: {word} is no term of the field"
+        if banned != PRIVATE and "place" in words and not re.fullmatch(r"_?place_\w+", name):
+            yield f"{line}: {name}: place: a position, a location, a folder"
+
+
+# -- sizes --
+
+
+def too_long(path: Path, tree: ast.Module) -> Iterator[str]:
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    if lines > MOST_LINES:
+        yield f"1: {lines} lines, at most {MOST_LINES}"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            length = (node.end_lineno or node.lineno) - node.lineno + 1
+            if length > LONGEST_FUNCTION:
+                yield f"{node.lineno}: {node.name} has {length} lines, at most {LONGEST_FUNCTION}"
+
+
+# -- tables of numbers --
+
+EMBEDDED = {"scratch": {"body", "body_extra"}}
+"""Arrays that begin with the columns of other tables (`columns.drift_scratch`)."""
+
+COPIED = {
+    "plugins/three_spot/forecast_output.py": {"POINT"},
+    "plugins/three_spot/support_geometry.py": {"ARM", "NORMAL", "SURFACE"},
+}
+"""Columns that are named anew outside their table: module -> names. To be emptied."""
+
+
+def declared_tables(tree: ast.Module) -> list[ast.Call]:
+    """Return the calls of `Table` that a module binds to a name."""
+    values = [node.value for node in tree.body if isinstance(node, ast.Assign)]
+    return [v for v in values if isinstance(v, ast.Call) and isinstance(v.func, ast.Name) and v.func.id == "Table"]
+
+
+@cache
+def symbols() -> dict[str, str]:
+    """Return the name of the array of each table: module -> symbol."""
+    rows = {path.stem: declared_tables(parsed(path)) for path in (*OURS, *THEIRS)}
+    return {stem: str(ast.literal_eval(calls[0].args[0])).partition(",")[0] for stem, calls in rows.items() if calls}
+
+
+def table_uses(node: ast.Subscript) -> set[str]:
+    """Return the tables whose columns the index of a subscript names; those inside another subscript count for that one."""
+    inner = {id(part) for sub in ast.walk(node.slice) if isinstance(sub, ast.Subscript) for part in ast.walk(sub)}
+    return {
+        part.value.id for part in ast.walk(node.slice)
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id in symbols()
+        and part.attr.isupper() and id(part) not in inner
+    }  # fmt: skip
+
+
+def is_column(value: ast.expr, tables: set[str]) -> bool:
+    """Return whether an expression is a column of a table of the engine, or a call with nothing but one."""
+    if isinstance(value, ast.Call) and len(value.args) == 1 and not value.keywords:
+        value = value.args[0]
+    named = isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name) and value.value.id in tables
+    return named and value.attr.isupper() and value.attr != "WIDTH"  # type: ignore[attr-defined]
+
+
+def copied_columns(tree: ast.Module, tables: set[str]) -> set[str]:
+    """Return the names of a module that are set to a column of a table declared elsewhere."""
+    copies = set()
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            target, value = node.targets[0], node.value
+            both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+            pairs = zip(target.elts, value.elts, strict=True) if both else [(target, value)]  # type: ignore[attr-defined]
+            copies |= {ast.unparse(name) for name, one in pairs if is_column(one, tables)}
+    return copies
+
+
+def tables_misused(path: Path, tree: ast.Module) -> Iterator[str]:
+    """The symbol of a table names no other; each has a module of its own in `columns`; columns are read from that module."""
+    tables, own = {path.stem for path in COLUMNS.glob("*.py")} & symbols().keys(), declared_tables(tree)
+    if len(own) > 1 or (own and path.is_relative_to(SOURCE) and path.parent != COLUMNS):
+        yield f"{own[-1].lineno}: a table of the engine has a module of its own in kernels/columns"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and not isinstance(node.slice, ast.Constant):
+            name = node.value.id
+            for table in table_uses(node) - EMBEDDED.get(name, set()):
+                if (name in symbols().values() or len(name) == 1) and symbols()[table] != name:
+                    yield f"{node.lineno}: {name} with a column of {table}"
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("thirdbody.kernels.columns."):
+            if (node.module or "").rpartition(".")[2] in tables and path.parent != COLUMNS:
+                yield f"{node.lineno}: columns are read from the module of their table"
+    if path.parent != COLUMNS and copied_columns(tree, tables) != COPIED.get(name_of(path), set()):
+        yield f"1: columns named anew: {sorted(copied_columns(tree, tables))}"
+
+
+SHARED = {"rolling_input": "law_input", "rolling_output": "law_output", "contact_memory": "loaded_contact"}
+"""Tables that lie in the array of another: those of rolling follow the history in the tiles of the laws."""
+
+
+def symbols_shared() -> Iterator[str]:
+    alone = sorted(symbol for table, symbol in symbols().items() if table not in SHARED)
+    yield from (f"src: two tables have the symbol {one}" for one, other in zip(alone, alone[1:], strict=False) if one == other)
+    yield from (f"src: {one} lies in {other}" for one, other in SHARED.items() if symbols()[one] != symbols()[other])
+
+
+# -- imports --
+
+GROUND = set("errors dimensions units quantity granular_flow palette rotations atomic_files".split())
+"""Modules of the root that every package may import."""
+
+PACKAGES = {
+    "system": "",
+    "jit": "system",
+    "kernels": "jit",
+    "bodies": "kernels jit system",
+    "laws": "kernels jit system",
+    "engine": "bodies laws kernels jit system",
+    "surfaces": "bodies kernels",
+    "scene": "bodies laws surfaces",
+    "assembly": "scene surfaces engine bodies laws kernels",
+    "trajectory": "surfaces engine laws kernels jit",
+    "export": "trajectory",
+    "plot": "trajectory surfaces",
+    "render": "trajectory bodies system",
+    "runner": "export assembly trajectory scene engine bodies laws kernels jit system",
+    "report": "runner render plot export assembly trajectory scene surfaces engine bodies laws kernels jit system",
+    "studies": "report runner render plot export assembly trajectory scene engine bodies laws kernels jit system",
+}
+"""What each package may import besides itself and the ground, in functions and for type checkers too."""
+PACKAGES["cli"] = " ".join(PACKAGES)
+
+INNER = {
+    "kernels": {"explicit": {""}, "implicit": {"explicit", ""}, "": set()},
+    "laws": {"codegen": {""}, "conformance": {"codegen", ""}, "": {"codegen"}},
+    "studies": {"sweep": {""}, "": set()},
+}
+"""Subpackages, by the same rule."""
+
+ROOT_MODULES = {
+    "__init__": "errors report runner scene studies trajectory", "__main__": "cli", "errors": "", "dimensions": "", "palette": "",
+    "plugin": "bodies engine errors jit kernels laws scene units", "rotations": "", "quantity": "", "granular_flow": "quantity",
+    "units": "dimensions errors", "atomic_files": "errors",
+}  # fmt: skip
+"""Modules of the root: what they may import."""
+
+FACADES = {"trajectory.reader": {"export", "plot", "render"}}
+"""The methods of a run that export and draw it (`Run.export`, `Run.plot`, `Run.render`), which import when they are called."""
+
+HEAVY = set("numba vtk vtkmodules pyvista matplotlib h5py scipy pint pandas".split())
+LIGHT = {"__init__", "errors", "dimensions", "units", "runner.progress"}
+"""Modules that start with the command, with all of cli, scene and system; they import nothing heavy."""
+
+COMPILED, DRAWING = {"jit", "kernels", "laws", "bodies", "engine"}, {"trajectory", "export", "plot", "render"}
+
+
+def imports(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Yield the full dotted name of every import, names taken with `from` included, those for type checkers too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((f"{'.' * node.level}{node.module or ''}.{alias.name}", node.lineno) for alias in node.names)
+
+
+def statements_at_start(body: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Yield the imports that are executed when a module is imported itself: not in functions, not for type checkers."""
+    for node in body:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
+            yield from statements_at_start(node.body + node.orelse)
+        elif isinstance(node, ast.Try):
+            inner = [statement for handler in node.handlers for statement in handler.body]
+            yield from statements_at_start(node.body + node.orelse + node.finalbody + inner)
+
+
+def at_start(tree: ast.Module) -> set[str]:
+    """Return the first words of what a module imports at its start."""
+    names: set[str] = set()
+    for node in statements_at_start(tree.body):
+        several = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+        names.update(name.partition(".")[0] for name in several)
+    return names
+
+
+def module_of(path: Path) -> str:
+    """Return `engine.state`; the name of the package for an `__init__`, `__init__` for that of the root."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1] if len(parts) > 1 and parts[-1] == "__init__" else parts)
+
+
+def upward_imports(path: Path, tree: ast.Module) -> Iterator[str]:
+    """Imports of our own source point down, heavy libraries stay in their packages, no plug-in is imported."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    package = parts[0]
+    ground = set(ROOT_MODULES[package].split()) if len(parts) == 1 else set(PACKAGES[package].split()) | GROUND | {package}
+    allowed = ground | FACADES.get(".".join(parts), set()) | {"__version__", ""}
+    plugged = {"plugins", *(p.stem for p in PLUGINS.glob("*.py")), *(f"thirdbody_{p.name}" for p in PLUGINS.iterdir())}
+    inside = parts[1] if len(parts) > 2 and package in INNER and parts[1] in INNER[package] else ""
+    for name, line in imports(tree):
+        first, second, third = (name.split(".") + ["", ""])[:3]
+        if first in plugged:
+            yield f"{line}: the source never imports a plug-in"
+        if first == "thirdbody" and second not in allowed:
+            yield f"{line}: {'.'.join(parts)} must not import {second}"
+        if first == "thirdbody" and second == package and package in INNER:
+            inner = third if third in INNER[package] else ""
+            if inner not in INNER[package].get(inside, set()) | {inside}:
+                yield f"{line}: {'.'.join(parts)} must not import {name}"
+    heavy = at_start(tree) & HEAVY
+    if (module_of(path) in LIGHT or package in ("cli", "scene", "system")) and heavy:
+        yield f"1: starts with the command, must not import {sorted(heavy)}"
+    if package not in COMPILED and "numba" in heavy:
+        yield "1: numba stays in the compiled packages"
+    if package not in DRAWING and heavy & {"vtk", "vtkmodules", "pyvista", "matplotlib", "h5py"}:
+        yield "1: drawing stays in its own packages"
+
+
+def circle(edges: dict[str, set[str]]) -> list[str]:
+    """Return a path of modules that leads back to its first one; empty if there is none."""
+    done: set[str] = set()
+
+    def follow(name: str, trail: list[str]) -> list[str]:
+        if name in trail:
+            return [*trail[trail.index(name) :], name]
+        if name not in done:
+            for other in sorted(edges.get(name, ())):
+                if path := follow(other, [*trail, name]):
+                    return path
+            done.add(name)
+        return []
+
+    return next((path for name in sorted(edges) if (path := follow(name, []))), [])
+
+
+def circles() -> Iterator[str]:
+    """Yield the circle of imports at the start of modules, if there is one."""
+    known = {module_of(path) for path in OURS}
+    edges: dict[str, set[str]] = {}
+    for path in OURS:
+        own = edges[module_of(path)] = set()
+        for node in statements_at_start(parsed(path).body):
+            names = [alias.name for alias in node.names]
+            if isinstance(node, ast.ImportFrom):
+                whole = [f"{node.module}.{name}" for name in names]
+                names = [name if name.partition(".")[2] in known else str(node.module) for name in whole]
+            own.update(name.partition(".")[2] for name in names if name.split(".")[0] == "thirdbody")
+    if path := circle(edges):
+        yield f"src: imports in a circle: {' -> '.join(path)}"
+
+
+def facade() -> Iterator[str]:
+    """Plug-ins use `thirdbody.plugin` and nothing else; the theory that judges the laws imports nothing of ours."""
+    offered = next(
+        {entry.value for entry in node.value.elts} for node in parsed(SOURCE / "plugin.py").body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"  # type: ignore[attr-defined]
+    )  # fmt: skip
+    for path in THEIRS:
+        for name, line in imports(parsed(path)):
+            if name.startswith("thirdbody.") and name.removeprefix("thirdbody.plugin.") not in offered:
+                yield f"{name_of(path)}:{line}: {name} is not offered by thirdbody.plugin"
+            if path.name == "theory.py" and name.startswith((".", "thirdbody", "plugins")):
+                yield f"{name_of(path)}:{line}: the theory imports nothing of ours"
+    drawing = [path for path in OURS if path.name not in ("pvd.py", "map_files.py")]  # which write files
+    used = {name for path in drawing for name, _ in imports(parsed(path)) if name.split(".")[0] in ("vtk", "vtkmodules")}
+    if used != {"vtkmodules.vtkRenderingOpenGL2.vtkOpenGLSphereMapper"}:  # spheres, which pyvista cannot cast without triangles
+        yield f"src: pictures are drawn through pyvista, not {sorted(used)}"
+
+
+def packages() -> Iterator[str]:
+    """Every package and every module of the root has its rule."""
+    real = {path.name for path in SOURCE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
+    modules = {path.stem for path in SOURCE.glob("*.py")}
+    if real != set(PACKAGES) or modules != set(ROOT_MODULES):
+        unlike = real ^ set(PACKAGES) | modules ^ set(ROOT_MODULES)
+        yield f"src: packages without a rule, or rules without a package: {unlike}"
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def breaks() -> Iterator[str]:
+    """Yield a line for each break of a rule."""
+    for path in (*OURS, *THEIRS):
+        tree = parsed(path)
+        rules = [private_words(tree, f"{PRIVATE} {LOOSE}"), too_long(path, tree), tables_misused(path, tree)]
+        if path in OURS:
+            rules.append(upward_imports(path, tree))
+        yield from (f"{name_of(path)}:{line}" for rule in rules for line in rule)
+    for path in TESTS:
+        for line in (*private_words(parsed(path), PRIVATE), *too_long(path, parsed(path))):
+            yield f"{name_of(path)}:{line}"
+    for rule in (symbols_shared, circles, facade, packages):
+        yield from rule()
+
+
+if __name__ == "__main__":
+    lines = list(breaks())
+    print("\n".join(lines) or "all rules hold")
+    sys.exit(bool(lines))
