@@ -1,7 +1,5 @@
 """Scenes of one or two bodies for the tests, and what can be read off a running simulation."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,21 +10,8 @@ import numpy as np
 
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
-from thirdbody.scene.model import (
-    Contact,
-    Domain,
-    Effects,
-    LowerPlate,
-    Material,
-    Motion,
-    Output,
-    Pair,
-    Plates,
-    Scene,
-    Solver,
-    Spheres,
-    UpperPlate,
-)
+from thirdbody.scene import model
+from thirdbody.scene.model import Material, Scene, Spheres, UpperPlate
 
 RIGID = 1e6
 """Stiffness of a `rigid` plane over that of the ball: E* is then off by 1e-6, t_c by 4e-7."""
@@ -36,12 +21,10 @@ LONG = 1.0
 
 
 def solid(youngs_modulus: float, nu: float, density: float) -> Material:
-    """A material from E (Pa), Poisson's ratio and density (kg/m3)."""
     return Material(youngs_modulus=youngs_modulus, poisson_ratio=nu, density=density)
 
 
 def stiffened(material: Material) -> Material:
-    """The same material `RIGID` times stiffer in E and G."""
     return Material(shear_modulus=RIGID * material.shear(), poisson_ratio=material.poisson_ratio, density=material.density)
 
 
@@ -50,9 +33,8 @@ STEEL = solid(210e9, 0.3, 7850.0)
 
 def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), material="ball") -> Spheres:
     """One ball at `where` (m) with a velocity (m/s) and a spin (rad/s)."""
-    return Spheres(
-        material=material, radius=radius, positions=(tuple(where),), velocity=tuple(velocity), angular_velocity=tuple(spin)
-    )
+    place = {"positions": (tuple(where),), "velocity": tuple(velocity), "angular_velocity": tuple(spin)}
+    return Spheres(material=material, radius=radius, **place)
 
 
 def scene(
@@ -62,23 +44,22 @@ def scene(
     restitution: float = 1.0,
     lower: str | None = None,
     upper: UpperPlate | None = None,
-    gravity: tuple[float, float, float] | None = None,
     time_step: float | str = "auto",
-    size: float = 10.0,
     **more: Any,
 ) -> Scene:
     """A scene in which every pair of materials has the same friction and restitution; `more` may replace whole tables."""
     pairs = tuple(
-        Pair(between=names, friction=friction, restitution=restitution)
+        model.Pair(between=names, friction=friction, restitution=restitution)
         for names in itertools.combinations_with_replacement(materials, 2)
     )
+    size = more.pop("size", 10.0)
     tables = {
-        "domain": Domain(size=(size, size), periodic=lower is not None),
-        "plates": Plates(lower=LowerPlate(material=lower) if lower else None, upper=upper),
-        "contact": Contact(law="three_spot", level="mindlin"),
-        "effects": Effects(gravity=gravity),
-        "solver": Solver(duration=LONG, time_step=time_step),
-        "output": Output(every=LONG, every_kind="time"),
+        "domain": model.Domain(size=(size, size), periodic=lower is not None),
+        "plates": model.Plates(lower=model.LowerPlate(material=lower) if lower else None, upper=upper),
+        "contact": model.Contact(law="three_spot", level="mindlin"),
+        "effects": model.Effects(gravity=more.pop("gravity", None)),
+        "solver": model.Solver(duration=LONG, time_step=time_step),
+        "output": model.Output(every=LONG, every_kind="time"),
     }
     return Scene(materials=materials, pairs=pairs, debris=tuple(debris), **(tables | more))
 
@@ -86,8 +67,7 @@ def scene(
 def ball_on_plane(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
     """A ball that touches a rigid plane of the same Poisson's ratio at time zero, without overlap."""
     materials = {"ball": material, "plane": stiffened(material)}
-    start = (5.0, 5.0, radius)
-    return build(scene([ball(radius, start, velocity, spin)], materials, lower="plane", **keys))
+    return build(scene([ball(radius, (5.0, 5.0, radius), velocity, spin)], materials, lower="plane", **keys))
 
 
 def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
@@ -99,17 +79,14 @@ def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0),
 
 
 def velocity(simulation: Simulation, number: int = 0) -> np.ndarray:
-    """Velocity (3,) of a body, m/s."""
     return simulation.state.bodies.velocity[number].copy()
 
 
 def spin(simulation: Simulation, number: int = 0) -> np.ndarray:
-    """Angular velocity (3,) of a body, rad/s."""
     return simulation.state.bodies.spin[number].copy()
 
 
 def touching(simulation: Simulation) -> np.ndarray:
-    """Which candidate contacts are closed."""
     return simulation.state.slots.histories.slip > 0.0
 
 
@@ -127,7 +104,6 @@ def advance(simulation: Simulation, steps: int = 1) -> None:
 
 
 def label(simulation: Simulation, body: int = 0) -> str:
-    """Name of the state of a body."""
     assert simulation.labeller is not None
     return simulation.labeller.states[int(simulation.integrator.label()[body, 0])]
 
@@ -158,7 +134,6 @@ def impact(simulation: Simulation, gap_rate) -> Impact:
 
 
 def plane_impact(simulation: Simulation) -> Impact:
-    """`impact` of a ball on the lower plate."""
     state = simulation.state
     return impact(simulation, lambda: (state.spheres.position[0, 2] - state.spheres.radius[0], velocity(simulation)[2]))
 
@@ -173,7 +148,6 @@ def leave(simulation: Simulation, period: float) -> None:
 
 
 def kinetic(simulation: Simulation) -> float:
-    """Kinetic energy of all bodies, J."""
     B, E = simulation.state.B, simulation.state.E
     spins = np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3])
     return 0.5 * float(np.sum(B[:, body.MASS, None] * B[:, body.VELOCITY3] ** 2) + spins)
@@ -188,7 +162,6 @@ def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ball_mass(material: Material, radius: float) -> float:
-    """Mass of a ball, kg."""
     return material.density * 4.0 / 3.0 * math.pi * radius**3
 
 
@@ -196,28 +169,27 @@ def under_patches(
     debris: Sequence[Any],
     materials: dict[str, Material],
     load: float,
-    motion: Motion,
+    motion: model.Motion,
     level: str = "mindlin",
     patch: dict[str, Any] | None = None,
     options: dict[str, Any] | None = None,
     force: bool = False,
-    periodic: bool = True,
     **keys: Any,
 ) -> Simulation:
     """Bodies that do not see each other, each under a patch of its own of the material `ball`, pressed by a load (N) and dragged.
 
     `patch` are further keys of the upper plate, `options` those of the law; `keys` are those of the solver or of `scene`.
     """
-    solver = {key: keys.pop(key) for key in tuple(keys) if key in Solver.model_fields}
+    solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
-    size = keys.pop("size", 10.0)
+    size, periodic = keys.pop("size", 10.0), keys.pop("periodic", True)
     held = {"support": "load_per_particle", "load": load} | (patch or {})
     upper = UpperPlate(material="ball", motion=motion, **held)
     tables = {
-        "plates": Plates(lower=LowerPlate(material="ball"), upper=upper),
-        "contact": Contact(level=level, debris_contact="none", options=options or {}),
-        "solver": Solver(**solver),
-        "domain": Domain(size=(size, size), periodic=periodic),
+        "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),
+        "contact": model.Contact(level=level, debris_contact="none", options=options or {}),
+        "solver": model.Solver(**solver),
+        "domain": model.Domain(size=(size, size), periodic=periodic),
     }
     return build(scene(debris, materials, **(tables | keys)), force=force)
 

@@ -1,7 +1,5 @@
 """Spots of a body on one plate that lower the plate under each other: loads, balance of energy, both integrators."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,15 +13,6 @@ from thirdbody.kernels.columns import record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Spheres
 
 RADIUS, MIDDLE = 5e-6, 1e-4
-BOTH = ("explicit", "implicit")
-
-
-def alone(ratio):
-    """Load of each of two equal spots over that of a lone one at the same approach; `ratio`: g N/d of a lone spot."""
-    load = 1.0
-    for _ in range(100):
-        load = (1.0 - ratio * load) ** 1.5
-    return load
 
 
 def pressed(make, centres, load, integrator, stiff=True, effects=("close_spots",), **keys):
@@ -31,10 +20,9 @@ def pressed(make, centres, load, integrator, stiff=True, effects=("close_spots",
     shape = tuple({"center": tuple(map(float, centre)), "radius": RADIUS} for centre in centres)
     body = Spheres(material="debris", shape=shape, positions=((MIDDLE, MIDDLE, RADIUS),))
     materials = {"ball": make.STEEL, "debris": make.stiffened(make.STEEL) if stiff else make.STEEL}
-    still = Motion(x=[ConstantVelocity(velocity=0.0)])
     settings = {"friction": 0.3, "restitution": 0.3, "size": 2.0 * MIDDLE, "settle": 0.0, "duration": 1.0} | keys
     simulation = make.under_patches(
-        [body], materials, load, still, integrator=integrator, effects=Effects(named={name: {} for name in effects}),
+        [body], materials, load, Motion(x=[ConstantVelocity(velocity=0.0)]), integrator=integrator, effects=Effects(named={name: {} for name in effects}),
         patch={"damping": 7e-5}, **settings,
     )  # fmt: skip
     simulation.integrator.advance_to(time=6e-6)
@@ -48,13 +36,15 @@ def spots(simulation, side=1.0):
     return rows[rows[:, record.NORMAL + 2] * side > 0.0]
 
 
-@pytest.mark.parametrize(("radii", "expected"), [(3.0, 0.829), (6.0, 0.905), (10.0, 0.941), (40.0, 0.984)])
+@pytest.mark.parametrize(("radii", "expected"), [(3.0, 0.829), (40.0, 0.984)])
 def test_two_equal_spots_of_a_rigid_body_carry_less_than_alone(make, radii, expected):
-    """At 3, 6, 10 and 40 contact radii of a lone spot, at the same approach: g N/d = 4/(3 pi) over that distance."""
+    """At 3 and 40 contact radii of a lone spot, at the same approach: g N/d = 4/(3 pi) over that distance."""
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     e, contact = 2.0 * theory.e_star(g, nu, g, nu), 1.2e-7
     approach = contact**2 / RADIUS
-    lone, share = 4.0 / 3.0 * e * math.sqrt(RADIUS * approach**3), alone(4.0 / (3.0 * math.pi * radii))
+    lone, share = 4.0 / 3.0 * e * math.sqrt(RADIUS * approach**3), 1.0
+    for _ in range(100):  # load of each over that of a lone one
+        share = (1.0 - 4.0 / (3.0 * math.pi * radii) * share) ** 1.5
     assert share == pytest.approx(expected, abs=6e-4)  # digits of the table
     apart = 0.5 * radii * contact
     simulation = pressed(make, [(-apart, 0.0, 0.0), (apart, 0.0, 0.0)], 2.0 * share * lone, "implicit")
@@ -70,7 +60,7 @@ def test_spots_solve_their_equations_in_both_integrators(make):
     triangle, results = [(-4e-7, 0.0, 0.0), (6e-7, 0.0, 0.0), (0.0, 9e-7, 0.0)], []
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     stiffness = 4.0 / 3.0 * theory.e_star(g, nu, g, nu) * math.sqrt(RADIUS)
-    for integrator in BOTH:
+    for integrator in ("explicit", "implicit"):
         rows = spots(pressed(make, triangle, 3e-4, integrator, stiff=False))
         force, places = rows[:, record.NORMAL_FORCE], rows[:, record.POINT3][:, :2]
         distances = np.linalg.norm(places[:, None] - places[None], axis=2)
@@ -88,13 +78,8 @@ def test_no_energy_is_made_as_a_clump_bounces_and_turns(make):
     """An irregular clump of unlike balls on a plane, without friction or damping: energy, and momentum along the plane."""
     balls = [(-1.5e-6, 0.0, 0.0, 4e-6), (1.2e-6, 3e-7, 1e-9, 3.8e-6), (1e-7, 1.4e-6, -1e-9, 4.1e-6)]
     shape = tuple({"center": (x, y, r + z), "radius": r} for x, y, z, r in balls)
-    body = Spheres(
-        material="ball",
-        shape=shape,
-        positions=((MIDDLE, MIDDLE, 4.1e-6),),
-        velocity=(0.3, 0.1, -1.0),
-        angular_velocity=(1e3, -2e3, 1e4),
-    )
+    moves = {"velocity": (0.3, 0.1, -1.0), "angular_velocity": (1e3, -2e3, 1e4)}
+    body = Spheres(material="ball", shape=shape, positions=((MIDDLE, MIDDLE, 4.1e-6),), **moves)
     keys = {"lower": "ball", "effects": Effects(named={"close_spots": {}}), "time_step": 5e-11}
     simulation = build(make.scene([body], {"ball": make.STEEL}, **keys))
     ledger, before, momentum = Ledger(simulation.state), make.kinetic(simulation), make.momenta(simulation)[0]
