@@ -1,104 +1,75 @@
-"""The reader gives back array for array what the writer was given, and says clearly what it cannot read."""
-
-from __future__ import annotations
+"""The reader gives back what the writer was given; says what it cannot read; is led nowhere and fooled by no claim of a file."""
 
 import builtins
+import os
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
+from trial_run import HEADER, STATIC, expected, make_frame, write_frames
 
 from thirdbody.errors import InputError
+from thirdbody.trajectory import open_file
 from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-HEADER = {
-    "scene_text": "scene = 1\n# µm\n",
-    "state_names": ["free", "sticking", "sliding", "rolling"],
-    "reason_names": ["none", "friction_limit"],
-    "units": {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N", "friction_coefficient": "1"},
-    "domain": {"size": [4e-5, 2e-5], "periodic": True},
-}
-STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 6), "clump": np.repeat([0, 1, 2], 2)}, "clumps": {"id": np.arange(3)}}
-CONTACT_COUNTS = (0, 4, 0, 7, 2)
+UNITS = {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N", "friction_coefficient": "1"}
+FRAMES = 5
 
 
-def make_frame(number: int, forecast: bool = False) -> Frame:
-    rng = np.random.default_rng(number)
-    count = CONTACT_COUNTS[number]
-    clumps = {
-        "points": rng.normal(size=(3, 3)),
-        "force": rng.normal(size=(3, 3)),
-        "state": np.array([number % 4, 1, 3], np.uint8),
-        "state_reason": np.array([number % 2, 0, 1], np.uint8),
-    }
-    if forecast:
-        clumps["forecast"] = np.full(3, number % 4, np.uint8)
+def frame_with(number: int, **more):
+    """The frame with what a moving plate adds."""
+    frame = make_frame(number)
     friction = np.nan if number == 4 else 0.1 * number
-    return Frame(
-        time=number * 0.5,
-        spheres={"points": rng.normal(size=(6, 3)), "velocity": rng.normal(size=(6, 3))},
-        clumps=clumps,
-        contacts={"points": rng.normal(size=(count, 3)), "utilisation": rng.random(count)},
-        plates={"points": rng.normal(size=(8, 3))},
-        series={
-            "time": number * 0.5,
-            "distance": number * 2.0,
-            "displacement": number * 2.0,
-            "upper_force": rng.normal(size=3),
-            "friction_coefficient": friction,
-        },
-    )
+    series = {"distance": number * 2.0, "displacement": number * 2.0, "friction_coefficient": friction}
+    return replace(frame, series=frame.series | series, clumps=frame.clumps | more)
 
 
-def write(folder, forecast=False, frames=5, finish=None):
-    path = folder / "run.vtkhdf"
-    with TrajectoryWriter(path, HEADER, STATIC) as writer:
-        for number in range(frames):
-            writer.append(make_frame(number, forecast))
-        if finish is not None:
-            writer.finish(finish)
-    return path
+def with_forecast(number: int):
+    return frame_with(number, forecast=np.full(3, number % 4, np.uint8))
+
+
+def write(folder, frames: int = FRAMES, **options):
+    options = {"frame": frame_with, "header": HEADER | {"units": UNITS}} | options
+    return write_frames(folder / "run.vtkhdf", range(frames), **options)
 
 
 @pytest.fixture
-def run(tmp_path):
-    write(tmp_path)
-    with open_run(tmp_path) as run:
+def path(tmp_path):
+    return write(tmp_path, finish={})
+
+
+@pytest.fixture
+def run(path):
+    with open_run(path.parent) as run:
         yield run
 
 
-@pytest.mark.parametrize("number", range(5))
-def test_every_array_comes_back(run, number):
-    frame = make_frame(number)
+def test_every_array_comes_back(run):
     readers = {"spheres": run.spheres, "clumps": run.bodies, "contacts": run.contacts, "plates": run.plates}
-    for block, read in readers.items():
-        arrays = read(number)
-        written = {**frame.block(block), **STATIC.get(block, {})}
-        assert set(arrays) == {"position" if name == "points" else name for name in written}
-        for name, values in written.items():
-            if block == "spheres" and name == "velocity":
-                values = np.float32(values)  # stored so
-            np.testing.assert_array_equal(arrays["position" if name == "points" else name], values)
+    for number in range(FRAMES):
+        for block, read in readers.items():
+            arrays = read(number)
+            written = {"position" if name == "points" else name: values for name, values in expected(block, number).items()}
+            assert set(arrays) == set(written)
+            for name, values in written.items():
+                np.testing.assert_array_equal(arrays[name], values)
 
 
-def test_histories_and_names(run):
-    frames = [make_frame(number) for number in range(5)]
+def test_histories_names_series_and_units(run):
+    frames = [frame_with(number) for number in range(FRAMES)]
     np.testing.assert_array_equal(run.times, [frame.time for frame in frames])
     np.testing.assert_array_equal(run.states, [frame.clumps["state"] for frame in frames])
     np.testing.assert_array_equal(run.reasons, [frame.clumps["state_reason"] for frame in frames])
     assert run.states.dtype == np.uint8
-    assert run.state_names == HEADER["state_names"]
-    assert run.reason_names == HEADER["reason_names"]
-    assert run.scene_text == HEADER["scene_text"]
-
-
-def test_series_and_units(run):
-    forces = [make_frame(number).series["upper_force"] for number in range(5)]
-    np.testing.assert_array_equal(run.series["upper_force"], forces)
-    assert run.series["distance"].shape == (5,)
-    assert run.units == HEADER["units"]
+    for name in ("state_names", "reason_names", "scene_text"):
+        assert getattr(run, name) == HEADER[name]
+    np.testing.assert_array_equal(run.series["upper_force"], [frame.series["upper_force"] for frame in frames])
+    assert run.series["distance"].shape == (5,) and run.units == UNITS
 
 
 def test_forecast_only_where_it_was_recorded(tmp_path, run):
@@ -106,16 +77,22 @@ def test_forecast_only_where_it_was_recorded(tmp_path, run):
         _ = run.forecast
     assert not hasattr(run, "forecast")
     (tmp_path / "with").mkdir()
-    with open_run(write(tmp_path / "with", forecast=True)) as other:
+    with open_run(write(tmp_path / "with", frame=with_forecast)) as other:
         np.testing.assert_array_equal(other.forecast[:, 0], [0, 1, 2, 3, 0])
 
 
-def test_frames_from_the_end_and_beyond(run):
-    np.testing.assert_array_equal(run.bodies(-2)["force"], run.bodies(3)["force"])
-    np.testing.assert_array_equal(run.bodies()["force"], run.bodies(4)["force"])
+def test_frames_are_whole_numbers_also_from_the_end(run):
+    np.testing.assert_array_equal(run.bodies(-2)["quaternion"], run.bodies(3)["quaternion"])
+    np.testing.assert_array_equal(run.bodies()["quaternion"], run.bodies(4)["quaternion"])
     for outside in (5, -6):
         with pytest.raises(IndexError, match="from -5 to 4"):
             run.contacts(outside)
+    for frame in (1.5, "1", None):
+        with pytest.raises(TypeError, match="a frame is a whole number, not"):
+            run.bodies(frame)
+    assert run.bodies(np.int64(1))["id"].tolist() == [0, 1, 2]
+    with pytest.raises(KeyError, match="did you mean 'state'"):
+        run.array("clumps", "stat")
 
 
 def test_a_run_without_frames(tmp_path):
@@ -126,16 +103,13 @@ def test_a_run_without_frames(tmp_path):
             run.bodies(-1)
 
 
-def test_only_committed_frames_are_seen(tmp_path):
-    path = write(tmp_path)
+def test_only_committed_frames_are_seen(path):
     with h5py.File(path, "r+") as file:
         file["VTKHDF/contacts/Steps"].attrs["NSteps"] = 3
     with open_run(path) as run:
-        assert run.frames == 3
-        assert run.times.shape == (3,)
+        assert run.frames == 3 and run.times.shape == run.series["distance"].shape == (3,)
         assert run.states.shape == (3, 3)
-        assert run.series["distance"].shape == (3,)
-        np.testing.assert_array_equal(run.bodies(-1)["force"], make_frame(2).clumps["force"])
+        np.testing.assert_array_equal(run.bodies(-1)["quaternion"], make_frame(2).clumps["quaternion"])
 
 
 def test_summary_of_figures_and_of_the_run(tmp_path):
@@ -143,55 +117,41 @@ def test_summary_of_figures_and_of_the_run(tmp_path):
         summary = run.summary()
     assert summary["finished"] and summary["wall_seconds"] == 2.5 and summary["steps"] == 7
     figures = [summary[name] for name in ("frames", "bodies", "duration", "distance")]
-    assert figures == [5, 3, 2.0, 8.0]
+    assert figures == [5, 3, 4 * 1e-6, 8.0]
     # the second half of the 8 m: the intervals of frames 3 and 4 with 0.3 and NaN (unloaded); rel: one product
     assert summary["friction_coefficient"] == pytest.approx(0.3, rel=1e-14)
-    assert summary["fractions"] == {"free": 1 / 3, "sticking": 1 / 3, "sliding": 0.0, "rolling": 1 / 3}
-
-
-def test_a_run_can_be_read_while_it_goes_on(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    with TrajectoryWriter(path, HEADER, STATIC) as writer:
-        writer.append(make_frame(0))
-        writer.append(make_frame(1))
-        copy = tmp_path / "copy.vtkhdf"
-        copy.write_bytes(path.read_bytes())  # what another process sees at this moment
-        with open_run(copy) as run:
-            assert run.frames == 2
-            np.testing.assert_array_equal(run.contacts(1)["position"], make_frame(1).contacts["points"])
+    assert summary["fractions"] == {"free": 2 / 3, "sticking": 0.0, "sliding": 0.0, "rolling": 1 / 3}
 
 
 def test_each_reader_of_a_growing_file_has_the_frames_of_the_moment_it_opened(tmp_path):
-    path = tmp_path / "run.vtkhdf"
+    path, copy = tmp_path / "run.vtkhdf", tmp_path / "copy.vtkhdf"
     with TrajectoryWriter(path, HEADER, STATIC) as writer:
         writer.append(make_frame(0))
         with open_run(path) as early:
             writer.append(make_frame(1))
+            copy.write_bytes(path.read_bytes())  # what another process sees at this moment
             writer.append(make_frame(3))
             writer.finish({"seconds": 1.0})
-            with open_run(path) as late:
-                assert (early.frames, late.frames) == (1, 3)
+            with open_run(path) as late, open_run(copy) as middle:
+                assert (early.frames, middle.frames, late.frames) == (1, 2, 3)
                 assert (early.summary()["finished"], late.summary()["finished"]) == (False, True)
+                np.testing.assert_array_equal(middle.contacts(1)["position"], make_frame(1).contacts["points"])
                 np.testing.assert_array_equal(late.contacts(2)["position"], make_frame(3).contacts["points"])
-                np.testing.assert_array_equal(early.bodies(0)["force"], make_frame(0).clumps["force"])
+                np.testing.assert_array_equal(early.bodies(0)["quaternion"], make_frame(0).clumps["quaternion"])
 
 
-def test_a_file_written_anew_leaves_its_readers_what_they_opened(tmp_path):
-    with open_run(write(tmp_path)) as old:
-        with open_run(write(tmp_path, frames=2)) as new:
-            assert (old.frames, new.frames) == (5, 2)
-        np.testing.assert_array_equal(old.contacts(3)["position"], make_frame(3).contacts["points"])
+def test_a_file_written_anew_leaves_its_readers_what_they_opened(run, tmp_path):
+    with open_run(write(tmp_path, frames=2)) as new:
+        assert (run.frames, new.frames) == (5, 2)
+    np.testing.assert_array_equal(run.contacts(3)["position"], make_frame(3).contacts["points"])
 
 
-def test_pandas_has_one_column_per_component(run):
+def test_pandas_has_one_column_per_component(run, monkeypatch):
     pytest.importorskip("pandas")
     table = run.to_pandas()
-    expected = ["time", "distance", "displacement", "upper_force_x", "upper_force_y", "upper_force_z", "friction_coefficient"]
-    assert sorted(table.columns) == sorted(expected)
+    columns = ["time", "distance", "displacement", "upper_force_x", "upper_force_y", "upper_force_z", "friction_coefficient"]
+    assert sorted(table.columns) == sorted(columns)
     np.testing.assert_array_equal(table["upper_force_z"], run.series["upper_force"][:, 2])
-
-
-def test_without_pandas_the_message_says_so(run, monkeypatch):
     real_import = builtins.__import__
 
     def absent(name, *rest, **options):
@@ -204,27 +164,176 @@ def test_without_pandas_the_message_says_so(run, monkeypatch):
         run.to_pandas()
 
 
-def test_missing_run(tmp_path):
-    for path in (tmp_path, tmp_path / "nowhere", tmp_path / "run.vtkhdf"):
+def test_files_that_are_no_runs(tmp_path):
+    for absent in (tmp_path, tmp_path / "nowhere", tmp_path / "run.vtkhdf"):
         with pytest.raises(InputError, match="no such run"):
+            open_run(absent)
+    text, other = tmp_path / "notes.txt", tmp_path / "other.h5"
+    text.write_text("scene = 1")
+    with h5py.File(other, "w") as file:
+        file["a"] = [1, 2]
+    for path, words in ((text, "not an HDF5 file"), (other, "not a run")):
+        with pytest.raises(InputError, match=words):
             open_run(path)
 
 
-def test_files_that_are_not_runs(tmp_path):
-    text = tmp_path / "notes.txt"
-    text.write_text("scene = 1")
-    with pytest.raises(InputError, match="not an HDF5 file"):
-        open_run(text)
-    other = tmp_path / "other.h5"
-    with h5py.File(other, "w") as file:
-        file["a"] = [1, 2]
-    with pytest.raises(InputError, match="not a run"):
-        open_run(other)
+def replaced(file, name, make):
+    """Another data set in place of one, with its attributes."""
+    attributes = dict(file[name].attrs)
+    del file[name]
+    make()
+    file[name].attrs.update(attributes)
 
 
-def test_a_file_cut_short(tmp_path):
-    path = write(tmp_path)
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
+def linked(file, pipe):
+    del file["VTKHDF/contacts"]
+    file["VTKHDF/contacts"] = h5py.ExternalLink(pipe, "/x")
+
+
+def unused(file, pipe):
+    file["more"] = h5py.ExternalLink(pipe, "/x")
+
+
+def soft(file, pipe):
+    linked(file, pipe)
+    file["scene/more"] = h5py.SoftLink("/VTKHDF/contacts/x")
+
+
+def stored(file, pipe):
+    outside = [(pipe, 0, h5py.h5f.UNLIMITED)]
+    replaced(file, "scene/title", lambda: file.create_dataset("scene/title", (1,), "S10", external=outside))
+
+
+def virtual(file, pipe):
+    name = "VTKHDF/clumps/PointData/state"
+    layout = h5py.VirtualLayout((3 * FRAMES,), "u1", maxshape=(None,))
+    source = h5py.VirtualSource(pipe, "x", (12,), maxshape=(None,))
+    layout[0 : h5py.h5s.UNLIMITED] = source[0 : h5py.h5s.UNLIMITED]
+    replaced(file, name, lambda: file.create_virtual_dataset(name, layout))
+
+
+OPEN_ALL = """
+import sys
+from thirdbody.errors import InputError
+from thirdbody.trajectory.reader import open_run
+for path in sys.argv[1:]:
+    try:
+        open_run(path)
+    except InputError as error:
+        print(error.exit_code, str(error))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_link_to_a_pipe_is_refused_before_it_is_opened(path, tmp_path):
+    """In a process of its own: a pipe that is opened waits for ever."""
+    pipe, paths = str(tmp_path / "pipe"), []
+    os.mkfifo(pipe)
+    for spoil in (linked, unused, soft, stored, virtual):
+        paths.append(tmp_path / f"{spoil.__name__}.vtkhdf")
+        paths[-1].write_bytes(path.read_bytes())
+        with h5py.File(paths[-1], "r+") as file:
+            spoil(file, pipe)
+    report = subprocess.run([sys.executable, "-c", OPEN_ALL, *paths], capture_output=True, text=True, timeout=60)
+    lines = report.stdout.splitlines()
+    assert report.returncode == 0 and len(lines) == len(paths), report
+    assert all(line.startswith("3 ") and "another file" in line for line in lines), lines
+
+
+def test_a_filter_that_hdf5_would_load_is_refused(path):
+    """A registered number (LZ4) whose library HDF5 looks for and runs."""
+    with h5py.File(path, "r+") as file:
+        plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        plan.set_chunk((8,))
+        plan.set_filter(32004, h5py.h5z.FLAG_OPTIONAL, ())
+        space = h5py.h5s.create_simple((8,))
+        h5py.h5d.create(file["VTKHDF/clumps/PointData"].id, b"more", h5py.h5t.NATIVE_DOUBLE, space, plan)
+    with pytest.raises(InputError, match="needs the filter 32004"):
+        open_run(path)
+
+
+def test_a_file_of_too_many_links_is_refused(path):
+    with h5py.File(path, "r+") as file:
+        group = file.create_group("more")
+        for number in range(10_001):
+            group[str(number)] = h5py.SoftLink("/scene")
+    with pytest.raises(InputError, match="more than 10000 links"):
+        open_run(path)
+
+
+def claimed(file, name, size):
+    """A text of so many bytes, none of which is in the file."""
+    kind = h5py.h5t.C_S1.copy()
+    kind.set_size(size)
+    space = h5py.h5s.create(h5py.h5s.SCALAR)
+    replaced(file, name, lambda: h5py.h5d.create(file.id, name.encode(), kind, space))
+
+
+@pytest.mark.parametrize("name", ["scene/state_names", "scene/scene_text", "scene/summary"])
+def test_a_text_that_claims_gigabytes_is_refused_before_it_is_read(path, name):
+    with h5py.File(path, "r+") as file:
+        claimed(file, name, 2_000_000_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=f"{name} claims 2e.09 bytes, and the whole file has"):
+            open_run(path).summary()
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_long_json_text_is_refused_before_it_is_read(path):
+    """It is there, in a file of 20 MB; read as JSON it would take 30 times as much."""
+    with h5py.File(path, "r+") as file:
+        text = np.bytes_(b"[" + b"[]," * 7_000_000 + b"[]]")
+        replaced(file, "scene/state_names", lambda: file.create_dataset("scene/state_names", data=text))
+    with pytest.raises(InputError, match="JSON texts claim 2.1e.07 bytes, at most 1.68e.07 are read"):
+        open_run(path)
+
+
+def test_what_was_half_written_is_read_again(path, monkeypatch):
+    """Its writer completes it while the reader waits; or it never comes to rest; or it is damaged."""
+    whole, ticks = path.read_bytes(), iter(range(10**9, 10**12, 10**9))
+    path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="cut short"):
         open_run(path)
+    monkeypatch.setattr(open_file.time, "sleep", lambda seconds: os.utime(path, ns=(0, next(ticks))))
+    with pytest.raises(InputError, match="is being written.*try again"):
+        open_run(path)
+    monkeypatch.setattr(open_file.time, "sleep", lambda seconds: path.write_bytes(whole))
+    with open_run(path) as run:
+        assert run.frames == FRAMES
+    monkeypatch.undo()
+    path.write_bytes(whole[:-5000])
+    with pytest.raises(InputError, match="cut short"):
+        open_run(path)
+
+
+def test_frames_are_read_again_from_an_open_run(run):
+    """What an open file has kept of its index does not fit what was written since: a fresh opening does."""
+
+    class Stale:
+        def read(self, frame):
+            raise InputError("damaged")
+
+    run._blocks["clumps"] = Stale()
+    np.testing.assert_array_equal(run.bodies(2)["position"], make_frame(2).clumps["points"])
+
+
+def test_a_closed_run_is_not_damaged_and_gives_no_frames(path):
+    run = open_run(path)
+    run.close()
+    run.close()
+    for name in ("times", "states", "series", "units", "friction", "cycles", "has_states"):
+        with pytest.raises(ValueError, match="this run was closed; open it again"):
+            getattr(run, name)
+    for name in ("bodies", "spheres", "contacts", "plates", "summary", "transitions"):
+        with pytest.raises(ValueError, match="this run was closed; open it again"):
+            getattr(run, name)()
+
+
+def test_a_run_that_is_never_closed_ends_no_process_with_a_crash(path):
+    """One in a circle of references, as `Run.drag` makes it, is left over when the interpreter ends."""
+    code = "import sys, thirdbody; run = thirdbody.open(sys.argv[1]); run.summary(); run.circle = run"
+    report = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=60)
+    assert report.returncode == 0 and not report.stderr

@@ -1,9 +1,6 @@
 """The trajectory file as a kill leaves it, at any write or within one: both readers have the committed frames."""
 
-from __future__ import annotations
-
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -13,17 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trial_run import HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks
 
 from thirdbody.trajectory import crash_safe_file
 from thirdbody.trajectory import writer as vtkhdf
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
-
-TRIAL = runpy.run_path(str(Path(__file__).with_name("test_run_file.py")))
-HEADER, STATIC, make_frame, vtk_blocks, assert_same_as_vtk = (
-    TRIAL[name] for name in ("HEADER", "STATIC", "make_frame", "vtk_blocks", "assert_same_as_vtk")
-)
 
 PAGE = 4096
 """Bytes that the system writes at once: SIGKILL may end a longer write at each of their multiples."""
@@ -109,12 +102,12 @@ def test_a_kill_at_any_single_write_leaves_the_committed_frames(tmp_path, notes_
     torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
     for n, report, cut in states(torn, notes):
         # Before the first frame stands there is none to lose. In between all is as in the first frames.
-        if not (1 <= report < 4 or 20 <= report < 23 or report >= 255) or not (cut or n in edges or n % 41 == 0):
+        if not (1 <= report < 4 or 20 <= report < 23 or report >= 255) or not (cut or n in edges or n % 97 == 0):
             continue
         checked += 1
         if fault := fault_of(torn, report, make_frame):
             faults.append((n, report, cut, fault))
-    assert checked > 100
+    assert checked > 60
     assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
 
 
@@ -125,6 +118,7 @@ def wide_frame(number: int) -> Frame:
     return Frame(number * 1e-6, {"points": points}, bodies, few, {"points": points[:8]}, {"time": number * 1e-6})
 
 
+@pytest.mark.full(kind="slow")
 def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_path, notes_of):
     """A node is split: half of its entries, of frames committed long ago, move to a new one that the one above names first."""
     static = {"spheres": {"radius": np.ones(BODIES)}, "clumps": {"id": np.arange(BODIES)}}
@@ -152,8 +146,8 @@ def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_p
 WRITE_FOR_EVER = """
 import sys
 sys.path[:0] = [{tests!r}]
-from test_run_file import HEADER, STATIC, make_frame
 from thirdbody.trajectory.writer import TrajectoryWriter
+from trial_run import HEADER, STATIC, make_frame
 writer = TrajectoryWriter(sys.argv[1], HEADER, STATIC)
 for number in range(100000):
     writer.append(make_frame(number))
@@ -162,10 +156,10 @@ for number in range(100000):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL on this system")
-@pytest.mark.parametrize("delay", [0.0, 0.013, 0.05])
+@pytest.mark.parametrize("delay", [0.013, *(pytest.param(delay, marks=pytest.mark.full(kind="slow")) for delay in (0.0, 0.05))])
 def test_a_killed_writer_leaves_its_committed_frames(tmp_path, delay):
     path = tmp_path / "run.vtkhdf"
-    code = WRITE_FOR_EVER.format(tests=os.path.dirname(__file__))
+    code = WRITE_FOR_EVER.format(tests=str(Path(__file__).parents[1]))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None
@@ -183,12 +177,10 @@ def test_a_killed_writer_leaves_its_committed_frames(tmp_path, delay):
         frames = run.frames
     # As small as the frames are, all of them lie in one chunk: the reader must still see these frames only.
     assert_same_as_vtk(vtk_blocks(path, frames - 1)[1], "clumps", frames - 1)
-
     with TrajectoryWriter.resume(path, 7) as writer:
         assert writer.frames == 7
         writer.append(make_frame(7))
     with open_run(path) as run:
         assert run.frames == 8
     for number in (0, 6, 7):
-        for name, data in zip(BLOCKS, vtk_blocks(path, number), strict=True):
-            assert_same_as_vtk(data, name, number)
+        assert_vtk_frame(path, number)
