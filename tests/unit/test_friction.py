@@ -1,15 +1,17 @@
-"""The friction coefficient of a run: one number with its error and a verdict, the same wherever it is shown; strokes by cycle."""
-
-from __future__ import annotations
+"""The friction coefficient of a run: one number with its error and a verdict, the same wherever it is shown; strokes by cycle;
+what is said of a balance of energy that does not close and of a run's accuracy."""
 
 import csv
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+from each import each
+from layer import write_layer
 
 import thirdbody
 from thirdbody.export.csv_tables import export_csv
@@ -17,9 +19,12 @@ from thirdbody.plot.summary_page import page
 from thirdbody.render.notebook import run_html
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report
+from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
+from thirdbody.trajectory.energy_check import energy_verdict
+from thirdbody.trajectory.friction import friction_of
+from thirdbody.trajectory.plate_motion import Drag
 from thirdbody.trajectory.statistics import change_and_error
 
-from ..layer import write_layer
 from .test_plot import LOAD, stroke, write
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -37,11 +42,14 @@ def drifting(tmp_path) -> Path:
     return path
 
 
-def opened_with(folder: Path, mu: np.ndarray) -> thirdbody.Run:
-    """A run that was written, with another course of friction: to write some hundred frames takes seconds."""
-    with h5py.File(folder / "run.vtkhdf", "r+") as file:
-        file["series/friction_coefficient"][...] = mu
-    return thirdbody.open(folder)
+def friction(u: np.ndarray, mu: np.ndarray):
+    """Of a made-up course of displacement and coefficient, without a file."""
+    distance = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(u)))))
+    force = np.column_stack((-LOAD * np.nan_to_num(mu), 0.0 * u, LOAD + 0.0 * u))
+    series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}
+    run = SimpleNamespace(frames=len(u), series=series, times=1e-6 * np.arange(len(u)))
+    run.drag = Drag(run)
+    return friction_of(run)
 
 
 def words(text: str) -> str:
@@ -65,7 +73,7 @@ def test_every_output_reports_the_same_number(drifting, capsys):
     assert [text for text in seen if report not in text] == []
 
 
-def test_a_drift_is_reported_and_noise_is_not_taken_for_one(tmp_path):
+def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
     rng = np.random.default_rng(4)
     noise = rng.normal(size=400)
     for k in range(1, 400):  # AR(1): correlated over some ten intervals
@@ -79,24 +87,22 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one(tmp_path):
         "nothing": (1e-5 * noise, True, "stationary: changes by less than 0.001 over"),
         "constant": (np.full(400, 0.3), True, "stationary: changes by less than 0.1 % over"),
     }
-    path = write(tmp_path / "run", u=u, mu=noise)
     for name, (mu, stationary, verdict) in cases.items():
-        with opened_with(path, mu) as run:
-            assert (run.friction.stationary, run.friction.verdict[: len(verdict)]) == (stationary, verdict), name
-            assert stationary is not True or run.friction.error > 0.0 or name == "constant", name
+        found = friction(u, mu)
+        assert (found.stationary, found.verdict[: len(verdict)]) == (stationary, verdict), name
+        assert stationary is not True or found.error > 0.0 or name == "constant", name
     # by hand: a straight line of .1 over 400 intervals rises by .05 over their second half, 13 % of its mean there, .375
-    with opened_with(path, np.linspace(0.3, 0.4, 400)) as run:
-        assert run.friction.verdict == "still rising by 13 % over the second half"
+    assert friction(u, np.linspace(0.3, 0.4, 400)).verdict == "still rising by 13 % over the second half"
 
 
-def test_few_frames_are_no_verdict(tmp_path):
-    with thirdbody.open(write(tmp_path / "few", u=1e-7 * np.arange(5), mu=np.full(5, 0.3))) as run:
-        assert run.friction.value == pytest.approx(0.3) and run.friction.stationary is None
-        assert run.friction.verdict.startswith("too few") and math.isnan(run.friction.error)
-    with thirdbody.open(write(tmp_path / "still", u=np.zeros(5), mu=np.full(5, np.nan))) as run:
-        assert math.isnan(run.friction.value) and str(run.friction) == "no sliding"
-    with thirdbody.open(write(tmp_path / "free", u=1e-7 * np.arange(5), mu=np.full(5, np.nan))) as run:
-        assert str(run.friction) == "unloaded"
+def test_few_frames_are_no_verdict():
+    u = 1e-7 * np.arange(5)
+    few = friction(u, np.full(5, 0.3))
+    assert few.value == pytest.approx(0.3) and few.stationary is None
+    assert few.verdict.startswith("too few") and math.isnan(few.error)
+    still = friction(0.0 * u, np.full(5, np.nan))
+    assert math.isnan(still.value) and str(still) == "no sliding"
+    assert str(friction(u, np.full(5, np.nan))) == "unloaded"
 
 
 def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
@@ -133,9 +139,9 @@ def square_loop(cycles: float) -> tuple[np.ndarray, np.ndarray]:
     return u, mu
 
 
-@pytest.mark.parametrize("cycles", [3.0, 3.25])
-def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path, cycles):
-    u, mu = square_loop(cycles)
+def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path):
+    assert friction(*square_loop(3.0)).energy_per_cycle == pytest.approx(0.2 * LOAD * 160e-9, rel=1e-9)
+    u, mu = square_loop(3.25)
     with thirdbody.open(write(tmp_path / "run", u=u, mu=mu)) as run:
         assert run.friction.value == pytest.approx(0.2, rel=1e-12)  # a mean of the signed loop is zero
         work = 0.2 * LOAD * 160e-9  # back and forth over 80 nm
@@ -154,16 +160,11 @@ def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path, cycles):
         assert run.to_pandas("cycles").attrs["units"]["displacement_min"] == "m"
 
 
-def test_strokes_that_still_change_are_reported(tmp_path):
-    u, mu = square_loop(2.0)
-    with thirdbody.open(write(tmp_path / "two", u=u, mu=mu)) as run:
-        assert run.friction.stationary is False and run.friction.verdict == "still rising by 67 % over the last 2 cycles"
-    u, mu = square_loop(1.0)
-    with thirdbody.open(write(tmp_path / "one", u=u, mu=mu)) as run:
-        assert run.friction.value == pytest.approx(0.1) and run.friction.stationary is None
-    u, mu = square_loop(0.75)
-    with thirdbody.open(write(tmp_path / "none", u=u, mu=mu)) as run:
-        assert math.isnan(run.friction.value) and run.friction.verdict == "no whole cycle yet"
+def test_strokes_that_still_change_are_reported():
+    two, one, none = (friction(*square_loop(cycles)) for cycles in (2.0, 1.0, 0.75))
+    assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
+    assert one.value == pytest.approx(0.1) and one.stationary is None
+    assert math.isnan(none.value) and none.verdict == "no whole cycle yet"
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
@@ -181,3 +182,70 @@ def test_the_displacement_is_that_of_the_plate(tmp_path, integrator):
         assert abs(run.series["displacement"][-1] - 40e-9) < 2e-9  # a quarter of the second cycle; the end is a step's length off
         assert np.abs(np.diff(run.series["displacement"])).sum() == pytest.approx(run.series["distance"][-1], rel=0.02)  # turns
         assert len(run.cycles["cycle"]) == 1
+
+
+SOUND = {
+    "integrator": "explicit", "time_step": 2e-9, "time_step_limit": {"smallest": 1e-9}, "energy_residual": 4e-3,
+    "energy": {"damping": 0.0, "friction": 1.0},
+}  # fmt: skip
+FIXED = '[solver]\ntime_step = "2 ns"\n'
+
+
+def test_a_balance_that_closes_or_is_not_known_is_not_spoken_of():
+    assert all(energy_verdict(SOUND | {"energy_residual": residual}) is None for residual in (None, 0.0, 9.9e-4))
+
+
+ALONE = {"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": None}
+BALANCES = [
+    (SOUND, FIXED, ("the time step is 2 times the automatic one", 'solver.time_step = "5e-10 s"')),
+    (SOUND, "", ("4.0e-03 of the largest energy", "too long for some impact or contact", 'solver.time_step = "5e-10 s"')),
+    (SOUND | {"energy": {"damping": 3.0, "friction": 1.0}}, "", ("dashpots take 75 % of what is lost", "5e-10 s")),
+    (SOUND | {"integrator": "implicit"}, "", ("solver.tolerance",)),
+    (SOUND | {"time_step": None, "time_step_limit": None, "energy": None}, "not TOML", ("smaller solver.time_step",)),
+    # what the integrator itself loses or makes
+    (ALONE | {"energy_numerical_share": 0.068}, "", ("itself lost 6.8 %", "solver.tolerance", "explicit")),
+    (ALONE | {"energy_numerical_share": 0.068}, "[solver]\ninertia = false\n", ("lost 6.8 %", "tips", "solver.inertia = true")),
+    (ALONE | {"energy_numerical_share": -0.26}, "", ("itself made 26.0 %", "solver.tolerance")),
+    (ALONE | {"energy_numerical_share": 0.004}, "", ()),
+    (ALONE | {"energy_numerical_share": -0.004}, "", ()),
+    (ALONE, "", ()),
+]
+
+
+@each(BALANCES)
+def test_the_reason_of_a_balance_that_does_not_close_follows_from_the_facts(row):
+    facts, scene, words = row
+    report = energy_verdict(facts, scene)
+    assert bool(report) == bool(words) and all(word in (report or "") for word in words), report
+
+
+ENDINGS = [
+    ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]),
+    ({"load_ratio": 0.2, "finished": True}, ["0.20 times the load"]),
+    ({"load_ratio": 1.02, "finished": True}, []),
+    ({"load_ratio": None, "patches_not_carried": None}, []),
+    ({"load_ratio": 1.0, "patches_not_carried": 0, "bodies": 40}, []),
+    ({"load_ratio": 1.0, "patches_not_carried": 1, "bodies": 40}, ["1 of 40 patches", "solver.inertia"]),
+    ({"patches_not_carried": None, "histories_shortened": 3}, ["3 contacts", "contact.nodes"]),
+    ({"patches_not_carried": None, "histories_shortened": 0}, []),
+    ({"patches_not_carried": 0, "largest_fraction_rolling": 0.25}, ["25 % of the bodies rolled", "momentum"]),
+    ({"patches_not_carried": 0, "largest_fraction_rolling": 0.0}, []),
+    ({"patches_not_carried": None, "largest_fraction_rolling": 0.25}, []),
+    ({"damping_share": 0.41, "energy": {"friction": 5.1, "plate_work": 10.0}}, ["took 41 %", "friction 51 %"]),
+    ({"damping_share": 0.08, "energy": {"friction": 9.1, "plate_work": 10.0}}, []),
+    ({"damping_share": None}, []),
+    ({}, []),
+]
+
+
+@each(ENDINGS)
+def test_what_a_run_says_at_its_end_about_its_accuracy(row):
+    message, words = row
+    said = " ".join(ending_warnings(message))
+    assert all(word in said for word in words) and bool(said) == bool(words), said
+
+
+def test_words_for_what_limited_the_steps():
+    steps = {"output": 60, "largest_step": 30, "error": 10}
+    assert step_words({"steps_limited_by": steps}) == "output 60 %, largest step 30 %, error 10 %"
+    assert step_words({"time_step": 1e-9}) == ""
