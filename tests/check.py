@@ -1,4 +1,4 @@
-"""The one command for every check: lint, types, tests. `python tests/check.py [--full] [pytest arguments]`.
+"""Every check by one command: lint, types, tests. `python tests/check.py [--full] [pytest arguments]`.
 
 The default is lint, types and the tests that need minutes in all; `--full` runs every test (`.ci/full` prepares a machine for it).
 """

@@ -65,6 +65,7 @@ FAULTS = {
         ["missing"],
     ),
     "integrator": ([('settle = "1 us"', 'integrator = "verlet"')], "29:1: solver.integrator", ["'explicit'", "'implicit'"]),
+    "rate test": ([('settle = "1 us"', "rate_test = 3")], "29:1: solver.rate_test", ["thirdbody cost SCENE", "mu_of_inertia"]),
     "relaxed": ([('settle = "1 us"', 'initial_overlap = "relaxed"')], "29:1: solver.initial_overlap", ["'refuse', 'relax'"]),
     "heaps": ([('"spheres"', '"heaps"')], "13:1: debris[0].kind", ["is not one of", "'spheres'", "'spots'", "'file'"]),
     "heap": ([("seed = 1", 'placement = "heap"')], "16:1: debris[0].placement", ["'layer'", "'dense'"]),

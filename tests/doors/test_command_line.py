@@ -14,6 +14,9 @@ import pytest
 from portable import PATIENCE
 
 import thirdbody
+from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
+from thirdbody.errors import UsageError
+from thirdbody.runner.removed import SEEDS
 
 COMMANDS = (
     "balance", "check", "cost", "export", "hard", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
@@ -49,6 +52,27 @@ def test_an_unknown_command_is_answered_with_those_that_exist(command):
     assert report.code == 2 and "no command 'quux'" in report.err and all(name in report.err for name in COMMANDS)
     report = command("blance")
     assert report.code == 2 and report.err == "thirdbody: no command 'blance', did you mean 'balance'?\n"
+
+
+@pytest.mark.parametrize("words", [*REMOVED_OPTIONS, *((name,) for name in REMOVED_COMMANDS)], ids=" ".join)
+def test_what_is_gone_is_answered_with_what_does_its_job(words, balls, command, tmp_path):
+    """One message, also where the option has a value, and nothing is written."""
+    balls()
+    text = REMOVED_OPTIONS[words] if len(words) == 2 else REMOVED_COMMANDS[words[0]]
+    for line in ((words[0], "scene.toml", *words[1:], "4"), (words[0], "scene.toml", f"{words[-1]}=4")):
+        report = command(*line) if len(words) == 2 else command(*words)
+        assert report.code == 2 and report.err == f"thirdbody: {words[-1]}: {text}\n" and not report.out
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_arguments_that_are_gone_are_answered_in_python_too(balls, tmp_path):
+    with pytest.raises(UsageError, match=re.escape(f"parts: {SEEDS}")):
+        thirdbody.run(balls(), tmp_path / "run", parts=2)
+    with pytest.raises(UsageError, match=re.escape(f"executor: {SEEDS}")):
+        thirdbody.resume(tmp_path / "run", executor=None)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'part'"):
+        thirdbody.run(balls(), tmp_path / "run", part=2)
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("option", ["--wall-limit", "--checkpoint-every"])
@@ -157,3 +181,9 @@ def test_completion_in_an_unknown_shell_is_refused_with_those_that_work(home, tm
     other.symlink_to(shutil.which("sh"))
     done = subprocess.run([str(other), "-c", "thirdbody --show-completion; exit $?"], env=home, capture_output=True, text=True)
     assert done.returncode == 2 and "bash, zsh and fish" in done.stderr and done.stdout == ""
+
+
+def test_an_option_that_is_no_more_is_answered_with_what_does_its_work(command):
+    report = command("cost", "scene.toml", "--verify")
+    assert report.code == 2 and report.err.count("\n") == 1
+    assert report.err.startswith("thirdbody: --verify: ") and "--effects" in report.err

@@ -15,7 +15,7 @@ from steel import HOT_STEEL
 from trajectories import contents
 
 import thirdbody
-from thirdbody.errors import InputError, Interrupted, UsageError
+from thirdbody.errors import InputError, Interrupted
 from thirdbody.export.export_run import export_run
 from thirdbody.render.plate_map import plate_map
 from thirdbody.runner.resume import prepare_resume
@@ -189,11 +189,6 @@ def test_bits_of_threads_and_pieces(runs, case, tmp_path):
     first, second = contents(whole.path.parent), contents(tmp_path / "cut")
     assert first.keys() == second.keys() and any("maps/wear_depth" in name for name in first)
     assert [name for name in first if first[name] != second[name]] == []
-
-
-def test_an_explicit_run_with_measures_is_not_cut_into_parts(tmp_path):
-    with pytest.raises(UsageError, match="measures"):
-        thirdbody.run(scene("explicit", MEASURES % "", ALONE), out=tmp_path / "run", progress=False, parts=2)
 
 
 def test_picture_of_a_map(runs, tmp_path: Path):

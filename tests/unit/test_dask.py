@@ -1,4 +1,4 @@
-"""Sweeps and parts on Dask: the same results as on local processes; a queue by a fake `sbatch`; one message per fault."""
+"""Sweeps on Dask: the same results as on local processes; a queue by a fake `sbatch`; one message per fault."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ensembles import EXPLICIT, arrays, scene
+from ensembles import scene
 
 import thirdbody
 from thirdbody.errors import InputError, MissingLibrary, UsageError
-from thirdbody.system.dask_client import dask_client, is_dask_client
+from thirdbody.system.dask_client import dask_client
 
 VARY = [{"pairs.0.friction": 0.1}, {"pairs.0.friction": 0.3, "debris.0.seed": 2}, {"plates.upper.load": "1 kN"}]
 SMALL = {"debris.0.count": 2, "debris.0.spheres": [3, 3], "solver.distance": "20 nm", "output.every": "10 nm"}
@@ -71,22 +71,6 @@ def test_sweep_on_dask_has_the_table_of_local_processes(client: Any, tmp_path: P
     local = thirdbody.sweep(base, VARY, tmp_path / "local", progress=False)
     there = thirdbody.sweep(base, VARY, tmp_path / "dask", executor=client, progress=False)
     assert rows(local) == rows(there) and [point.status for point in there.points] == ["done", "done", "failed"]
-
-
-@pytest.mark.parametrize("changes", [{}, EXPLICIT], ids=["implicit", "explicit"])
-def test_parts_on_dask_have_the_bits_of_the_whole(changes: dict[str, object], client: Any, tmp_path: Path) -> None:
-    assert is_dask_client(client)
-    given = scene(**changes)
-    thirdbody.run(given, tmp_path / "whole", 1, False)
-    thirdbody.run(given, tmp_path / "parts", 1, False, parts=(2, client))
-    assert arrays(tmp_path / "whole") == arrays(tmp_path / "parts")
-
-
-def test_explicit_parts_need_as_many_workers(client: Any, tmp_path: Path) -> None:
-    """They agree on their time step at every bound."""
-    given = scene(**EXPLICIT | {"debris.0.count": 1100, "domain.size": ["4 mm", "3 mm"]})
-    with pytest.raises(UsageError, match="work at the same time, and 2 can here"):
-        thirdbody.run(given, tmp_path / "run", 1, False, parts=(3, client))
 
 
 def test_fake_slurm_runs_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,6 @@ from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.quantity import duration
-from thirdbody.scene.cross_checks import MOTION_OF_BEDS
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
 
@@ -155,8 +154,8 @@ def _own_loads(state: State) -> bool:
 
 def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
     """Return why `auto` does not take the implicit integrator for bodies that may meet, or an empty text."""
-    if of_beds := [f"solver.{key}" for key in MOTION_OF_BEDS if getattr(scene.solver, key) is not None]:
-        return f"{of_beds[0]} is for beds"
+    if scene.solver.inertial_number is not None:
+        return "solver.inertial_number is for beds"
     if any(plate is not None and plate.surface is not None for plate in (scene.plates.lower, scene.plates.upper)):
         return "bodies may meet each other, and the time of the implicit one is estimated for flat plates only"
     declare = 'contact.debris_contact = "none" would declare that they do not'

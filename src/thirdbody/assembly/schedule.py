@@ -1,7 +1,6 @@
 """Schedule of the upper plate, from the motion and load in a scene."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 from thirdbody.assembly.csv_series import rows_of
@@ -98,19 +97,3 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         for (t_0, x_0), (t_1, x_1) in zip(rows, rows[1:], strict=False)
     ]
     return segments, rows[-1][0], segments[-1].b
-
-
-def slowed(whole: Schedule, since: float, factor: float) -> Schedule:
-    """Return the schedule that runs `factor` times slower from the time `since` [s] on, through the same positions and loads.
-
-    With t' = since + (t - since) factor, its value at t' is that of the whole schedule at t. It holds from `since` on only:
-    segments that began before begin earlier.
-    """
-    return Schedule(*(tuple(_slowed(s, since, factor) for s in axis) for axis in (whole.x, whole.y, whole.gap, whole.load)))
-
-
-def _slowed(segment: Segment, since: float, factor: float) -> Segment:
-    start = since + (segment.start - since) * factor
-    if segment.kind == POLYNOMIAL:
-        return Segment(start, POLYNOMIAL, segment.a, segment.b / factor, segment.c / factor**2)
-    return replace(segment, start=start, c=segment.c / factor)  # a stroke: c is its frequency

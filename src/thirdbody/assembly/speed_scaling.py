@@ -14,7 +14,7 @@ from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import InputError
 from thirdbody.granular_flow import LAYERS
 from thirdbody.laws.contract import BodyEffect, Law
-from thirdbody.scene.cross_checks import ALONE, MOTION_OF_BEDS, NO_BED
+from thirdbody.scene.cross_checks import ALONE, NO_BED, RESTS
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import Location
 from thirdbody.scene.speed_scale import at_speed
@@ -74,7 +74,7 @@ def speed_scale(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> Speed
 def refuse_scale(scene: Scene, scale: SpeedScale | None) -> None:
     """Raise InputError for a scaled speed in the implicit integrator."""
     if scale is not None:
-        raise InputError(scene.fault(KEY, f"{NO_BED}, and the implicit integrator is chosen here; {ALONE['inertial_number']}"))
+        raise InputError(scene.fault(KEY, f"{NO_BED}, and the implicit integrator is chosen here; {ALONE}"))
 
 
 def at_computed_speed(scene: Scene, scale: SpeedScale | None) -> Scene:
@@ -95,9 +95,9 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, bed: Bed | None) -> tuple[L
     """Return the key of a scene, and why its speed must not be scaled; None where it may."""
     upper = scene.plates.upper
     if upper is None or bed is None:
-        return KEY, f"{NO_BED}, and here none do; {ALONE['inertial_number']}"
+        return KEY, f"{NO_BED}, and here none do; {ALONE}"
     if bed.speed == 0.0:
-        return KEY, f"{MOTION_OF_BEDS['inertial_number']} of the upper plate, and here it rests"
+        return KEY, RESTS
     if upper.gap is not None:
         return KEY, "needs a pressure, and a plate at a gap has none before the run: give plates.upper.load or pressure"
     if upper.support != "rigid":

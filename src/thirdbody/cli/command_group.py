@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from thirdbody.cli.removed import REMOVED_COMMANDS, refuse_removed_options
 from thirdbody.errors import UsageError, nearest
 
 COMMAND_GROUP = "thirdbody.commands"
@@ -37,6 +38,11 @@ class Command(TyperCommand):
             if parameter.param_type_name == "option" and not getattr(parameter, "is_flag", False) and parameter.metavar is None:
                 name = str(parameter.name)
                 parameter.metavar = _METAVAR.get(name, name.upper())
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options. Raises UsageError for one that is gone."""
+        refuse_removed_options(ctx.info_name, args)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Raises MemoryShortage if the memory limit of this process is too low for it."""
@@ -106,9 +112,11 @@ class Group(TyperGroup):
         return next((PluginCommand(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command of the first word. Raises UsageError with the existing commands if there is none."""
+        """Find the command of the first word. Raises UsageError, for one that is gone or with the existing commands."""
         name = args[0]
         if not name.startswith("-") and not ctx.resilient_parsing and self.get_command(ctx, name) is None:
+            if name in REMOVED_COMMANDS:
+                raise UsageError(f"{name}: {REMOVED_COMMANDS[name]}")
             raise UsageError(f"no command '{name}', {nearest(name, self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 

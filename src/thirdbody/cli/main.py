@@ -9,13 +9,12 @@ import typer
 from thirdbody.cli.command_group import Command, Group
 from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
-from thirdbody.cli.option_groups import Cluster, Execution, Film, Image, Json, MeshFit, Parts, Plugins, Settings, grouped
+from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
 from thirdbody.cli.surface import surface
 from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
-from thirdbody.system.dask_client import dask_client
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.standard_streams import guarded_streams
 from thirdbody.system.terminal import print_line, printable_output
@@ -80,13 +79,10 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
     *,
     execution: Execution,
-    shared: Parts,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
     times = _wall_times(execution)
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.parts.joined import cut
-    from thirdbody.runner.parts.workers import workers_of
     from thirdbody.runner.prepare import check_threads, prepare
     from thirdbody.runner.run_folder import refuse_existing
     from thirdbody.runner.simulate import default_folder
@@ -97,9 +93,7 @@ def run(
     notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
     print_warnings([*notes, *built.warnings])
-    with dask_client(shared.dask, shared.cluster) as client:
-        cut(built, *workers_of((shared.parts, client), execution.threads), plugin or ())
-        _execute(built, folder, execution, overwrite=overwrite, times=times)
+    _execute(built, folder, execution, overwrite=overwrite, times=times)
 
 
 @app.command(cls=Command)
@@ -110,12 +104,9 @@ def resume(
     plugin: Plugins = None,
     *,
     execution: Execution,
-    cluster: Cluster,
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.parts.joined import cut, unfinished_parts
-    from thirdbody.runner.parts.workers import workers_of
     from thirdbody.runner.prepare import check_threads
     from thirdbody.runner.resume import prepare_resume
 
@@ -123,9 +114,7 @@ def resume(
     notes = check_threads(execution.threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
     print_warnings([*notes, *built.warnings])
-    with dask_client(cluster.dask, cluster.cluster) as client:
-        cut(built, *workers_of((unfinished_parts(run), client), execution.threads), plugin or ())
-        _execute(built, run, execution, checkpoint=saved, times=times)
+    _execute(built, run, execution, checkpoint=saved, times=times)
 
 
 @app.command(cls=Command)

@@ -60,19 +60,12 @@ class Execution:
 
 @dataclass(frozen=True)
 class Cluster:
-    """Workers of Dask that compute the points of a sweep, or the parts of a run."""
+    """Workers of Dask that compute the points of a sweep."""
 
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786")] = None
     cluster: Annotated[
         Path | None, typer.Option("--cluster", metavar="FILE", help="TOML file of a queue whose jobs are the workers, as [slurm]")
     ] = None
-
-
-@dataclass(frozen=True)
-class Parts(Cluster):
-    """Processes that share a run, and where they are."""
-
-    parts: Annotated[int, typer.Option("--parts", min=1, help="processes that share the bodies of an ensemble (same bits)")] = 1
 
 
 @dataclass(frozen=True)
@@ -118,4 +111,3 @@ class Study:
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="EFFECT", help="with --effects: no other; may be repeated")
     ] = None
-    verify: Annotated[bool, typer.Option("--verify", help="add an oblique impact: errors and orders of convergence")] = False

@@ -46,7 +46,7 @@ def cost(
         raise UsageError("--only: goes with --effects")
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
-    cost_command(source, StudyOptions(study.repeats, study.effects, study.verify, seconds, only), overwrite, json, log)
+    cost_command(source, StudyOptions(study.repeats, study.effects, seconds, only), overwrite, json, log)
 
 
 def hard(

@@ -9,7 +9,6 @@ import numpy as np
 from thirdbody.engine.candidates import Candidates, Numbers
 from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.guards import Guards
-from thirdbody.engine.independence import coupling
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
@@ -79,8 +78,7 @@ class Explicit:
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
         self.packer, self.measures = Packer(KINDS), arguments_of(state)
         self.announced = np.zeros(step_loop.ANNOUNCED)
-        self.agree: Callable[[Bound], Bound] = lambda bound: bound  # of the parts of a run on their bound of the time step
-        self.independent = not coupling(state, True)
+        self.independent = _independent(state)
         if self.independent and state.world.rough:
             # all spheres are candidates: what a body does must not depend on when others make a search due
             state.skin = state.D[domain.SKIN] = math.inf
@@ -141,19 +139,9 @@ class Explicit:
         self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
         self._tables()
 
-    def restrict(self, first: int, last: int) -> None:
-        """Keep the ledgers of bodies `first` to `last` - 1, which are whole groups, before the first step (`engine.parts`)."""
-        size = body_pass.BODIES * contact_pass.GROUP
-        self.ledgers, self.pairs = self.ledgers[first // size : -(-last // size)].copy(), self._all_pairs()
-
     def _all_pairs(self) -> Candidates | None:
         """Return the pairs that bound the time step where bodies are independent; None: the present candidates."""
         return plate_pairs(self.state) if self.independent and not self.state.world.rough else None
-
-    def sum_up(self) -> None:
-        """Update the totals of the run from the ledgers of its groups."""
-        for column in LEDGER if len(self.ledgers) else ():
-            self.state.A[column] = self.ledgers[:, column].sum()
 
     def _tables(self) -> None:
         chunks = -(-self.state.n_bodies // body_pass.BODIES)
@@ -197,7 +185,8 @@ class Explicit:
         context = self._context(threads)
         with helpers(self._members(threads), self.team, lambda member: step_loop.help_out(member, threads, context)):
             answer = step_loop.advance(budget, time, distance, dt, threads, context)
-        self.sum_up()
+        for column in LEDGER if len(self.ledgers) else ():
+            s.A[column] = self.ledgers[:, column].sum()
         now, busy = clocks()
         done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
@@ -230,7 +219,7 @@ class Explicit:
         # a fixed step is compared with the bound of the present contacts
         steps = BUDGET if self.fixed is None else 0
         largest = float(self.state.D[domain.OVERLAP_GUARD])
-        self.bound = self.agree(bound(self.state, self.materials, steps, largest, self.pairs))
+        self.bound = bound(self.state, self.materials, steps, largest, self.pairs)
         if self.tightest is None or self.bound.step < self.tightest.step:
             self.tightest = self.bound
         if self.fixed is not None:
@@ -306,6 +295,13 @@ class Explicit:
         b = int(s.body[slots.own[slot]])
         where = ", ".join(f"{x:.4g}" for x in s.bodies.position[b])
         return f"body {s.order[b]} at ({where}) m", other
+
+
+def _independent(state: State) -> bool:
+    """Return whether no body influences another, neither by contact nor by a plate that they carry together."""
+    upper = state.world.upper
+    common = upper is not None and (upper.foundation is not None or (upper.free and len(upper.heights) == 1))
+    return not state.world.debris_meets and not (common and state.n_bodies > 1)
 
 
 def _drag(state: State) -> tuple[float, float]:

@@ -203,7 +203,7 @@ class Implicit:
 
     def _collect(self) -> None:
         """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
-        update_measures(self.state, self.totals[:, run_totals.STEPS])
+        update_measures(self.state)
 
     def _until(self, until: float) -> float:
         """Return the time [s], at most `until`, to which all bodies are advanced next."""
@@ -222,15 +222,6 @@ class Implicit:
         """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         for name, table in Implicit.export_state(self)[0].items():
             table[:] = arrays[name]
-
-    def restrict(self, first: int, last: int) -> None:
-        """Keep the rows of bodies `first` to `last` - 1 before the first step; the state is restricted by `engine.parts`."""
-        self.totals, self.memory = self.totals[first:last].copy(), self.memory[first:last].copy()
-        self._reported = causes(self.memory).copy()
-
-    def sum_up(self) -> None:
-        """Update the totals of the run from those of its bodies, at a stop that all bodies have reached."""
-        self._sum_up(self.state.time, self.state.distance)
 
     def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each.

@@ -65,11 +65,6 @@ class ImplicitEnsemble(Implicit):
         radii = state.radii if state.sphere_table is None else np.zeros(0)
         return Scratch(OneBody(H, R, table(spheres, sphere.WIDTH), radii), rows.scratch())
 
-    def keep_all_rows(self) -> None:
-        """Go on with rows for all candidates and a table of all spheres, as a part of a run, or its whole, does."""
-        state, slots = self.state, self.state.slots
-        slots.rows, state.S = AllRows(slots.H, slots.R), state.S
-
     def _contact_tables(self) -> dict[str, Array]:
         rows, state = self.state.slots.rows, self.state
         if isinstance(rows, AllRows):

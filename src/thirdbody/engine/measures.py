@@ -93,15 +93,10 @@ def deposit_on_maps(state: State, deposits: Array) -> None:
         deposit(np.ascontiguousarray(deposits), state.maps, np.array(state.world.size, float))
 
 
-def update_measures(state: State, steps: Array | None = None) -> None:
-    """Collect what contacts have measured, and deposit it; a part of a run keeps it, with the `steps` of its bodies so far."""
-    if state.physics.measures is None:
-        return
-    deposits = collect_measures(state)
-    if state.part_deposits is None or steps is None:
-        deposit_on_maps(state, deposits)
-    else:
-        state.part_deposits.keep(deposits, steps)
+def update_measures(state: State) -> None:
+    """Collect what contacts have measured, and deposit it."""
+    if state.physics.measures is not None:
+        deposit_on_maps(state, collect_measures(state))
 
 
 def body_amounts(state: State) -> dict[str, Array]:

@@ -13,16 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit_ensemble import ImplicitEnsemble
 from thirdbody.engine.neighbours import slots_of
-from thirdbody.engine.parts import moved
 from thirdbody.engine.state import Array, place_some
 from thirdbody.engine.step_limits import causes
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels.columns import step_memory
+from thirdbody.kernels.columns.sides import UPPER
 from thirdbody.kernels.implicit.bundles import KINDS
+from thirdbody.kernels.predicates import BASINS
 
 BODIES, EVERY, GROUPS, FEWEST = 32, 5_000, 64, 20_000
 """Bodies of a group; bodies of the run for each group, so that 0.64 % of the work is done twice; largest number of groups; and
@@ -90,7 +92,8 @@ def _alone(integrator: ImplicitEnsemble, rows: ClosedRows, number: int) -> Impli
     state.S = place_some(whole, first, first + n) if whole.sphere_table is None else state.B
     k = slice(int(whole.slots.edges[first]), int(whole.slots.edges[first + n]))
     H, R = rows.expand(number)
-    own, partner = whole.slots.own[k] - np.int32(low), moved(whole.slots.partner[k], first)
+    own, partner = whole.slots.own[k] - np.int32(low), whole.slots.partner[k].copy()
+    partner[sides_of(partner) == UPPER] += np.int32(first * BASINS)  # patches are numbered from 0 on
     here = slice(0, k.stop - k.start)
     state.slots = slots_of(state, own, partner, len(own), (whole.slots.Q[:0], H[here].copy(), R[here].copy()))
     assert isinstance(state.slots.rows, AllRows)

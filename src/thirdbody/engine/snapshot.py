@@ -52,7 +52,6 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
         pieces = dict(zip(("slots_H", "slots_R"), slots.rows.pieces(), strict=True))
     else:
         arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
-    arrays |= state.part_deposits.arrays() if state.part_deposits else {}
     saved, notes = integrator.export_state()
     arrays |= {f"integrator_{name}": array for name, array in saved.items()}
     arrays |= {name: array for name, array in getattr(integrator, "earlier", {}).items() if name in arrays}
@@ -72,8 +71,6 @@ def restore(captured: Snapshot, state: State, integrator: Explicit | Implicit, l
     for name, array in fixed.items():
         array[:] = captured.arrays[name]
     state.slots = slots
-    if state.part_deposits:
-        state.part_deposits.restore(captured.arrays)
     integrator.restore({name: captured.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
     ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
 
@@ -90,8 +87,7 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
 
 def _fixed(state: State) -> dict[str, Array]:
     """Return the tables `FIXED` by name."""
-    measured = {"W": state.W} if state.physics.measures else {}
-    measured |= {"maps": state.maps} if measured and state.part_deposits is None else {}
+    measured = {"W": state.W, "maps": state.maps} if state.physics.measures else {}
     own_table = state.sphere_table is not None and state.sphere_table is not state.B
     return {name: getattr(state, name) for name in FIXED if name != "S" or own_table} | measured
 
@@ -112,16 +108,15 @@ def _slots(captured: Snapshot, state: State) -> Candidates:
 
 
 def _closed_slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a state of which only closed ones have rows: the pairs are those of the built scene."""
+    """Return the candidates of a state of which only closed ones have rows: the pairs are those of the built scene.
+
+    Raises KeyError or ValueError.
+    """
     slots, arrays = state.slots, captured.arrays
     rows = slots.rows
     assert isinstance(rows, ClosedRows)
     check(arrays, {"slots_own": slots.own, "slots_partner": slots.partner})
-    H, R = arrays["slots_H"], arrays["slots_R"]
-    closed = arrays.get(CLOSED)
-    if closed is None:  # written by a run that kept all rows, as one in parts does
-        closed = np.flatnonzero(H.any(axis=1))
-        H, R = H[closed], R[closed]
+    closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))
     check(
         {"slots_H": H, "slots_R": R}, {f"slots_{k}": np.empty((len(closed), w)) for k, w in zip("HR", rows.widths, strict=True)}
     )

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
-from thirdbody.engine.part_deposits import PartDeposits
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
@@ -130,7 +129,6 @@ class State:
     slots: Candidates
     skin: float
     order: Ints
-    part_deposits: PartDeposits | None = None  # deposits of a part of a run, for the maps of the whole
     W: Array = field(default_factory=nothing_measured)
     maps: Array = field(default_factory=no_maps)
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept

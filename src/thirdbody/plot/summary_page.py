@@ -24,7 +24,6 @@ from thirdbody.plot import panels_contacts as contacts
 from thirdbody.plot import panels_friction as friction
 from thirdbody.plot import panels_groups as groups
 from thirdbody.plot import panels_profiles as profiles
-from thirdbody.plot import panels_rate_test as rate
 from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
 from thirdbody.plot.run_data import RunData
@@ -64,7 +63,6 @@ PANELS = (
     Panel("friction", friction.why_no_friction, friction.friction_title, friction.draw_friction, 2.1, False,
           friction.FRICTION_NOTE),
     Panel("loop", friction.why_no_loop, friction.loop_title, friction.draw_loop, 2.3, False, friction.LOOP_NOTE),
-    Panel("rate_test", rate.why_no_rate_test, rate.rate_title, rate.draw_rate_test, 2.0, False, rate.RATE_NOTE),
     Panel("states", series.why_no_states, series.states_title, series.draw_states, 1.7, False, series.STATES_NOTE),
     Panel("groups", groups.why_no_groups, groups.groups_title, groups.draw_groups, 1.9, False, groups.GROUPS_NOTE),
     Panel("accommodation", accommodation.why_no_accommodation, accommodation.accommodation_title,
@@ -176,8 +174,6 @@ def headline(data: RunData) -> list[str]:
     lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(data), _circumstances(data)) if texts]
     if np.isfinite(data.run.friction.value):
         lines.insert(0, f"friction coefficient {data.run.friction}")
-    if data.run.rate_test is not None:
-        lines.append(f"rate test: {data.run.rate_test}")
     if not data.summary["finished"]:
         why = data.summary.get("stopped") or "no end was written: killed, or still running"
         lines.append(f"Not finished, {data.frames} frame{'s' if data.frames > 1 else ''} kept: {why}")
@@ -304,7 +300,7 @@ def _draw(axes: Axes, data: RunData, panel: Panel) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     if not panel.half:
         axes.margins(x=0.02 if panel.name == "loop" else 0.0)
-        if panel.name not in ("loop", "states", "groups", "rate_test"):
+        if panel.name not in ("loop", "states", "groups"):
             x = data.axis[0]
             axes.set_xlim(0.0, x[-1] / unit_for(x, "")[0])
     if panel.name not in ("states", "groups"):

@@ -33,7 +33,6 @@ def _rows(run: Run) -> list[tuple[str, str]]:
     if figures.get("distance", 0.0) > 0.0:
         rows += [("sliding distance", quantity_text(figures["distance"], "m"))]
         rows += [("friction coefficient", escape(str(run.friction)))]
-        rows += [("rate test", escape(str(run.rate_test)))] if run.rate_test else []
     if "fractions" in figures:
         rows += [("states at the end", _states(figures["fractions"]))]
     if figures.get("energy_residual") is not None:

@@ -23,7 +23,6 @@ TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
 
 def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
     """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
-    from thirdbody.assembly.rate_test import added_time
     from thirdbody.engine.explicit import Explicit
 
     integrator = built.integrator
@@ -40,7 +39,7 @@ def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | 
         } | _expected(built, wall), slow
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
-    steps = (built.planned_time + added_time(built)) / dt
+    steps = built.planned_time / dt
     each, stopped, trial = _seconds_per_step(integrator)
     return {
         "time_step": {

@@ -92,7 +92,6 @@ def run_report(folder: Path, json: bool) -> None:
             ("friction coefficient", str(result.friction)),
             *_direct_rows(report),
             *bed_rows(result.bed),
-            *([("rate test", str(result.rate_test))] if result.rate_test else []),
             ("states", ", ".join(fractions)),
             *_group_rows(report),
             *([("velocity accommodation", accommodation_text(report["accommodation"]))] if "accommodation" in report else []),

@@ -34,8 +34,8 @@ SLICE, ROWS = 1 << 24, 1 << 16
 DIGEST = hashlib.sha256().digest_size
 NOTES = "notes"
 MEANS = "means_"
-THE_VERSION, THE_INTEGRATOR, THE_RATE_TEST = "the version", "the integrator", "the rate test"
-"""Names of fingerprints: of the program; explicit or implicit; the factor on the speed, in checkpoints of a rate test only."""
+THE_VERSION, THE_INTEGRATOR = "the version", "the integrator"
+"""Names of fingerprints: of the program; explicit or implicit."""
 
 
 @dataclass

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.assembly.rate_test import SlowedSimulation, two_thirds
-
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
@@ -25,13 +23,8 @@ Settling may last a million output intervals that suit the drag, and a frame cos
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
 
-    A run by distance stops by distance, one by time stops by time. Stops in between only report progress. Where the plate was
-    slowed down they are where the plate is at those of the whole run.
+    A run by distance stops by distance, one by time stops by time. Stops in between only report progress.
     """
-    if isinstance(simulation, SlowedSimulation):
-        for time, distance, is_output in targets(simulation.whole):
-            yield simulation.later(time), distance, is_output
-        return
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
     if output.every_kind == "time":
         settling, spacing = settling_frames(simulation)
@@ -47,24 +40,6 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     for x, write in _output_times(0.0, simulation.planned_distance, output.every):
         # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
-
-
-def changeover_stop(simulation: Simulation) -> int:
-    """Return the number of stops up to the first output at or after two thirds of the run: there its rate test begins.
-
-    0 for the rate test itself.
-    """
-    if isinstance(simulation, SlowedSimulation):
-        return 0
-    by_time, (time, distance) = simulation.scene.output.every_kind == "time", two_thirds(simulation)
-    for number, (t, x, is_output) in enumerate(targets(simulation), 1):
-        if is_output and (t >= EVEN * time if by_time else EVEN * distance <= x < math.inf):
-            return number
-    raise AssertionError("no output in the last third: `examine_rate_test` asks for some")
-
-
-EVEN = 1.0 - 1e-9
-"""Factor for rounding in the test whether an output is at two thirds of the run."""
 
 
 def settling_frames(simulation: Simulation) -> tuple[int, int]:

@@ -33,12 +33,9 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
         start_compiling(likely_units(scene))
         report_compilation()
         registry = discover(tuple(plugins))
-        from thirdbody.assembly.rate_test import examine_rate_test
         from thirdbody.assembly.simulation import build
 
-        simulation = build(scene, registry, force, warm_up, before)
-        examine_rate_test(simulation)
-        return simulation
+        return build(scene, registry, force, warm_up, before)
 
 
 def likely_units(scene: Scene) -> tuple[str, ...]:

@@ -6,17 +6,15 @@ import math
 import os
 import warnings
 from collections.abc import Iterable, Mapping
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_RATE_TEST, THE_VERSION, Checkpoint, prints_of, read_checkpoint
-from thirdbody.runner.parts.joined import cut, unfinished_parts
-from thirdbody.runner.parts.workers import workers_of
+from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.prepare import check_threads, prepare
 from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.removed import SEEDS, without
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
@@ -32,6 +30,7 @@ LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""
 
 
+@without(executor=SEEDS)
 def resume(
     out: str | Path | Run,
     threads: int | None = None,
@@ -39,7 +38,6 @@ def resume(
     *,
     settings: Mapping[str, Any] | None = None,
     plugins: Iterable[str | Path] = (),
-    executor: Executor | None = None,
 ) -> Run:
     """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
 
@@ -54,8 +52,6 @@ def resume(
         steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
     plugins : iterable of str or Path
         Python files that the run was started with.
-    executor : concurrent.futures.Executor or dask.distributed.Client, optional
-        Where the parts are computed, if the run was computed in parts; None: in processes of this machine.
 
     Returns
     -------
@@ -76,9 +72,8 @@ def resume(
     """
     folder = _folder_of(out)
     for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=2)
+        warnings.warn(warning, stacklevel=3)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
-    cut(simulation, *workers_of((unfinished_parts(folder), executor), threads), plugins)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
     return open_run(folder)
@@ -97,8 +92,6 @@ def prepare_resume(
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
     saved = read_checkpoint(folder)
-    if THE_RATE_TEST in saved.prints:
-        raise InputError(f"{folder}: is the rate test of a run, which goes on with it; resume that: {folder.absolute().parent}")
     plugins = tuple(plugins)
     before, scene = _scenes(folder, saved, settings or {}, plugins)
     if saved.frames:
@@ -113,7 +106,6 @@ def prepare_resume(
         simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
     if before.solver != scene.solver:  # a longer run
         saved.stop = _stops(saved, simulation)
-        _refuse_lost_changeover(folder, saved, simulation)
     return simulation, saved
 
 
@@ -177,15 +169,6 @@ def _stops(checkpoint: Checkpoint, simulation: Simulation) -> int:
     longer = list(targets(simulation))
     time, distance = _reached(checkpoint)
     return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
-
-
-def _refuse_lost_changeover(folder: Path, checkpoint: Checkpoint, simulation: Simulation) -> None:
-    """Raise InputError for a longer run that has passed the two thirds at which its rate test begins."""
-    from thirdbody.runner.output_schedule import changeover_stop
-
-    if simulation.scene.solver.rate_test is not None and checkpoint.stop >= changeover_stop(simulation):
-        message = "its rate test would begin at two thirds of the longer run, which it has passed: make it longer, or run it anew"
-        raise InputError(f"{folder}: solver.rate_test: {message}")
 
 
 def _reached(checkpoint: Checkpoint) -> tuple[float, float]:

@@ -16,9 +16,7 @@ from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.folder_lock import lock_folder
-from thirdbody.runner.parts.files import FOLDER as PARTS_FOLDER
-from thirdbody.runner.parts.files import JOB, remove_parts
-from thirdbody.trajectory.open_file import FILE_NAME, RATE_TEST
+from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.schema import BLOCKS
 
 SCENE_FILE = "scene.toml"
@@ -62,7 +60,6 @@ class RunFolder:
         """
         self.check()
         work_folder, self.work_folder, self.usable = self.work_folder, self.path, True
-        remove_rate_test(self.path)
         if work_folder == self.path:
             return
         try:
@@ -108,7 +105,6 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
 def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
     """Yield the folder as `new_run_folder` does; it exists and is locked."""
     _remove_leftovers(path)
-    remove_parts(path / PARTS_FOLDER)
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
     if replaced:
@@ -148,23 +144,6 @@ def _remove_leftovers(path: Path) -> None:
         _remove(inner, (*FILES, *_parts(inner)))
         with suppress(OSError):
             inner.rmdir()
-
-
-def remove_rate_test(path: Path) -> None:
-    """Remove the rate test in the folder of a run, which must be locked."""
-    inner = path / RATE_TEST
-    if inner.is_dir() and not inner.is_symlink():
-        _remove(inner, (*FILES, *_parts(inner)))
-        with suppress(OSError):
-            inner.rmdir()
-
-
-def new_rate_test(path: Path) -> Path:
-    """Return a new, empty folder for the rate test of a run, whose folder must be locked. Raises OutputError."""
-    remove_rate_test(path)
-    if not (path / RATE_TEST).is_dir():
-        _make_folder(path / RATE_TEST)
-    return path / RATE_TEST
 
 
 def _remove(folder: Path, names: tuple[str, ...]) -> None:
@@ -233,14 +212,12 @@ def _is_ours(path: Path) -> bool:
 
 
 def _is_own_folder(folder: Path) -> bool:
-    """Return whether it is a folder that a run makes in its own: of a replacement, of its rate test, or of its parts."""
-    if folder.name == PARTS_FOLDER:
-        return folder.is_dir() and not folder.is_symlink() and (folder / JOB).is_file()
-    return folder.name in (REPLACEMENT, RATE_TEST) and _is_run_only(folder)
+    """Return whether it is a folder that a run makes in its own: of a replacement."""
+    return folder.name == REPLACEMENT and _is_run_only(folder)
 
 
 def _is_run_only(folder: Path) -> bool:
-    """Return whether a folder holds only files of a run: of a replacement, or of a rate test."""
+    """Return whether a folder holds only files of a run."""
     try:
         return not folder.is_symlink() and all(_is_ours(folder / name) for name in os.listdir(folder))
     except FileNotFoundError:  # another process has removed it since it was listed

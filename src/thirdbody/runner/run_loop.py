@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from shlex import quote
 from typing import TYPE_CHECKING, Any, cast
@@ -18,11 +18,11 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.kernels.columns import run_totals
-from thirdbody.runner.checkpoint import THE_RATE_TEST, Checkpoint, prints_of, write_checkpoint
+from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
-from thirdbody.runner.output_schedule import changeover_stop, planned_frames, targets
+from thirdbody.runner.output_schedule import planned_frames, targets
 from thirdbody.runner.progress import Progress, Reporter
-from thirdbody.runner.run_folder import RunFolder, new_rate_test
+from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.yield_check import PeakPressure
 from thirdbody.system.freed_memory import keep_freed_memory
 from thirdbody.trajectory.frame import FrameMaker
@@ -62,7 +62,7 @@ class RunLoop:
         times: WallTimes = WallTimes(),
     ) -> None:  # fmt: skip
         self.simulation, self.files, self.report, self.stop = simulation, files, report, stop
-        self.folder = self.resumed_as = files.path
+        self.folder = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
         self.aside = 0.0  # wall time [s] of all frames and checkpoints so far
@@ -82,7 +82,6 @@ class RunLoop:
         self.maker.watch = self.pressure.update
         self.maker.scene_time = simulation.scene_time if simulation.speed_scale else None
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
-        self.changeover = 0 if simulation.scene.solver.rate_test is None else changeover_stop(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
@@ -122,8 +121,6 @@ class RunLoop:
                 self._write()
             elif integrator.divisible:
                 self._report_progress({})
-            if self.reached == self.changeover:
-                self._save_changeover()
             self._stop_or_save()
         self.export_state()
 
@@ -142,12 +139,6 @@ class RunLoop:
         self.cost = self.written - begun
         self.aside += self.cost
 
-    def _save_changeover(self) -> None:
-        """Write the checkpoint from which the rate test begins."""
-        prints = self.prints | {THE_RATE_TEST: f"{self.simulation.scene.solver.rate_test:g}"}
-        self.files.check()
-        write_checkpoint(new_rate_test(self.folder), replace(self._checkpoint(), frames=0, prints=prints))
-
     def _checkpoint(self) -> Checkpoint:
         """Return the present state, without copies."""
         saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
@@ -162,7 +153,7 @@ class RunLoop:
     def _watch(self) -> None:
         """Check the energy and sample, at instants independent of the wall time since both belong to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
-        if integrator.divisible and getattr(integrator, "independent", False):  # its parts meet at outputs only
+        if integrator.divisible and getattr(integrator, "independent", False):  # its ledger takes in outputs only
             self.energy_guard.check(state, stored_energies(state))
         elif integrator.divisible:
             self.energy_guard.check(state, self.ledger.watch(state))
@@ -198,7 +189,7 @@ class RunLoop:
 
     def _interrupted(self, what: str) -> Interrupted:
         """Return the error whose message explains how to continue."""
-        folder = str(self.resumed_as)
+        folder = str(self.folder)
         return Interrupted(
             what, python=f"; to go on: thirdbody.resume({folder!r})", command=f"; to go on: thirdbody resume {quote(folder)}"
         )

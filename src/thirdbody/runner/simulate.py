@@ -6,26 +6,21 @@ import os
 import platform
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.assembly.rate_test import SlowedSimulation
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import GuardStop, Interrupted, OutputError
 from thirdbody.export.paraview import write_paraview_files
 from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measured import measured_summary
-from thirdbody.runner.output_schedule import targets
-from thirdbody.runner.parts.joined import cut, parts_at_work
-from thirdbody.runner.parts.workers import workers_of
 from thirdbody.runner.prepare import check_threads, prepare, set_threads
 from thirdbody.runner.progress import Reporter, reporting
-from thirdbody.runner.rate_test import first_part, rate_test_loop
+from thirdbody.runner.removed import SEEDS, without
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
@@ -38,6 +33,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
+@without(parts=SEEDS)
 def run(
     scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
     out: str | Path | None = None,
@@ -47,7 +43,6 @@ def run(
     overwrite: bool = False,
     plugins: tuple[str | Path, ...] = (),
     force: bool = False,
-    parts: int | tuple[int, Executor] = 1,
 ) -> Run:
     """Simulate a scene and return the opened result.
 
@@ -67,9 +62,6 @@ def run(
         Python files with a `PLUGIN` or `DEBRIS_KINDS`.
     force : bool
         Accept a time step above its bound.
-    parts : int or (int, executor)
-        Number of processes that share the bodies, where these do not influence each other (same bits for any number): of this
-        machine, or on the workers of an executor of `concurrent.futures` or a Dask client.
 
     Returns
     -------
@@ -92,9 +84,8 @@ def run(
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
     for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=2)
+        warnings.warn(warning, stacklevel=3)
     simulation = prepare(scene, plugins, force)
-    cut(simulation, *workers_of(parts, threads), plugins)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, overwrite, stop)
     return open_run(folder)
@@ -121,34 +112,11 @@ def execute(
 
     `stop` is called between compiled calls; when it returns True, or when `times.limit` is exceeded, a checkpoint is written
     and Interrupted is raised. Checkpoints are written at least `times.every` apart, and when the run ends. `checkpoint`:
-    what to continue from, with its trajectory in the folder. A rate test, if the scene has one, follows the run.
+    what to continue from, with its trajectory in the folder.
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        loop = RunLoop(simulation, files, first_part(report, simulation), stop, times or WallTimes())
-        with parts_at_work(simulation, folder, checkpoint.stop if checkpoint else 0, loop.prints):
-            summary = _finished(simulation, loop, checkpoint) or _execute(simulation, loop, checkpoint)
-        if simulation.scene.solver.rate_test is not None:
-            _run_rate_test(simulation, loop, report)
-    return summary
-
-
-def _finished(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any] | None:
-    """Return the summary of a finished run of which at most the rate test is left; None for every other."""
-    if checkpoint is None or simulation.scene.solver.rate_test is None or checkpoint.stop < sum(1 for _ in targets(simulation)):
-        return None
-    with open_run(loop.folder) as before:
-        summary = before.summary()
-    return summary if summary["finished"] and summary["frames"] == checkpoint.frames else None
-
-
-def _run_rate_test(simulation: Simulation, loop: RunLoop, report: Reporter | None) -> None:
-    """Compute the last third of a finished run again with a slower plate, or go on with that."""
-    with rate_test_loop(simulation, loop, report) as (slowed, test, start):
-        try:
-            _execute(slowed, test, start)
-        except GuardStop as stop:
-            raise GuardStop(f"the rate test: {stop.message}") from stop
+        return _execute(simulation, RunLoop(simulation, files, report, stop, times or WallTimes()), checkpoint)
 
 
 def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
@@ -211,10 +179,6 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         units |= {f"fraction_{name}": "1" for name in labeller.states} | {f"count_{name}": "1" for name in labeller.reasons}
     measures = simulation.state.physics.measures
     units |= measures.layout.units() if measures else {}
-    test = {}
-    if isinstance(simulation, SlowedSimulation):
-        title = f"{scene.title or 'run'}, rate test at 1/{simulation.factor:g} of the speed"
-        test = {"title": title, "rate_test": {"factor": simulation.factor, "changeover": simulation.changeover}}
     return {
         "scene_text": simulation.requested.to_toml(),
         "title": scene.title,
@@ -242,7 +206,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
             "h5py": h5py.__version__,
             "python": platform.python_version(),
         },
-    } | test
+    }
 
 
 def debris_contact(simulation: Simulation) -> str:

@@ -133,32 +133,24 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
     return faults
 
 
-MOTION_OF_BEDS = {"rate_test": "compares two speeds", "inertial_number": "changes the speed"}
-"""Keys of the solver for beds only, and what they do to the motion."""
-
+RESTS = "changes the speed of the upper plate, and here it rests"
 NO_BED = "is for a bed, whose bodies meet each other"
-ALONE = {
-    "rate_test": "bodies between the plates alone are compared with a quasi-static run (solver.inertia = false)",
-    "inertial_number": "the implicit integrator takes slow motion as it is, and needs no other speed",
-}
-"""What to do instead of these keys where bodies do not meet."""
+ALONE = "the implicit integrator takes slow motion as it is, and needs no other speed"
+"""Why `solver.inertial_number` is refused, and what to do without it where bodies do not meet."""
 
 
 def bed_faults(raw: dict[str, Any], moving: bool) -> list[Wrong]:
-    """Return faults of keys for beds where no bed is sheared."""
-    solver = raw.get("solver")
-    return [wrong for key in MOTION_OF_BEDS if entry(solver, key) is not None for wrong in _bed_faults(raw, key, moving)]
-
-
-def _bed_faults(raw: dict[str, Any], key: str, moving: bool) -> list[Wrong]:
-    location: Location = ("solver", key)
-    faults: list[Wrong] = []
+    """Return faults of a wanted inertial number where no bed is sheared."""
+    location: Location = ("solver", "inertial_number")
+    solver, faults = raw.get("solver"), []
+    if entry(solver, "inertial_number") is None:
+        return []
     if not moving:
-        faults.append((location, f"{MOTION_OF_BEDS[key]} of the upper plate, and here it rests: add plates.upper.motion"))
+        faults.append((location, f"{RESTS}: add plates.upper.motion"))
     if entry(raw.get("contact"), "debris_contact") == "none":
-        faults.append((location, f'{NO_BED}, and contact.debris_contact = "none" declares that they do not; {ALONE[key]}'))
-    elif entry(raw.get("solver"), "integrator") == "implicit":
-        faults.append((location, f"{NO_BED}, which needs the explicit integrator; {ALONE[key]}"))
+        faults.append((location, f'{NO_BED}, and contact.debris_contact = "none" declares that they do not; {ALONE}'))
+    elif entry(solver, "integrator") == "implicit":
+        faults.append((location, f"{NO_BED}, which needs the explicit integrator; {ALONE}"))
     return faults
 
 

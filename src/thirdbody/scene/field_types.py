@@ -263,7 +263,6 @@ Seed = Annotated[int, Whole(ge=0)]
 Number = Annotated[float, Quantity()]
 PositiveNumber = Annotated[float, Quantity(gt=0)]
 Fraction = Annotated[float, Quantity(gt=0, le=1)]
-RateFactor = Annotated[float, Quantity(gt=1, le=100)]
 
 Length = Annotated[float, Quantity(dimension="length")]
 PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]

@@ -20,7 +20,6 @@ from thirdbody.scene.field_types import (
     PositiveStiffness,
     PositiveTime,
     Quantity,
-    RateFactor,
     Speed,
     Text,
     listing,
@@ -257,6 +256,12 @@ class Effects(Part):
 IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
 """Keys of the solver for the implicit integrator only."""
 
+OBSOLETE = {
+    "rate_test": "there is no rate test any more: `thirdbody cost SCENE` tells what the speed of a bed costs in accuracy, and "
+    "`thirdbody sweep scenes/sweeps/mu_of_inertia.toml` measures friction over the inertial number"
+}
+"""Keys of the solver that older scenes have, and what does their work now."""
+
 
 class Solver(Part):
     """Integrator, time step and length of a run. Distance and duration count after settling.
@@ -280,11 +285,6 @@ class Solver(Part):
     """
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
     """Time under load before the drag starts. Example: "20 us"."""
-    rate_test: RateFactor | None = None
-    """Bed of debris: the last third of the run is computed again, from the state at two thirds, this many times slower.
-
-    The summary then tells whether friction, solid fraction and labels depend on the speed. Example: 3.
-    """
     inertial_number: Annotated[float, Quantity(ge=1e-6, le=0.1)] | None = None
     """Bed of debris: the plate moves at the speed that gives this inertial number, whatever speed the scene asks for.
 
@@ -304,6 +304,11 @@ class Solver(Part):
 
     Example: "continue".
     """
+
+    @classmethod
+    def suggestion(cls, key: str) -> str:
+        """Return what to write instead of an unknown key."""
+        return OBSOLETE.get(key) or super().suggestion(key)
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

@@ -29,12 +29,9 @@ def convergence(built: Study) -> list[dict[str, Any]]:
 def _of_springs(built: Study) -> list[dict[str, Any]]:
     laws = [row for row in built.rows if row.variant.axis == "law" and row.stable]
     rows = [row for row in laws if row.variant.springs is not None]
-    finest = laws[-1] if laws else None
-    verified = [row for row in built.rows if row.variant.axis == "verify" and row.stable]
-    if verified:  # with steps so fine that they do not hide the error of the springs
-        rows, finest = verified, built.reference
-    if finest is None or not rows:
+    if not rows:
         return []
+    finest = laws[-1]
     if finest in rows:  # no law without springs: the largest number of springs is the reference
         rows.remove(finest)
     sizes = [1.0 / row.variant.springs for row in rows]  # type: ignore[operator]

@@ -57,7 +57,7 @@ class Study:
 
 def study(
     path: Path, folder: Path, settings: Mapping[str, Any] | None = None, plugins: Sequence[str | Path] = (),
-    repeats: int = REPEATS, log: Log = lambda text: None, verify: bool = False, budget: float = BUDGET,
+    repeats: int = REPEATS, log: Log = lambda text: None, budget: float = BUDGET,
 ) -> Study:  # fmt: skip
     """Compute the variants of a scene file; runs remain in `folder`/variants. Raises ThirdbodyError for an invalid scene.
 
@@ -73,7 +73,7 @@ def study(
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
-        setup = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, verify, clock, worker, log)
+        setup = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, clock, worker, log)
         runs = VariantRuns(worker, folder, plugins, setup.base, setup.costs, setup.overheads, clock, log)
         rows = runs.rows(setup.variants, repeats)
     _one_pace(rows)
@@ -157,7 +157,7 @@ def _beaten(built: Study, row: Row, other: Row, merit: str) -> bool:
 
 def is_choice(row: Row) -> bool:
     """Return whether a variant may be recommended: those that only measure an error are not."""
-    return row.variant.axis not in ("verify", "nudged", "meeting") and row.variant.speed >= 1.0
+    return row.variant.axis not in ("nudged", "meeting") and row.variant.speed >= 1.0
 
 
 def speed_error(built: Study) -> tuple[float, float]:
@@ -294,7 +294,6 @@ def as_json(built: Study) -> dict[str, Any]:
                 "on_front": any(entry is other for other in onfront),
             }
             for entry in built.rows
-            if entry.variant.axis != "verify"
         ],
     }
 

@@ -15,14 +15,13 @@ from thirdbody.studies.time_budget import BUDGET
 
 
 class StudyOptions(NamedTuple):
-    """Number of timed runs of each variant; study of effects instead of accuracy; with an oblique impact; wall time [s].
+    """Number of timed runs of each variant; study of effects instead of accuracy; wall time [s].
 
     `only`: effects that are studied; all without any.
     """
 
     repeats: int
     effects: bool = False
-    verify: bool = False
     budget: float = BUDGET
     only: tuple[str, ...] = ()
 
@@ -32,25 +31,16 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
     if options.effects:
         _effects(source, options, overwrite, json, log)
         return
-    from thirdbody.studies.contact_interaction import above, print_interaction
     from thirdbody.studies.convergence import convergence, print_convergence, print_reference, reference_error
     from thirdbody.studies.cost_plot import draw_study
     from thirdbody.studies.cost_table import print_study
 
-    began, folder, verify = time.perf_counter(), source.folder, options.verify
+    began, folder = time.perf_counter(), source.folder
     with new_study_folder(folder, overwrite) as work_folder:
-        built = study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, verify, options.budget)
-        log("the elastic interaction of spots")
-        report: dict[str, Any] = {"convergence": convergence(built), "reference_error": reference_error(built)}
-        report["interaction"] = above(built, work_folder)
-        if verify:
-            from thirdbody.studies.impact import impact_table
-
-            log("an oblique impact")
-            report["impact"] = impact_table(built, source.plugins)
+        built = study(source.scene, work_folder, source.settings, source.plugins, options.repeats, log, options.budget)
         draw_study(built, work_folder / PICTURE, (work_folder / PICTURE).with_suffix(".pdf"))
         built.elapsed = time.perf_counter() - began
-        report = as_json(built) | report
+        report = as_json(built) | {"convergence": convergence(built), "reference_error": reference_error(built)}
         _write(work_folder / JSON_FILE, report)
     if json:
         print_json(report)
@@ -58,11 +48,6 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
     print_study(built)
     print_convergence(report["convergence"])
     print_reference(built)
-    print_interaction(report["interaction"])
-    if verify:
-        from thirdbody.studies.impact import print_impact
-
-        print_impact(report["impact"])
     print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the variants beside them")
 
 

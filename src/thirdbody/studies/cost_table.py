@@ -27,7 +27,7 @@ def print_study(built: Study) -> None:
     default = built.default
     base = default.seconds if default is not None and default.stable else math.nan
     front = efficient(built)
-    rows = [(row, _mark(built, row, front)) for row in built.rows if row.variant.axis != "verify"]
+    rows = [(row, _mark(built, row, front)) for row in built.rows]
     columns = COLUMNS_OF_MEETING if built.scatter else COLUMNS
     cells = [_cells(row, mark, base, columns) for row, mark in rows]
     if built.scatter:

@@ -53,9 +53,7 @@ class StudySource(NamedTuple):
     plugins: Sequence[str | Path]
 
 
-def prepare_study(
-    source: StudySource, repeats: int, verify: bool, budget: Budget, worker: Worker, log: Callable[[str], None]
-) -> StudySetup:
+def prepare_study(source: StudySource, repeats: int, budget: Budget, worker: Worker, log: Callable[[str], None]) -> StudySetup:
     """Return the saved copy whose variants fit the budget. Raises UsageError if not even the smallest does."""
     part = min(1.0, budget.seconds / BUDGET)
     maker = _Maker(worker, source, part < 1.0, budget)
@@ -63,7 +61,7 @@ def prepare_study(
         log("starting the worker")
         worker.start(budget.end(1.0))
         log("building the scene and estimating its time")
-        base, variants, reduction = maker.build(part * SECONDS, verify)
+        base, variants, reduction = maker.build(part * SECONDS)
         log("timing the costliest variants")
         costs, overheads = measure_costs(
             worker, variants, base, source.folder, source.plugins, part * PROBE, budget.end(worker.pace)
@@ -74,7 +72,7 @@ def prepare_study(
         fraction = fitting(variants, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
         if abs(fraction - 1.0) >= SAME and reduction:
             log(f"a copy {fraction:.2g} times as costly")
-            base, variants, reduction = maker.build(fraction * part * SECONDS, verify)
+            base, variants, reduction = maker.build(fraction * part * SECONDS)
             costs = replace(costs, scale=fraction)
     except Overdue:
         why = "it was over before the scene was built and its costliest variants were timed; what was compiled till then is kept"
@@ -91,7 +89,7 @@ class _Maker:
     few: bool
     budget: Budget
 
-    def build(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str]]:
+    def build(self, maximum: float) -> tuple[Base, list[Variant], list[str]]:
         """Return a saved copy that integrates in `maximum` seconds with the scene's settings.
 
         Its base, its variants, its omissions. Raises Overdue, and ThirdbodyError for a scene that cannot be built.
@@ -112,7 +110,7 @@ class _Maker:
             base = replace(base, step=self._smallest_step(base.step, until))
             reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
         family = discover(tuple(source.plugins)).families[copy.contact.law]
-        return base, variants_of(copy, family, base, verify), reduction
+        return base, variants_of(copy, family, base), reduction
 
     def _smallest_step(self, first: float, until: float) -> float:
         """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
@@ -137,7 +135,6 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
 
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
-    scene = scene.with_settings({"solver.rate_test": None}) if scene.solver.rate_test is not None else scene
     lean = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
     scene = scene.with_settings(lean) if lean else scene  # contacts and orientations are compared
     copy, built, reduction = reduce_scene(scene, plugins, maximum)

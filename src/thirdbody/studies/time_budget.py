@@ -146,7 +146,7 @@ def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, f
     total = 0.0
     for variant in variants:
         seconds = fraction * costs.of(variant, base)
-        times = repeats_of(seconds, 1 if variant.axis in ("verify", "nudged") else repeats)
+        times = repeats_of(seconds, 1 if variant.axis == "nudged" else repeats)
         total += seconds * (times + (seconds <= LONG))  # a short run's first one is not timed
     return total
 

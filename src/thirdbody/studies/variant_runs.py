@@ -46,7 +46,7 @@ class VariantRuns:
             number: Row(variant, message=LEFT_OUT, integrator=variant.integrator) for number, variant in enumerate(variants, 1)
         }
         done: list[Row] = []
-        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].variant, entry[0], len(variants))):
+        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].variant, entry[0])):
             needed = row.variant.default or row.variant.reference
             if needed or self._predicted(row.variant) + RESERVED_ROUNDS * self._round([*done, row]) <= self._left():
                 self._run(row, f"{number:02d}_{_slug(row.variant.name)}", needed)
@@ -154,7 +154,7 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
     return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
 
 
-def _rank(variant: Variant, number: int, count: int) -> int:
+def _rank(variant: Variant, number: int) -> int:
     """Return the rank in the order of runs.
 
     First the scene's own variant, the reference, displaced starts, the other integrator and bodies that do not meet; then the
@@ -166,7 +166,7 @@ def _rank(variant: Variant, number: int, count: int) -> int:
         return 2
     if variant.axis == "meeting" or (variant.axis == "integrator" and variant.factor == 1.0):
         return 3
-    return number + 3 + (count if variant.axis == "verify" else 0)
+    return number + 3
 
 
 def _code(variant: Variant) -> tuple[Any, ...]:

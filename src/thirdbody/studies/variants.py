@@ -29,7 +29,7 @@ SPEEDS = (9.0, 3.0, 1.0 / 3.0)
 NUDGED = 2
 """Number of runs of the scene's own variant from displaced starts: with the run itself three pairs tell how far runs part."""
 
-UNTIMED = ("verify", "reference", "nudged")
+UNTIMED = ("reference", "nudged")
 """Axes of the variants that are only run, for errors."""
 
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
@@ -86,7 +86,7 @@ class Variant:
     nudge: int = 0
 
 
-def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Variant]:
+def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
     """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
 
     Beds are sheared at other speeds too, over the same distances and with the scene's own law and step. Where bodies meet, the
@@ -94,12 +94,11 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
 
     The levels of a family go from the coarsest to the finest, in its own order. Explicit variants have a fixed time step, since
     an automatic one depends on the contacts: laws would differ by their steps too, and a body that rocks into position while it
-    settles would confound that with the law's error. `verify` adds all numbers of springs with the steps of the reference (axis
-    `verify`): only there the error of the springs is not hidden by the steps.
+    settles would confound that with the law's error.
     """
     laws = [(level, springs) for level in family.levels for springs in _springs_of(family, level, base)]
     other = "implicit" if base.kind == "explicit" else "explicit"
-    own, finest, minimum = (base.level, base.springs), laws[-1], FINEST[base.kind]
+    own, finest = (base.level, base.springs), laws[-1]
 
     def variant(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
         words = [_law_name(*law)] + ([kind] if kind != base.kind else [])
@@ -117,9 +116,7 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
     variants += _of_meeting(variant("nudged", own, base.kind)) if base.meets else []
     if own != finest:
         variants += [variant("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
-    if verify:
-        variants += [variant("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
-    return [*variants, variant("reference", finest, base.kind, minimum)]
+    return [*variants, variant("reference", finest, base.kind, FINEST[base.kind])]
 
 
 def _of_meeting(own: Variant) -> list[Variant]:

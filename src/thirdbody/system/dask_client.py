@@ -53,11 +53,6 @@ def is_dask_client(executor: object) -> bool:
     return any(kind.__module__ == "distributed.client" and kind.__name__ == "Client" for kind in type(executor).__mro__)
 
 
-def thread_count(client: Any) -> int:
-    """Return how many tasks the workers of a client compute at the same time now."""
-    return sum(client.nthreads().values())
-
-
 def _distributed() -> Any:
     """Return the module. Raises MissingLibrary."""
     try:

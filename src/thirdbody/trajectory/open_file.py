@@ -14,8 +14,6 @@ from thirdbody.trajectory.external_links import refuse_foreign
 from thirdbody.trajectory.validate import ClosedRun, damage_as_fault
 
 FILE_NAME = "run.vtkhdf"
-RATE_TEST = "rate_test"
-"""Folder of the rate test inside that of its run; it holds the files of a run."""
 TRIES, PAUSE = 10, 0.05
 """Number of tries to read a file that keeps changing, and the pause between two [s]: a frame is written within some ms."""
 

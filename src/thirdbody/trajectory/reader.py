@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.bed_verdict import Bed
     from thirdbody.trajectory.friction import Friction
     from thirdbody.trajectory.plate_motion import Drag
-    from thirdbody.trajectory.rate_test import RateTest
 
 __all__ = ["FILE_NAME", "Run", "open_run"]
 
@@ -80,14 +79,6 @@ class Run(RunArrays):
 
         with damage_as_fault(self.path, "the series of the bed"):
             return bed_of(self)
-
-    @cached_property
-    def rate_test(self) -> RateTest | None:
-        """Rate test of the run (`solver.rate_test`): `verdict`, `effect`, both means with errors; None without one."""
-        from thirdbody.trajectory.rate_test import rate_test_of
-
-        with damage_as_fault(self.path, "the series of the rate test"):
-            return rate_test_of(self)
 
     @cached_property
     def cycles(self) -> dict[str, np.ndarray]:
@@ -165,8 +156,7 @@ class Run(RunArrays):
         second half of the sliding or of the cycles), `fractions` (state name to fraction of the bodies, last frame), and the
         same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`). Of a bed the means
         of its series over the steady part (`inertial_number`, `softness`, `solid_fraction`, ...) and their errors
-        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts). Of a run
-        with a rate test `rate_test` (its figures, see `Run.rate_test`).
+        (`inertial_number_error`, ...), `quasi_static` (true or false), `bed_verdict` and `softness_verdict` (texts).
 
         Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
         the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),

@@ -51,8 +51,6 @@ def figures(run: Run) -> dict[str, Any]:
         result["accommodation"] = portions
     if run.bed is not None:
         result |= bed_figures(run.bed)
-    if run.rate_test is not None:
-        result["rate_test"] = run.rate_test.to_dict()
     if run.has_states and result["bodies"]:
         result["fractions"] = _last_fractions(run)
         result |= {f"{kind}s": rows for kind, rows in states_by_group(run).items()}

@@ -1,8 +1,5 @@
 """Mean and standard error of a correlated series, its change over time, and its running mean."""
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 
 WINDOW = 5.0
@@ -10,10 +7,6 @@ WINDOW = 5.0
 
 MIN_SAMPLES = 8
 """Least number of independent values for which an error is reported: with fewer its estimate is unreliable."""
-
-
-MAX_AUTOREGRESSION = 0.97
-"""Largest coefficient of an autoregression: nearer to 1 its time has no bound."""
 
 
 def mean_and_error(values: np.ndarray) -> tuple[float, float]:
@@ -51,46 +44,6 @@ def _autocorrelation_time(deviations: np.ndarray, variance: float) -> tuple[floa
     beyond = np.flatnonzero(np.arange(n) >= WINDOW * times)
     window = int(beyond[0]) if len(beyond) else n - 1
     return max(float(times[window]), 0.5), window
-
-
-class Mean(NamedTuple):
-    """Mean of a correlated series, its standard error, and the half width of its confidence interval at 99 %."""
-
-    value: float
-    error: float
-    margin: float
-
-
-def mean_and_margin(values: np.ndarray) -> Mean:
-    """Return the mean of a stationary series (n,) with error and margin, NaN with fewer than MIN_SAMPLES values.
-
-    As `mean_and_error`, but for tests, which need a margin of a short series that is not too small: the autocorrelation time is
-    at least that of an autoregression of first order, 1/2 + r/(1 - r), whose coefficient r is corrected for its bias, (1 + 4 r)/n
-    (Marriott and Pope 1954, Biometrika 41, 390); the variance is corrected for the estimated mean; the margin is Student's t of
-    the number of independent values less one. Measured: `tests/unit/test_rate_statistics.py`.
-    """
-    from scipy.special import stdtrit
-
-    values = values[np.isfinite(values)]
-    n = len(values)
-    mean = float(values.mean()) if n else math.nan
-    if n < MIN_SAMPLES:
-        return Mean(mean, math.nan, math.nan)
-    deviations = values - mean
-    squares = float(deviations @ deviations)
-    if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # constant but for rounding
-        return Mean(mean, 0.0, 0.0)
-    tau, window = _autocorrelation_time(deviations, squares / n)
-    tau = max(tau * (1.0 + (2.0 * window + 1.0) / n), _autoregression_time(deviations, squares))
-    error = math.sqrt(2.0 * tau * squares / (n * max(n - 2.0 * tau, 1.0)))
-    return Mean(mean, error, float(stdtrit(max(n / (2.0 * tau) - 1.0, 1.0), 0.995)) * error)
-
-
-def _autoregression_time(deviations: np.ndarray, squares: float) -> float:
-    """Return the autocorrelation time of the autoregression of first order with the bias-corrected coefficient, at least 1/2."""
-    r = float(deviations[1:] @ deviations[:-1]) / squares
-    r = min(max(r + (1.0 + 4.0 * r) / len(deviations), 0.0), MAX_AUTOREGRESSION)
-    return 0.5 + r / (1.0 - r)
 
 
 def change_and_error(values: np.ndarray) -> tuple[float, float]:
