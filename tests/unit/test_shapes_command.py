@@ -1,22 +1,19 @@
 """`thirdbody shapes`: what it tells about the bodies of a scene and about a mesh, and the picture."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from steel import STEEL
 
 from thirdbody.assembly.clumps import shapes_of
 from thirdbody.errors import OutputError
 from thirdbody.scene.model import Scene
 
-SCENE = (
-    STEEL
-    + """\
+DEBRIS = """\
 [[debris]]
 material = "steel"
 kind = "irregular"
@@ -38,6 +35,8 @@ file = "rock.stl"
 unit = "1 um"
 spheres = 6
 count = 2
+"""
+END = """\
 [domain]
 size = ["150 um", "150 um"]
 [plates.lower]
@@ -47,7 +46,6 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
-)
 
 
 @pytest.fixture
@@ -66,17 +64,16 @@ def call(command):
 @pytest.fixture
 def scene(tmp_path, rock):
     path = tmp_path / "scene.toml"
-    path.write_text(SCENE, encoding="utf-8")
+    path.write_text(STEEL + DEBRIS + END, encoding="utf-8")
     return path
 
 
 def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, rock):
     code, out, _ = call("rock.stl", "--unit", "1 um", "--spheres", 8, "--json")
-    assert code == 0
     (entry,) = json.loads(out)["populations"]
     fit = entry["fit"]
     # STL holds single precision
-    assert entry["volume"]["mean"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
+    assert code == 0 and entry["volume"]["mean"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
     assert fit["mesh_volume"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
     moments = np.sort(np.linalg.eigvalsh(rock.moment_inertia)) * 1e-30
     assert [moment["mean"] for moment in entry["inertia"]] == pytest.approx(moments, rel=1e-5, abs=0.0)
@@ -88,10 +85,9 @@ def test_a_mesh_is_reported_by_its_own_volume_and_inertia(call, rock):
 
 def test_every_population_of_a_scene_is_reported(call, scene):
     code, out, _ = call(scene, "--json")
-    assert code == 0
     rough, balls, rocks = json.loads(out)["populations"]
-    assert [entry["kind"] for entry in (rough, balls, rocks)] == ["irregular", "spheres", "mesh"]
-    assert (rough["count"], balls["count"], rocks["count"]) == (15, 3, 2)
+    found = [(entry["kind"], entry["count"]) for entry in (rough, balls, rocks)]
+    assert code == 0 and found == [("irregular", 15), ("spheres", 3), ("mesh", 2)]
     assert rough["diameter"]["mean"] == pytest.approx(1e-5, rel=1e-12, abs=0.0)  # scaled to it
     assert rough["sphere_radius"]["min"] == pytest.approx(5e-7, rel=1e-12, abs=0.0)  # the asperities
     bodies = shapes_of(Scene.load(scene), 0, [])
@@ -105,13 +101,6 @@ def test_every_population_of_a_scene_is_reported(call, scene):
     assert "fit" in rocks and "fit" not in rough
 
 
-def test_tables_name_populations_and_the_fit(call, scene):
-    code, out, err = call(scene, "--set", "debris.0.count=3")
-    assert code == 0 and not err
-    for words in ("debris[0]: 3 bodies, irregular of steel", "debris[2]: 2 bodies, mesh", "fit to the mesh", "% of R (rms)"):
-        assert words in out
-
-
 def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock):
     (tmp_path / "scans").mkdir()
     for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
@@ -121,7 +110,7 @@ def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock
     code, out, _ = call("scans", "--unit", "1 um", "--spheres", 6, "--json")
     alone = json.loads(out)["populations"]
     assert code == 0 and [entry["name"] for entry in alone] == ["a.stl", "b.stl"]
-    code, out, _ = call(scene, "--set", "debris.2.file=scans", "--json")
+    code, out, _ = call(scene, "--set", "debris.2.file=scans", "--set", "debris.0.count=1", "--json")
     both = json.loads(out)["populations"][2]
     assert code == 0 and both["count"] == 2 and "fit" not in both
     assert [fit["rms"] for fit in both["fits"]] == pytest.approx([entry["fit"]["rms"] for entry in alone], rel=1e-6)
@@ -130,43 +119,41 @@ def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock
     assert code == 3 and "no mesh file" in err
 
 
-def test_a_picture_of_the_bodies_is_made(call, scene, tmp_path):
-    code, out, _ = call(scene, "-o", "shapes.png")
-    assert code == 0 and out.rstrip().endswith("shapes.png")
-    import vtk
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    reader = vtk.vtkPNGReader()
-    reader.SetFileName(str(tmp_path / "shapes.png"))
-    reader.Update()
-    image = reader.GetOutput()
-    width, height, _ = image.GetDimensions()
-    pixels = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)[:, :, :3].astype(int)
+def test_tables_and_a_picture_of_the_bodies_are_made(call, scene, tmp_path):
+    code, out, err = call(scene, "--set", "debris.0.count=3", "-o", "shapes.png")
+    assert code == 0 and not err and out.rstrip().endswith("shapes.png")
+    code, out, err = call(scene, "--set", "debris.0.count=3")
+    assert code == 0 and not err
+    for words in ("debris[0]: 3 bodies, irregular of steel", "debris[2]: 2 bodies, mesh", "fit to the mesh", "% of R (rms)"):
+        assert words in out
+    with Image.open(tmp_path / "shapes.png") as picture:
+        pixels = np.asarray(picture.convert("RGB"), int)
+    height, width, _ = pixels.shape
     assert width == 1600 and height > 900
-    # bodies are coloured, words and paper are grey: two rows of bodies, one ball and three views fill some of the picture
+    # bodies are coloured, words and paper are grey: rows of bodies, one ball and three views fill some of the picture
     coloured = np.ptp(pixels, axis=2) > 40
-    assert 0.05 < coloured.mean() < 0.6
+    assert 0.03 < coloured.mean() < 0.6
     assert (pixels == 255).all(axis=2)[:, :20].all(), "nothing is cut at the edge"
 
 
-@pytest.mark.parametrize(
-    "arguments, code, words",
-    [
-        (["rock.stl"], 2, "--unit"),
-        (["rock.stl", "--unit", "1 N"], 2, "expected a length"),
-        (["rock.stl", "--unit", "1 um", "--set", "a=1"], 2, "--set"),
-        (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
-        (["scene.toml", "--set", "debris"], 2, "KEY=VALUE"),
-        (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
-        (["absent.stl", "--unit", "1 um"], 3, "absent.stl"),
-        (["absent.toml"], 3, "absent.toml"),
-        (["rock.step"], 3, "neither a scene"),
-        (["scene.toml", "--set", "debris.0.angularity=2"], 3, "angularity"),
-        (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
-        (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
-        (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
-    ],
-)
-def test_what_cannot_be_ends_with_its_code(call, scene, arguments, code, words):
-    found, _, err = call(*arguments)
-    assert found == code and words in err
+WRONG = [
+    (["rock.stl"], 2, "--unit"),
+    (["rock.stl", "--unit", "1 N"], 2, "expected a length"),
+    (["rock.stl", "--unit", "1 um", "--set", "a=1"], 2, "--set"),
+    (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
+    (["scene.toml", "--set", "debris"], 2, "KEY=VALUE"),
+    (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
+    (["absent.stl", "--unit", "1 um"], 3, "absent.stl"),
+    (["absent.toml"], 3, "absent.toml"),
+    (["rock.step"], 3, "neither a scene"),
+    (["scene.toml", "--set", "debris.0.angularity=2"], 3, "angularity"),
+    (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
+    (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
+    (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
+]
+
+
+def test_what_cannot_be_ends_with_its_code(call, scene):
+    for arguments, code, words in WRONG:
+        found, _, err = call(*arguments)
+        assert found == code and words in err, (arguments, err)

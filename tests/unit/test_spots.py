@@ -1,9 +1,8 @@
 """Particles given by spots: what a scene may say, where they stand, and which plate each spot meets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from each import each
 from steel import STEEL
 
 from thirdbody.assembly.simulation import build
@@ -14,9 +13,7 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
 
-SCENE = (
-    STEEL
-    + """\
+SCENE = """\
 [[debris]]
 material = "steel"
 kind = "spots"
@@ -36,7 +33,6 @@ distance = "20 nm"
 [output]
 every = "1 nm"
 """
-)
 SPOTS = """spots = [
   {side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
   {side = "lower", x = "-2 um", z = "-2 um", radius = "1 um"},
@@ -44,95 +40,75 @@ SPOTS = """spots = [
 ]
 """
 MASS = 'mass = "1e-13 kg"\ninertia = "2e-25 kg m2"\n'
+PLANAR = SPOTS + MASS + "planar = true\n"
 
 
-def scene(keys: str = SPOTS + MASS, motion: str = "", more: str = "") -> Scene:
-    return Scene.parse(SCENE.format(keys=keys, motion=motion, more=more), "s.toml")
-
-
-def faults(**texts: str) -> str:
-    with pytest.raises(InputError) as caught:
-        scene(**texts)
-    return str(caught.value)
+def scene(keys=SPOTS + MASS, motion="", more=""):
+    return Scene.parse(STEEL + SCENE.format(keys=keys, motion=motion, more=more), "s.toml")
 
 
 def test_summits_stand_on_the_plates_and_meet_their_own_side_only():
-    built = build(scene())
-    state = built.state
-    summit = state.S[:, 2] + np.array([1.0, -1.0, -1.0]) * state.spheres.radius
+    state = build(scene()).state
     # the clearance at the start is 1e-9 of the height
-    assert summit == pytest.approx([4e-6, 0.0, 0.0], abs=1e-14)
+    assert state.S[:, 2] + np.array([1.0, -1.0, -1.0]) * state.spheres.radius == pytest.approx([4e-6, 0.0, 0.0], abs=1e-14)
     # all three spheres are close to both plates, yet each is a candidate of one plate only
-    assert sorted(zip(state.slots.own.tolist(), state.slots.partner.tolist(), strict=True)) == [
-        (0, -1 - BASINS),
-        (1, -1),
-        (2, -1),
-    ]
+    candidates = sorted(zip(state.slots.own.tolist(), state.slots.partner.tolist(), strict=True))
+    assert candidates == [(0, -1 - BASINS), (1, -1), (2, -1)]
     assert state.bodies.mass[0] == pytest.approx(1e-13, rel=1e-15)
     assert state.bodies.inertia[0] == pytest.approx([2e-25] * 3, rel=1e-15)
 
 
 def test_spots_do_not_meet_other_bodies():
-    keys = SPOTS + MASS + 'positions = [["10 um", "10 um"], ["11 um", "10 um"]]\n'
-    built = build(scene(keys))
+    built = build(scene(SPOTS + MASS + 'positions = [["10 um", "10 um"], ["11 um", "10 um"]]\n'))
     built.integrator.advance_to(time=0.5 * built.settle)
     assert np.all(built.state.slots.partner < 0) and built.state.slots.count == 6
 
 
 def test_gross_sliding_of_the_planar_particle():
     """N_2/N_1 = (x_3 - x_1 + mu h)/(x_3 - x_2) (tilt free, drag toward -x), and nothing ever leaves the plane."""
-    built = build(scene(SPOTS + MASS + "planar = true\n"))
+    built = build(scene(PLANAR))
     built.integrator.advance_to(distance=20e-9)
     state = built.state
     assert state.B[0, body.VELOCITY + 1] == 0.0 and np.all(state.bodies.quaternion[0, [1, 3]] == 0.0)
     assert np.all(state.E[0, [body_extra.ANGULAR_MOMENTUM, body_extra.ANGULAR_MOMENTUM + 2]] == 0.0)
-    forces = np.zeros(3)
-    forces[state.slots.own] = state.slots.records.normal_force
+    forces, own = np.zeros(3), state.slots.own
+    forces[own] = state.slots.records.normal_force
     # finite rotation of 4.5e-4 rad moves the spots by 1e-3 um
     assert forces[1] / forces[0] == pytest.approx((1.5 - 0.2 + 0.3 * 4.0) / 3.5, rel=1e-3)
     assert forces[0] == pytest.approx(1e-4, rel=1e-3)
-    assert state.slots.records.tangential_force[:, 0] == pytest.approx(
-        np.array([-1, 1, 1]) * 0.3 * forces[state.slots.own], rel=1e-3
-    )
+    expected = np.array([-1, 1, 1])[own] * 0.3 * forces[own]
+    assert state.slots.records.tangential_force[:, 0] == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("texts", "message"),
-    [
-        ({"keys": SPOTS}, "debris[0].mass: required key is missing"),
-        ({"keys": SPOTS.replace('side = "lower"', 'side = "upper"') + MASS}, "no spot on the lower side"),
-        ({"keys": SPOTS.replace('side = "upper"', 'side = "uper"') + MASS}, "upper"),
-        ({"keys": SPOTS.replace('z = "2 um"', 'z = "-3 um"') + MASS}, "the upper spots are not above the lower ones"),
-        ({"keys": SPOTS + MASS + 'count = 2\npositions = [["1 um", "1 um"]]\n'}, "is not the number of positions, 1"),
-        ({"keys": SPOTS + MASS.replace("2e-25 kg m2", "2e-25 kg")}, "moment of inertia"),
-        (
-            {"keys": SPOTS.replace('x = "0.2 um"', 'x = "0.2 um", y = "1 um"') + MASS + "planar = true\n"},
-            "spots[0].y: must be 0 in a planar particle",
-        ),
-        ({"keys": SPOTS + MASS + "planar = true\n", "motion": ', y = {velocity = "1 m/s"}'}, "motion.y: drives planar particles"),
-        (
-            {"keys": SPOTS + MASS + "planar = true\n", "more": '[effects]\ngravity = ["0 m/s2", "1 m/s2", "0 m/s2"]'},
-            "gravity[1]: drives planar particles",
-        ),
-        ({"keys": SPOTS + MASS + 'planar = true\nvelocity = ["0 m/s", "1 m/s", "0 m/s"]\n'}, "velocity[1]: must be 0 in a"),
-    ],
-)
-def test_faults(texts, message):
-    assert message in faults(**texts)
+FAULTS = [
+    ({"keys": SPOTS}, "debris[0].mass: required key is missing"),
+    ({"keys": SPOTS.replace('side = "lower"', 'side = "upper"') + MASS}, "no spot on the lower side"),
+    ({"keys": SPOTS.replace('side = "upper"', 'side = "uper"') + MASS}, "upper"),
+    ({"keys": SPOTS.replace('z = "2 um"', 'z = "-3 um"') + MASS}, "the upper spots are not above the lower ones"),
+    ({"keys": SPOTS + MASS + 'count = 2\npositions = [["1 um", "1 um"]]\n'}, "is not the number of positions, 1"),
+    ({"keys": SPOTS + MASS.replace("2e-25 kg m2", "2e-25 kg")}, "moment of inertia"),
+    ({"keys": PLANAR.replace('x = "0.2 um"', 'x = "0.2 um", y = "1 um"')}, "spots[0].y: must be 0 in a planar particle"),
+    ({"keys": PLANAR, "motion": ', y = {velocity = "1 m/s"}'}, "motion.y: drives planar particles"),
+    ({"keys": PLANAR, "more": '[effects]\ngravity = ["0 m/s2", "1 m/s2", "0 m/s2"]'}, "gravity[1]: drives planar particles"),
+    ({"keys": PLANAR + 'velocity = ["0 m/s", "1 m/s", "0 m/s"]\n'}, "velocity[1]: must be 0 in a"),
+]
 
 
-def test_a_scene_with_spots_is_saved_and_read_again():
-    made = scene(SPOTS + MASS + "planar = true\n")
+@each(FAULTS, name_of=lambda row: row[1])
+def test_faults(row):
+    with pytest.raises(InputError) as caught:
+        scene(**row[0])
+    assert row[1] in str(caught.value)
+
+
+def test_bodies_of_spots():
+    made = scene(PLANAR)
     assert Scene.parse(toml_text(made.document())) == made
-
-
-def test_rows_fill_the_domain():
+    # rows fill the domain
     places = rows(7, (30e-6, 10e-6))
     assert places.shape == (7, 2) and np.all(places > 0.0) and np.all(places < [30e-6, 10e-6])
     assert len(np.unique(places.round(12), axis=0)) == 7
-
-
-def test_a_spot_body_has_the_mass_and_inertia_given():
+    # the mass and inertia given
     body = spot_body(np.array([[0.0, 0.0, 1.0]]), np.array([2.0]), np.array([True]), 3.0, (1.0, 2.0, 4.0), 6.0)
     assert body.volume == 0.5 and list(body.inertia * 6.0) == [1.0, 2.0, 4.0]
     assert list(body.centers[0]) == [0.0, 0.0, -1.0]
