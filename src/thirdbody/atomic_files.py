@@ -1,22 +1,13 @@
 """Atomic writing of files and folders: written under a temporary name in the same folder, then renamed."""
 
 import os
-import re
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from thirdbody.errors import OutputError
-
-
-def refuse_existing_file(path: Path, overwrite: bool) -> None:
-    """Raise OutputError if `path` is a file that may not be replaced, or a folder."""
-    if os.path.isdir(path):  # unlike Path.is_dir, False for a name that is too long
-        raise OutputError(f"{path}: is a folder; name a file")
-    if os.path.lexists(path) and not overwrite:
-        raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
 
 
 def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -> None:
@@ -45,22 +36,6 @@ def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> Non
         folders[:] = [name for name in folders if Path(above, name).relative_to(folder).as_posix() in ours_folders]
     if others:
         raise OutputError(f"{named}: holds other files ({', '.join(sorted(others)[:3])}) and will not be overwritten")
-
-
-@contextmanager
-def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Yield a path to write to, renamed to `path` on success. Raises OutputError and then leaves `path` unchanged."""
-    refuse_existing_file(path, overwrite)
-    part = _beside(path, "part")
-    try:
-        with _write_error(path):
-            yield part
-            with open(part, "rb+") as file:
-                os.fsync(file.fileno())
-            os.replace(part, path)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -104,19 +79,12 @@ def _beside(path: Path, suffix: str) -> Path:
 
 @contextmanager
 def _write_error(path: Path) -> Iterator[None]:
-    """Convert any error of the system or of HDF5 (which raises RuntimeError too) while writing into one OutputError."""
+    """Convert any error of the system while writing into one OutputError."""
     try:
         yield
-    except (OSError, RuntimeError) as error:
-        raise OutputError(f"{path}: cannot be written ({_reason(error)}); nothing was changed there") from error
-
-
-def _reason(error: Exception) -> str:
-    """Return the system's reason for an error; HDF5 embeds it in a paragraph."""
-    if isinstance(error, OSError) and error.errno:
-        return os.strerror(error.errno)
-    hidden = re.search(r"error message = '([^']*)'", str(error))
-    return hidden.group(1) if hidden else str(error)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); nothing was changed there") from error
 
 
 def write_whole(path: Path, content: bytes) -> None:

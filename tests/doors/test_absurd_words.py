@@ -37,7 +37,7 @@ NAMES = [
     *((name, word, 3) for name in ("check", "run", "shapes", "cost", "balance", "states", "resume") for word in (LONG, DEEP)),
     *(("plot", word, "-o", "p.png", 3) for word in (LONG, DEEP)),
     *(("run", "scene.toml", "-o", word, 5) for word in (LONG, DEEP)),
-    *(("export", "run", flag, word, 5) for flag in ("--csv", "--pvd", "--pack") for word in (LONG, DEEP)),
+    *(("export", "run", flag, word, 5) for flag in ("--csv", "--pvd") for word in (LONG, DEEP)),
     *(("laws", flag, word, 2) for flag in ("--plugin", "--check") for word in (LONG, DEEP, "folder", "nowhere.py")),
     *(("new", word, 5) for word in (LONG, "folder", "nowhere/x.toml", "/dev/null/x.toml")),
     *((name, word, 3) for name in ("check", "run", "shapes") for word in ("folder", "latin.toml", "pipe.toml", *EMPTY)),

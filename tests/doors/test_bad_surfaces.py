@@ -48,14 +48,6 @@ def npz(drop: str = "", **changes: object) -> bytes:
     return stream.getvalue()
 
 
-def bomb() -> bytes:
-    """An archive whose directory says that its first member unpacks to 401 MB."""
-    data = bytearray(archive(**{"heights.npy": npy_header((10, 10)), "spacing.npy": b"", "unit.npy": b""}))
-    at = data.index(b"PK\x01\x02") + 24
-    data[at : at + 4] = (401_000_000).to_bytes(4, "little")
-    return bytes(data)
-
-
 def lying_bomb() -> bytes:
     """An archive whose first member unpacks to 20 MB, of which its directory says 200 bytes."""
     data = bytearray(
@@ -128,7 +120,6 @@ BAD = {
     "kilometres": ("a.npz", npz(unit="km", heights=HEIGHTS), ["apart", "is the unit right?"]),
     "1e9 points": ("a.npz", archive(**{"heights.npy": npy_header((10**5, 10**4)), "spacing.npy": b"", "unit.npy": b""}),
                    ["1e+09 points, at most 3e+07"]),
-    "bomb": ("a.npz", bomb(), ["401 MB unpacked, at most 400 MB"]),
     "lying bomb": ("a.npz", lying_bomb(), ["damaged or cut short"]),
     "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}),
                     ["is cut short"]),
@@ -139,9 +130,6 @@ BAD = {
     "torn xml": ("a.x3p", x3p(xml()[:-40]), ["main.xml", "is not valid XML"]),
     "no xml": ("a.x3p", x3p("hello"), ["main.xml", "is not valid XML"]),
     "xml bomb": ("a.x3p", x3p(xml(extra=ENTITY, nx="&b;")), ["declares a document type"]),
-    "foreign entity": ("a.x3p", x3p(xml(extra='<!DOCTYPE x SYSTEM "file:///etc/passwd">')), ["declares a document type"]),
-    "deep xml": ("a.x3p", x3p("<a>" * 200 + "</a>" * 200), ["nested deeper than 100"]),
-    "large xml": ("a.x3p", x3p("<a>" + " " * 11_000_000 + "</a>"), ["main.xml", "11 MB unpacked, at most 10 MB"]),
     "profile": ("a.x3p", x3p(xml(feature="PRF")), ["FeatureType", "'PRF', expected SUR"]),
     "absolute axis": ("a.x3p", x3p(xml(axis="A")), ["CX/AxisType", "'A', expected I"]),
     "no type": ("a.x3p", x3p(xml(letter="Q")), ["CZ/DataType", "'Q', expected I or L or F or D"]),

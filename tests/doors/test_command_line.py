@@ -14,6 +14,7 @@ import pytest
 from portable import PATIENCE
 
 import thirdbody
+from thirdbody.cli import main
 from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
 from thirdbody.errors import UsageError
 from thirdbody.runner.removed import SEEDS
@@ -73,6 +74,15 @@ def test_arguments_that_are_gone_are_answered_in_python_too(balls, tmp_path):
     with pytest.raises(TypeError, match="unexpected keyword argument 'part'"):
         thirdbody.run(balls(), tmp_path / "run", part=2)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("text", ["", "Unable to allocate 8.00 GiB"])
+def test_memory_that_runs_out_is_no_bug(text, command, monkeypatch):
+    def fail(**_options):
+        raise MemoryError(*filter(None, [text]))
+
+    monkeypatch.setattr(main, "app", fail)
+    assert command("laws") == (5, "", f"thirdbody: not enough memory{f' ({text})' if text else ''}\n")
 
 
 @pytest.mark.parametrize("option", ["--wall-limit", "--checkpoint-every"])

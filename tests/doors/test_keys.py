@@ -19,7 +19,6 @@ from thirdbody.scene.json_schema import key_docs
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import Part
 from thirdbody.studies.sweep.axes import IntervalTable
-from thirdbody.system.address_space import MemoryShortage
 
 TABLES = {
     "materials",
@@ -147,7 +146,7 @@ def test_names_are_those_of_a_run(registry, tmp_path):
 
 
 def test_every_exit_code_is_explained():
-    kinds = [errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__(), MemoryShortage]
+    kinds = [errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__()]
     assert {kind.exit_code for kind in kinds} <= errors.EXIT_CODES.keys()
 
 

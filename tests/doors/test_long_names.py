@@ -19,7 +19,7 @@ WRITTEN = [
 FROM_A_RUN = [
     ["plot", "run", "-o", f"{LONG}.png"], ["plot", "run", "-o", f"{LONG}/x.png"], ["render", "run", "-o", f"{LONG}.html"],
     ["render", "run", "-o", f"{LONG}/x.png"], ["export", "run", "--csv", LONG], ["export", "run", "--pvd", LONG],
-    ["export", "run", "--pack", LONG], ["export", "run", "--pack", LONG, "--overwrite"], ["export", "run", "--csv", f"{LONG}/x"],
+    ["export", "run", "--csv", f"{LONG}/x"],
 ]  # fmt: skip
 
 

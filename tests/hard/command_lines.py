@@ -164,7 +164,7 @@ def on_outputs() -> Iterator[list[str]]:
         yield ["states", "run", "-o", name]
         yield ["shapes", "scene.toml", "-o", name]
         yield ["map", "-o", name]
-        yield from (["export", "run", kind, name] for kind in ("--csv", "--pvd", "--pack"))
+        yield from (["export", "run", kind, name] for kind in ("--csv", "--pvd"))
         yield ["run", "scene.toml", "-q", "--threads", "1", "-o", name]
         yield ["new", name]
         yield ["cost", "scene.toml", "--budget", "1e-9 s", "-o", name]

@@ -51,23 +51,17 @@ def cut(data: bytes, rng: Random) -> bytes:
 
 
 def spoil_tree(path: Path, rng: Random) -> None:
-    """One thing of an HDF5 file changed: gone, of another shape or type, of a huge claim, linked elsewhere, or out of range."""
+    """One thing of an HDF5 file changed: gone, of another shape or type, of a huge claim, linked in circles, or out of range."""
     with h5py.File(path, "r+") as file:
         names: list[str] = []
         file.visit(names.append)
         chosen = rng.choice(names)
         node = file[chosen]
-        kinds = ["delete", "attribute", "loop", "outside", "group", "steps"] + [
-            "replace",
-            "huge",
-            "values",
-            "external",
-            "empty",
-        ] * 3
+        kinds = ["delete", "attribute", "loop", "group", "steps"] + ["replace", "huge", "values", "empty"] * 3
         if chosen.startswith("scene/") and rng.random() < 0.7:
             kinds = ["text"]
         elif isinstance(node, h5py.Group):
-            kinds = ["delete", "attribute", "loop", "outside", "steps"]
+            kinds = ["delete", "attribute", "loop", "steps"]
         _SPOILS[rng.choice(kinds)](file, chosen, rng)
 
 
@@ -98,11 +92,6 @@ def _loop(file: h5py.File, name: str, rng: Random) -> None:
     file[name] = rng.choice(
         (h5py.SoftLink("/"), h5py.SoftLink(f"/{name}"), h5py.SoftLink("/nowhere"), file["/"], h5py.SoftLink("/scene"))
     )
-
-
-def _outside(file: h5py.File, name: str, rng: Random) -> None:
-    del file[name]
-    file[name] = h5py.ExternalLink(rng.choice(("/etc/passwd", "/dev/zero", "/nowhere", "../../x.h5")), f"/{name}")
 
 
 def _group(file: h5py.File, name: str, rng: Random) -> None:
@@ -146,16 +135,6 @@ def _huge(file: h5py.File, name: str, rng: Random) -> None:
     shape = rng.choice(((HUGE,), (HUGE, 3), (4, HUGE), (2**40, 2**20), (10**6, 10**6)))
     packed = {"compression": "gzip", "chunks": tuple(min(n, 1000) for n in shape)} if rng.random() < 0.5 else {"chunks": True}
     _keep(file, name, lambda: file.create_dataset(name, shape, dtype, **packed))
-
-
-def _external(file: h5py.File, name: str, rng: Random) -> None:
-    if rng.random() < 0.5:
-        outside = [(rng.choice(("/etc/passwd", "/dev/zero", "nowhere.raw")), 0, h5py.h5f.UNLIMITED)]
-        _keep(file, name, lambda: file.create_dataset(name, (64,), "f8", external=outside))
-        return
-    layout = h5py.VirtualLayout((HUGE,), "f8")
-    layout[:8] = h5py.VirtualSource("nowhere.h5", "x", (8,))
-    _keep(file, name, lambda: file.create_virtual_dataset(name, layout, fillvalue=1.0))
 
 
 def _empty(file: h5py.File, name: str, rng: Random) -> None:
@@ -202,11 +181,9 @@ _SPOILS = {
     "attribute": _attribute,
     "steps": _steps,
     "loop": _loop,
-    "outside": _outside,
     "group": _group,
     "replace": _replace,
     "huge": _huge,
-    "external": _external,
     "empty": _empty,
     "values": _values,
     "text": _text,

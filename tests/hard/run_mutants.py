@@ -80,7 +80,6 @@ COMMANDS: dict[str, list[str]] = {
     "render film": ["-o", "{}/film.gif", "--width", "200", "--height", "200", "--frames", "::2"],
     "export csv": ["--csv", "{}/csv"],
     "export pvd": ["--pvd", "{}/pvd"],
-    "export pack": ["--pack", "{}/packed.vtkhdf"],
     "resume": ["--quiet"],
 }
 

@@ -215,15 +215,6 @@ def test_spoilt_runs_are_reported(worker: Worker, sound: dict[str, Path], tmp_pa
     assert report[3] > BATCH // 3  # else the mutations are too tame to mean anything
 
 
-FOUND = (85, 91, 100, 119, 167, 177, 222, 377, 516, 536, 570, 597, 608, 782, 791, 815, 896, 909, 951)
-"""Numbers of spoilt runs that once ended in a traceback, a crash or a hang."""
-
-
-@pytest.mark.full(kind="fuzz")
-def test_what_was_found_is_mended(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
-    fuzz(worker, sound, tmp_path, FOUND)
-
-
 @pytest.mark.full(kind="fuzz")
 def test_a_thousand_spoilt_runs_are_reported(worker: Worker, sound: dict[str, Path], tmp_path: Path) -> None:
     report = fuzz(worker, sound, tmp_path, range(MANY))

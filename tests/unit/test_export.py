@@ -1,6 +1,4 @@
-"""What leaves a run: tables with every digit, files for old readers, a compressed copy; each whole or not there at all."""
-
-from __future__ import annotations
+"""What leaves a run: tables with every digit, files for old readers; each whole or not there at all."""
 
 import csv
 import os
@@ -10,7 +8,6 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -61,7 +58,7 @@ def path(tmp_path) -> Path:
 
 
 def export(path: Path, **targets) -> list[Path]:
-    return list(export_run(path, *(targets.pop(name, None) for name in ("csv", "pvd", "pack")), **targets))
+    return list(export_run(path, *(targets.pop(name, None) for name in ("csv", "pvd")), **targets))
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -160,71 +157,7 @@ def test_pvd_files_hold_every_array(path, tmp_path):
     assert 'FILES = "{name}.pvd"' in script
 
 
-def everything(path: Path) -> dict[str, tuple]:
-    """Every data set and attribute of a file as bytes."""
-    found: dict[str, tuple] = {}
-
-    def check_number(name: str, item) -> None:
-        attributes = {key: np.asarray(value).tobytes() for key, value in item.attrs.items()}
-        data = (item.dtype, item.shape, np.asarray(item[()]).tobytes()) if isinstance(item, h5py.Dataset) else ()
-        found[name] = (attributes, *data)
-
-    with h5py.File(path) as file:
-        file.visititems(check_number)
-    return found
-
-
-def test_a_packed_run_is_the_same_bit_for_bit_and_smaller(path, tmp_path):
-    packed = tmp_path / "packed.vtkhdf"
-    assert export(path, pack=packed) == [packed]
-    assert everything(packed) == everything(path)
-    assert packed.stat().st_size < path.stat().st_size
-    with h5py.File(packed) as file:
-        points = file["VTKHDF/spheres/Points"]
-        assert (points.compression, points.shuffle) == ("gzip", True)
-    with open_run(packed) as copy, open_run(path) as run:
-        assert copy.header == run.header and copy.summary() == run.summary()
-
-
-def test_vtk_reads_a_packed_run(path, tmp_path):
-    vtk = pytest.importorskip("vtk")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    export(path, pack=tmp_path / "packed.vtkhdf")
-    for number in range(4):
-        reader = vtk.vtkHDFReader()
-        reader.SetFileName(str(tmp_path / "packed.vtkhdf"))
-        reader.UpdateInformation()
-        reader.SetStep(number)
-        reader.Update()
-        spheres = reader.GetOutputDataObject(0).GetBlock(0)
-        wanted = make_frame(number).spheres
-        np.testing.assert_array_equal(vtk_to_numpy(spheres.GetPoints().GetData()), wanted["points"])
-        velocity = vtk_to_numpy(spheres.GetPointData().GetArray("velocity"))
-        np.testing.assert_array_equal(velocity, np.float32(wanted["velocity"]))  # stored so
-
-
-def test_packing_leaves_out_what_was_never_committed(tmp_path):
-    path = write(tmp_path)
-    with h5py.File(path, "r+") as file:  # as a kill before the commit of the last frame leaves it, blocks at odds
-        for group in ("VTKHDF/contacts/Steps", "series"):
-            file[group].attrs.modify("NSteps", np.int64(3))
-    export(path, pack=tmp_path / "packed.vtkhdf")
-    with h5py.File(tmp_path / "packed.vtkhdf") as file:
-        assert {int(file["VTKHDF"][block]["Steps"].attrs["NSteps"]) for block in BLOCKS} == {3}
-        assert file["VTKHDF/contacts/Points"].shape == (sum(CONTACTS[:3]), 3)
-        assert file["VTKHDF/clumps/Steps/Values"].shape == (3,)
-    with open_run(tmp_path / "packed.vtkhdf") as copy:
-        np.testing.assert_array_equal(copy.bodies(-1)["torque"], make_frame(2).clumps["torque"])
-
-
-def test_a_packed_run_without_frames(tmp_path):
-    export(write(tmp_path, frames=0), pack=tmp_path / "packed.vtkhdf")
-    with open_run(tmp_path / "packed.vtkhdf") as copy:
-        assert copy.frames == 0
-
-
-KINDS = ["csv", "pvd", "pack"]
+KINDS = ["csv", "pvd"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -265,35 +198,16 @@ def test_other_files_below_a_folder_of_ours_are_never_deleted(path, tmp_path, na
     assert os.path.lexists(mine) and path.exists()
 
 
-@pytest.mark.parametrize("held", ["/", "VTKHDF/contacts/Vertices"])
-def test_a_run_whose_groups_hold_themselves_is_not_packed_for_ever(path, tmp_path, held):
-    """By a hard link, which looks like any other group."""
-    with h5py.File(path, "r+") as file:
-        file["VTKHDF/contacts/Vertices/again"] = file[held]
-    with pytest.raises(InputError, match="is damaged .*: /VTKHDF/contacts/Vertices/again: a group that holds itself"):
-        export(path, pack=tmp_path / "packed.vtkhdf")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf"]
-
-
-def test_a_run_is_not_packed_onto_itself(path):
-    before = path.read_bytes()
-    with pytest.raises(OutputError, match="is the run itself"):
-        export(path, pack=path, overwrite=True)
-    assert path.read_bytes() == before
-
-
 def test_nothing_is_written_when_one_target_is_refused(path, tmp_path):
-    (tmp_path / "packed.vtkhdf").write_text("mine")
-    with pytest.raises(OutputError, match="packed.vtkhdf: exists already"):
-        export(path, csv=tmp_path / "csv", pack=tmp_path / "packed.vtkhdf")
+    (tmp_path / "pvd").write_text("mine")
+    with pytest.raises(OutputError, match="pvd: exists already"):
+        export(path, csv=tmp_path / "csv", pvd=tmp_path / "pvd")
     assert not (tmp_path / "csv").exists()
 
 
 def test_calls_that_cannot_work(path, tmp_path):
     with pytest.raises(UsageError, match="say what to write"):
         export(path)
-    with pytest.raises(UsageError, match="one frame goes with"):
-        export(path, pack=tmp_path / "packed.vtkhdf", frame=1)
     with pytest.raises(InputError, match="no frame 4; frames are from -4 to 3"):
         export(path, csv=tmp_path / "csv", frame=4)
     with pytest.raises(OutputError, match="No such file or directory"):
@@ -307,7 +221,7 @@ from pathlib import Path
 from thirdbody.errors import OutputError
 from thirdbody.export.export_run import export_run
 resource.setrlimit(resource.RLIMIT_FSIZE, (600, resource.RLIM_INFINITY))
-targets = {name: None for name in ("csv", "pvd", "pack")} | {sys.argv[1]: Path(sys.argv[3])}
+targets = {name: None for name in ("csv", "pvd")} | {sys.argv[1]: Path(sys.argv[3])}
 try:
     list(export_run(Path(sys.argv[2]), **targets, overwrite=True))
 except OutputError as error:
@@ -321,12 +235,11 @@ def test_a_write_that_fails_is_reported_once_and_changes_nothing(path, tmp_path,
     """The system itself refuses to write on, as it does when a disk is full."""
     target = tmp_path / "there"
     export(path, **{kind: target})
-    files = [target] if target.is_file() else sorted(file for file in target.rglob("*") if file.is_file())
-    before = {file: file.read_bytes() for file in files}
+    before = {file: file.read_bytes() for file in target.rglob("*") if file.is_file()}
     command = [sys.executable, "-c", FULL, kind, str(path), str(target)]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "cannot be written (File too large); nothing was changed there" in done.stdout
     assert len(done.stdout.splitlines()) == 1 and not done.stderr
-    assert {file: file.read_bytes() for file in files} == before
+    assert {file: file.read_bytes() for file in before} == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf", "there"]

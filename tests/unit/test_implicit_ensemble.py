@@ -13,7 +13,6 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.pilot import expected_work
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.kernels.closed_contacts import ClosedContacts, compact, expand, keep
 from thirdbody.report.scene_check import memory_of
@@ -144,22 +143,6 @@ def test_memory_of_a_body_is_at_most_4_kB():
     simulation = built(**{"debris.0.count": 600, "domain.size": ["600 um", "450 um"]})
     assert isinstance(simulation.state.slots.rows, ClosedRows)
     assert memory_of(simulation) <= 4000 * 600 + 2 * 4000 * implicit.BATCH  # of a batch, tables of spheres and contacts
-
-
-def test_work_of_a_few_bodies_is_that_of_all(small_batches, monkeypatch):
-    """A quarter of all bodies is computed ahead; their work is not that of all, but the state stays as it was."""
-    from thirdbody.engine import pilot
-
-    monkeypatch.setattr(pilot, "FEWEST", 1)
-    monkeypatch.setattr(pilot, "BODIES", 2)
-    monkeypatch.setattr(pilot, "EVERY", 5)
-    simulation, untouched = built(), built()
-    work = expected_work(simulation.integrator, [(stop, np.inf) for stop in STOPS])
-    assert expected_work(simulation.integrator, [(stop, np.inf) for stop in STOPS], lambda: True) is None
-    assert work is not None and work.fractions[0] == 0.0 and work.fractions[-1] == 1.0
-    assert np.all(np.diff(work.fractions) > 0.0)
-    assert_same(simulation, untouched)
-    assert_same(advanced(simulation), advanced(untouched))
 
 
 def test_a_sample_has_its_contacts(small_batches, monkeypatch, tmp_path):

@@ -219,16 +219,13 @@ def test_velocities_of_rolling_balls_reach_those_of_the_plates(rolled):
         assert rolled.profiles["velocity"][k, :, 0] == pytest.approx(0.5 * centroid / gap, abs=0.01 * 0.5)
 
 
-def test_profiles_go_into_tables_and_copies(rolled, tmp_path):
-    rolled.export(csv=tmp_path / "tables", pack=tmp_path / "packed.vtkhdf", frame=3)
+def test_profiles_go_into_tables(rolled, tmp_path):
+    rolled.export(csv=tmp_path / "tables", frame=3)
     with open(tmp_path / "tables" / "profiles.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 8 and float(rows[2]["contact_stress_xz [Pa]"]) == rolled.profiles["contact_stress"][3, 2, 0, 2]
     assert float(rows[5]["velocity_x [m/s]"]) == rolled.profiles["velocity"][3, 5, 0] and rows[5]["slab"] == "5"
     assert len(rolled.to_pandas("profiles")) == 8 * rolled.frames
-    with thirdbody.open(tmp_path / "packed.vtkhdf") as copy:
-        for name, values in rolled.profiles.items():
-            np.testing.assert_array_equal(copy.profiles[name], values)
 
 
 def test_profiles_are_drawn(rolled):

@@ -62,14 +62,11 @@ def test_a_run_between_flat_plates_has_no_trace_of_them(tmp_path):
         assert "surfaces" not in file
 
 
-def test_surfaces_stay_when_a_run_is_resumed_and_packed(surfaces, tmp_path):
+def test_surfaces_stay_when_a_run_is_resumed(surfaces, tmp_path):
     path = write_layer(tmp_path / "run.vtkhdf", COUNT, surfaces=surfaces)
     with TrajectoryWriter.resume(path, 1), open_run(path) as run:
         assert run.frames == 1
         assert_same(run.surfaces, surfaces)
-        run.export(pack=tmp_path / "packed.vtkhdf")
-    with open_run(tmp_path / "packed.vtkhdf") as packed:
-        assert_same(packed.surfaces, surfaces)
 
 
 def vandalise(file: h5py.File, what: str) -> None:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.assembly.expected_time import ExpectedTimes, expected_times
-from thirdbody.assembly.inertial_number import inertial_number
+from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
 from thirdbody.engine.precompile import EXPLICIT
+from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
-from thirdbody.quantity import duration
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
 
@@ -32,22 +31,39 @@ force, and steps shrink without end. A contact that slips because of this bound 
 load."""
 
 
+STEP = 20.0
+"""Processor time of an implicit step of a body over that of an explicit one, the only rate that the choice rests on.
+
+With clumps of the main scene: 19 by the rates of an idle Zen 5 core, 12 measured on a loaded EPYC."""
+
 FASTER = 2.0
 """Factor by which the implicit integrator is expected to be faster where debris meets, for `auto` to take it.
 
-Expected times are right to a factor of about 2, so less could be no gain; and where both take about as long, a small change of a
-scene does not change its integrator.
+The expected ratio is right to a factor of about 2, so less could be no gain; and where both take about as long, a small change of
+a scene does not change its integrator.
 """
 
+FEW = 2e7
+"""Explicit steps of single bodies below which `auto` takes the explicit integrator where debris meets: some seconds, by which the
+implicit one takes longer to compile at the first start."""
+
+EXPLICIT_STEP = 0.9 * RAYLEIGH_FRACTION
+"""Mean explicit time step over the shortest Rayleigh time of a body: contacts shorten it."""
+
+PRESSING, PER_DIAMETER, PER_REVERSAL, BALL = 250.0, 200.0, 30.0, 0.25
+"""Implicit steps of a clump: while it settles and first slides, per diameter of drag, per reversal of a stroke. Fraction of them
+that a single sphere takes: it does not tip."""
+
+INERTIAL_STEPS, INERTIAL = 4.5, 5.0
+"""Implicit steps in a Rayleigh time of the mean body where inertia rules, as in impacts; the inertial number of a body above
+which it does. Below, the number of such steps falls with its power 3/2."""
+
+USUAL_TOLERANCE = 5e-4
+"""Tolerance of a step for which the numbers of steps hold; they grow with the inverse of its cube root."""
 
 DENSE = 0.6
-"""Fraction of the area, covered by the bodies as balls of their volumes, above which `auto` takes the explicit integrator: times
-that are expected there were not measured."""
-
-
-GAIN = 5.0
-"""Processor time [s] that `auto` must expect the implicit integrator to save where debris meets: as much as it takes longer to
-compile at the first start, and more than any run should wait for."""
+"""Fraction of the area, covered by the bodies as balls of their volumes, above which `auto` takes the explicit integrator: steps
+of both were not compared there."""
 
 IMPACTS = 0.2
 """Inertial number of a body (`assembly.inertial_number`) above which `auto` takes the explicit integrator: there impacts tell
@@ -55,30 +71,36 @@ when a body rolls or slides. At 0.1 both integrators give the same label for 98.
 to 97 % of 150, with shares of the labels that agree to 0.5 %, friction to 0.02 % and places to 0.1 % of the drag."""
 
 
+class Steps(NamedTuple):
+    """Expected steps of a run with both integrators, those of all bodies added up."""
+
+    explicit: float
+    implicit: float
+
+    @property
+    def gain(self) -> float:
+        """Time of the explicit integrator over that of the implicit one."""
+        return self.explicit / (STEP * self.implicit)
+
+
 @dataclass(frozen=True)
 class Plan:
     """Integrator of a scene, `explicit` or `implicit`, and the reason in words.
 
-    `islands`, `times`: expected of a layer whose bodies have loads of their own or carry one plate together; None for others.
-    `estimated`: whether the times decided.
+    `islands`: expected of a layer whose bodies have loads of their own or carry one plate together; `steps`: of the former only.
+    `estimated`: whether the steps decided.
     """
 
     kind: str
     reason: str
     islands: ExpectedIslands | None = None
-    times: ExpectedTimes | None = None
+    steps: Steps | None = None
     estimated: bool = False
 
     @property
     def matters(self) -> bool:
-        """Whether times decided, and one of them is longer than a user notices."""
-        return self.estimated and self.times is not None and max(self.times) >= GAIN
-
-    def __str__(self) -> str:
-        if not (self.estimated and self.times):
-            return f"{self.kind}: {self.reason}"
-        own, other = (duration(time) for time in (self.times if self.kind == "explicit" else reversed(self.times)))
-        return f"{self.kind}: {self.reason} (about {own} of processor time, the other one about {other})"
+        """Whether the steps decided, and are so many that a user notices."""
+        return self.estimated and self.steps is not None and self.steps.explicit >= FEW
 
 
 def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, before: str = "") -> Plan:
@@ -97,7 +119,7 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
         chosen = Plan("explicit", obstacle)
     else:
         islands = expected_islands(state)
-        chosen = Plan("implicit", "", islands, expected_times(scene, choice, state, upper, islands, together))
+        chosen = Plan("implicit", "", islands, None if together else expected_steps(scene, choice, state, upper, islands))
     if wanted != "auto":
         return replace(chosen, kind=wanted, reason="required by the scene")
     chosen = _automatic(scene, state, chosen, obstacle)
@@ -119,18 +141,44 @@ def _automatic(scene: Scene, state: State, expected: Plan, obstacle: str) -> Pla
         return replace(expected, kind="explicit", reason=obstacle)
     if given := [f"solver.{key}" for key in IMPLICIT_KEYS if getattr(scene.solver, key) is not None]:
         return replace(expected, kind="implicit", reason=f"the scene gives {', '.join(given)}")
-    times = expected.times
-    assert times is not None  # every body has a load of its own
-    ratio = times.explicit / times.implicit
-    if ratio >= FASTER and times.explicit - times.implicit < GAIN:
-        text = f"bodies may meet each other, and it is expected to take no more than {duration(times.explicit)}"
+    steps = expected.steps
+    assert steps is not None  # every body has a load of its own
+    if steps.gain >= FASTER and steps.explicit < FEW:
+        text = f"bodies may meet each other, and its steps are few: {steps.explicit:.1g}, those of all bodies added up"
         return replace(expected, kind="explicit", reason=text, estimated=True)
-    if ratio >= FASTER:
-        text = f"few bodies meet at a time, and it is expected to be {_number(ratio)} times as fast as the explicit one"
+    if steps.gain >= FASTER:
+        text = f"few bodies meet at a time, and it is expected to be {_number(steps.gain)} times as fast as the explicit one"
         return replace(expected, kind="implicit", reason=text, estimated=True)
-    longer = f"{_number(1.0 / ratio)} times as long" if ratio < 1.0 / FASTER else "about as long"
+    longer = f"{_number(1.0 / steps.gain)} times as long" if steps.gain < 1.0 / FASTER else "about as long"
     text = f"bodies may meet each other, and the implicit one is expected to take {longer}"
     return replace(expected, kind="explicit", reason=text, estimated=True)
+
+
+def expected_steps(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, islands: ExpectedIslands) -> Steps:
+    """Return the expected steps of a layer whose bodies have loads and patches of their own.
+
+    A body of an island takes the steps of the most restless one and has its equations besides, so an implicit step counts as many
+    times as its island has bodies; an output, or a search for islands, counts as a step.
+    """
+    assert upper.plate is not None  # of the patches
+    schedule, solver, diameter = upper.plate.schedule, scene.solver, 2.0 * float(state.rayleigh_radius.mean())
+    if solver.duration is not None:
+        sliding, path = solver.duration, schedule.path(upper.settle, upper.settle + solver.duration)
+    else:
+        path = solver.distance or 0.0
+        sliding = schedule.time_of(path, upper.settle) - upper.settle
+    rayleigh = np.array([rayleigh_time(1.0, m) for m in choice.materials])[state.material] * state.rayleigh_radius
+    explicit = (upper.settle + sliding) / (EXPLICIT_STEP * float(rayleigh.min()))
+    implicit = PRESSING + path * (PER_DIAMETER / diameter + PER_REVERSAL / shortest_stroke(schedule))
+    implicit *= BALL + (1.0 - BALL) * float(np.mean(np.diff(state.start) > 1))
+    if solver.largest_step is not None:
+        implicit = max(implicit, path / solver.largest_step)
+    inertial = None if solver.inertia is False else inertial_number(state)
+    if inertial is not None and np.isfinite(sliding):
+        implicit += min(1.0, (inertial.number / INERTIAL) ** 1.5) * INERTIAL_STEPS * sliding / float(rayleigh.mean())
+    implicit *= (USUAL_TOLERANCE / (solver.tolerance or USUAL_TOLERANCE)) ** (1.0 / 3.0)
+    implicit += (sliding if scene.output.every_kind == "time" else path) / scene.output.every + path / islands.stride
+    return Steps(state.n_bodies * explicit, state.n_bodies * islands.mean * implicit)
 
 
 def _number(value: float) -> str:
@@ -157,7 +205,7 @@ def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
     if scene.solver.inertial_number is not None:
         return "solver.inertial_number is for beds"
     if any(plate is not None and plate.surface is not None for plate in (scene.plates.lower, scene.plates.upper)):
-        return "bodies may meet each other, and the time of the implicit one is estimated for flat plates only"
+        return "bodies may meet each other, and the steps of the implicit one are estimated for flat plates only"
     declare = 'contact.debris_contact = "none" would declare that they do not'
     if carried_together(state):
         return (

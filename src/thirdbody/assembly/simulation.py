@@ -127,8 +127,8 @@ class Simulation:
 
     @property
     def announcement(self) -> list[str]:
-        """What a run says before it starts: an integrator that expected times decided, a speed that is not that of the scene."""
-        lines = [f"integrator {self.plan}"] if self.plan.matters else []
+        """What a run says before it starts: an integrator that expected steps decided, a speed that is not that of the scene."""
+        lines = [f"integrator {self.plan.kind}: {self.plan.reason}"] if self.plan.matters else []
         return [*lines, f"speed: {self.speed_scale}"] if self.speed_scale else lines
 
     @property

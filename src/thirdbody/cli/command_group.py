@@ -41,15 +41,8 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options. Raises UsageError for one that is gone."""
-        refuse_removed_options(ctx.info_name, args)
+        refuse_removed_options(str(ctx.info_name), args)
         return super().parse_args(ctx, args)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command. Raises MemoryShortage if the memory limit of this process is too low for it."""
-        from thirdbody.system.address_space import require_address_space
-
-        require_address_space()
-        return super().invoke(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         rows: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}

@@ -192,14 +192,13 @@ def export(
     run: RunPath,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="tables with units")] = None,
     pvd: Annotated[Path | None, typer.Option("--pvd", metavar="DIR", help="PVD and VTP, for ParaView before 5.12")] = None,
-    pack: Annotated[Path | None, typer.Option("--pack", metavar="FILE", help="a compressed copy of the run")] = None,
     frame: Annotated[int | None, typer.Option("--frame", help="one frame, negative from the end [all]")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
 ) -> None:
-    """Export a run: CSV tables, files for older versions of ParaView, a compressed copy."""
+    """Export a run: CSV tables, files for older versions of ParaView."""
     from thirdbody.export.export_run import export_run
 
-    for path in export_run(run, csv, pvd, pack, frame, overwrite):
+    for path in export_run(run, csv, pvd, frame, overwrite):
         print_line(path)
 
 
@@ -326,13 +325,10 @@ def _main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
-    except Exception as error:
-        from thirdbody.system.address_space import memory_shortage
-
-        shortage = memory_shortage(error)
-        if shortage is not None:
-            print(f"thirdbody: {shortage}", file=sys.stderr)
-            sys.exit(shortage.exit_code)
+    except MemoryError as error:
+        print(f"thirdbody: not enough memory{f' ({error})' if str(error) else ''}", file=sys.stderr)
+        sys.exit(5)
+    except Exception:
         import traceback
 
         traceback.print_exc()

@@ -13,6 +13,7 @@ REMOVED_OPTIONS = {
     ("run", "--cluster"): SEEDS,
     ("resume", "--dask"): SEEDS,
     ("resume", "--cluster"): SEEDS,
+    ("export", "--pack"): "`h5repack -f SHUF -f GZIP=4 RUN/run.vtkhdf FILE` (of the HDF5 tools) writes a compressed copy",
     ("cost", "--verify"): "closed forms and orders of convergence are checked by the project's own tests (tests/theory); what "
     "neighbouring spots do to each other is a line of `thirdbody cost SCENE --effects`, close_spots",
 }

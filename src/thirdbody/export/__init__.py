@@ -1,1 +1,1 @@
-"""A run in other formats: CSV, VTP, compressed copies, files for ParaView."""
+"""A run in other formats: CSV, VTP, files for ParaView."""

@@ -18,7 +18,6 @@ from typing import Any
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
 from thirdbody.render.film_progress import DRAWN, FilmReporter, film_reporter
-from thirdbody.system.address_space import limit_hint
 from thirdbody.system.child_process import python_command, python_environment
 
 EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
@@ -207,7 +206,7 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
         if done.returncode == 1 and "Traceback" in done.stderr:
             raise RuntimeError(f"drawing failed:\n{done.stderr}")
         crash = f"{kind or 'VTK'} ended with code {done.returncode}"
-    raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}{limit_hint()}")
+    raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}")
 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:

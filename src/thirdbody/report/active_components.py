@@ -1,4 +1,4 @@
-"""Effects and components of a built scene: on or off, reason, fraction of the time; where an absent one matters."""
+"""Effects and components of a built scene: on or off, and why; where an absent one matters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.assembly.expected_time import NS, TOUCH, law_cost
 from thirdbody.engine.static_response import response
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
@@ -23,21 +22,16 @@ if TYPE_CHECKING:
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2]."""
 
+TOUCH = 0.02
+"""A sphere nearer to a plate than this fraction of its radius will carry load."""
+
 HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
 """Limits of warnings: weight over load; fraction of a contact's overlap due to its neighbour; drag over shear wave speed."""
 
 
 def parts(built: Simulation) -> list[dict[str, Any]]:
-    """Return every effect and component: `part`, `on`, `reason`, and `fraction` of the time per step (0 if absent).
-
-    Fractions are estimates for the explicit integrator; None with the implicit one, whose time is spent on iterations.
-    """
-    rows = [*_laws(built), *_effects(built), *_machinery(built)]
-    total = sum(row["fraction"] for row in rows if row["on"])
-    explicit = built.plan.kind == "explicit"
-    for row in rows:
-        row["fraction"] = 0.0 if not row["on"] else row["fraction"] / total if explicit and total > 0.0 else None
-    return rows
+    """Return every effect and component: `part`, `on`, `reason`."""
+    return [*_laws(built), *_effects(built), *_machinery(built)]
 
 
 def part_warnings(built: Simulation) -> list[str]:
@@ -91,12 +85,9 @@ def neighbours(built: Simulation) -> tuple[float, float]:
 
 def _laws(built: Simulation) -> list[dict[str, Any]]:
     """Return the contact laws: those in use, and those that no pair uses."""
-    contacts = contacts_of(built)
-    rows = []
-    for law in built.choice.chain.laws:
-        rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * law_cost(law)))
-    rows += [_row(f"adhesion of {pair}", True, text, 0.0) for pair, text, _ in remarks(built)]
-    return rows + [_row(name, False, "no pair requires it", 0.0) for name in built.choice.off]
+    rows = [_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}") for law in built.choice.chain.laws]
+    rows += [_row(f"adhesion of {pair}", True, text) for pair, text, _ in remarks(built)]
+    return rows + [_row(name, False, "no pair requires it") for name in built.choice.off]
 
 
 def _effects(built: Simulation) -> list[dict[str, Any]]:
@@ -113,7 +104,7 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
         if name == "gravity" and name not in on:
             weight = _weight_over_load(built)
             reason = f"weight/load = {weight:.1g}; effects.gravity switches it on" if math.isfinite(weight) else reason
-        rows.append(_row(f"effect: {name}", name in on, reason, NS["body"] * built.state.n_bodies))
+        rows.append(_row(f"effect: {name}", name in on, reason))
     for name in discover().measures:
         named = name in {measure.name for measure in built.choice.measures}
         reason = "the scene names it" if named else "the scene does not name it"
@@ -121,39 +112,31 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
             reason += f"; a spot of {heat.pair} gets {heat.excess:.1g} K hotter at the top speed"
         if name == wear_check.MEASURE and (wear := wear_check.expected_wear(built)) is not None:
             reason += f"; a spot of {wear.pair} that slides all the way wears by some {pretty(wear.depth, 'length')}"
-        rows.append(_row(f"measure: {name}", named, reason, NS["law"] * contacts_of(built)))
+        rows.append(_row(f"measure: {name}", named, reason))
     return rows
-
-
-def contacts_of(built: Simulation) -> int:
-    """Return the expected number of contacts."""
-    return max(1, 2 * built.state.n_bodies)
 
 
 def _machinery(built: Simulation) -> list[dict[str, Any]]:
     state = built.state
     upper, debris_meet = state.world.upper, state.world.debris_meets
     founded = upper is not None and upper.foundation is not None
-    pairs = max(0, state.slots.count - 2 * state.n_spheres)
     report = "bodies may meet" if debris_meet else (
         "contact.debris_contact = 'none'" if built.scene.contact.debris_contact == "none" else "no two bodies can meet"
     )  # fmt: skip
-    stride = max(1, state.physics.stride)
     return [
-        _row("motion of bodies and their spheres", True, "always", NS["sphere"] * state.n_spheres),
-        _row("contact geometry", True, "always", NS["contact"] * 2 * state.n_bodies + NS["pair"] * state.n_spheres),
-        _row("debris-debris contact", debris_meet, report, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
-        _row("labels", built.labeller is not None, built.labeller.name if built.labeller else "no labeller is installed",
-             NS["labels"] * state.n_bodies / stride),
-        _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
-        _row("rolling resistance's moments", state.physics.moments, "a law of the stage rolling", NS["law"] * state.n_bodies),
-        _row("first yield", True, _yield_reason(built), 0.0),
-        _row("elastic interaction of spots", len(state.physics.interaction) > 0, _spots_reason(built), 0.0),
-    ]  # fmt: skip
+        _row("motion of bodies and their spheres", True, "always"),
+        _row("contact geometry", True, "always"),
+        _row("debris-debris contact", debris_meet, report),
+        _row("labels", built.labeller is not None, built.labeller.name if built.labeller else "no labeller is installed"),
+        _row("foundation", founded, "plates.upper.support"),
+        _row("rolling resistance's moments", state.physics.moments, "a law of the stage rolling"),
+        _row("first yield", True, _yield_reason(built)),
+        _row("elastic interaction of spots", len(state.physics.interaction) > 0, _spots_reason(built)),
+    ]
 
 
-def _row(part: str, on: bool, reason: str, fraction: float) -> dict[str, Any]:
-    return {"part": part, "on": bool(on), "reason": reason, "fraction": fraction}
+def _row(part: str, on: bool, reason: str) -> dict[str, Any]:
+    return {"part": part, "on": bool(on), "reason": reason}
 
 
 def _yield_reason(built: Simulation) -> str:

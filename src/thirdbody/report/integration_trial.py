@@ -1,4 +1,4 @@
-"""Expected cost of the steps of a run: trials of a copy of its integrator, and expected times of the other one."""
+"""Expected time of the steps of a run: from a short trial of a copy of its integrator, and from the ratio of both."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.assembly.expected_time import extent_of, time_of_stops
+from thirdbody.engine.expected_islands import expected_islands
+from thirdbody.runner.output_schedule import planned_frames
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -82,7 +83,8 @@ def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str,
     """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
 
     A few bodies of the copy, alone, are pressed and dragged a little; the second half of that path gives the rate of the others.
-    Measured on one core: a machine with more cores is faster by their number. Islands, and searches for them, are expected.
+    Measured on one core: a machine with more cores is faster by their number. The size of islands is expected; a search for them
+    is measured, and there is one at each output and after each stride.
     """
     from thirdbody.errors import GuardStop
 
@@ -104,21 +106,20 @@ def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str,
     if islands is None or not integrator.meets:
         return alone, "", integrator
     shared = 1.0 if integrator.together else islands.mean  # bodies of one plate were measured as they are, islands included
-    return alone * shared + time_of_stops(extent_of(built.scene, built.upper), islands, n), "", integrator
+    started = time.perf_counter()
+    expected_islands(built.state)
+    search = time.perf_counter() - started
+    return alone * shared + (planned_frames(built) + built.planned_distance / islands.stride) * search, "", integrator
 
 
 def _expected(built: Simulation, measured: float) -> dict[str, dict[str, Any] | None]:
     """Return the `islands` expected of debris that may meet, and wall times of all steps with both integrators [s].
 
-    None where they are not known. `measured`: wall time of the chosen integrator, from a trial (NaN: unknown); the ratio of both
-    is that of the expected processor times.
+    None where they are not known. `measured`: wall time of the chosen integrator, from a trial (NaN: unknown).
     """
-    islands, times, kind = built.plan.islands, built.plan.times, built.plan.kind
-    result: dict[str, dict[str, Any] | None] = {"islands": None, "expected_times": None}
-    if islands is not None and built.state.world.debris_meets:
-        result["islands"] = islands._asdict()
-    if times is not None:
-        expected = times._asdict()
-        scale = 1.0 if math.isnan(measured) else measured / expected[kind]
-        result["expected_times"] = {name: scale * time for name, time in expected.items()}
-    return result
+    islands, steps, times = built.plan.islands, built.plan.steps, None
+    if steps is not None and not math.isnan(measured):
+        scale = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
+        times = {built.plan.kind: measured, "explicit" if built.plan.kind == "implicit" else "implicit": scale * measured}
+    meeting = islands._asdict() if islands is not None and built.state.world.debris_meets else None
+    return {"islands": meeting, "expected_times": times}

@@ -225,12 +225,8 @@ def _print_laws(report: dict[str, Any]) -> None:
         print_line(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
     contact, labels = report["effects"]["debris_contact"], report["effects"]["labels"]
     print_line(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
-    fractions = [
-        "" if row["fraction"] is None else f"{100.0 * row['fraction']:.0f} %" if row["on"] else "-" for row in report["parts"]
-    ]
-    table("effects and components, with their fraction of the time (estimated)", ("part", "", "fraction", "reason"),
-          [(row["part"], "on" if row["on"] else "off", percent, row["reason"])
-           for row, percent in zip(report["parts"], fractions, strict=True)])  # fmt: skip
+    table("effects and components", ("part", "", "reason"),
+          [(row["part"], "on" if row["on"] else "off", row["reason"]) for row in report["parts"]])  # fmt: skip
 
 
 def _print_integration(report: dict[str, Any]) -> None:

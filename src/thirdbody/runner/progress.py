@@ -28,13 +28,10 @@ class Progress:
     frame: int  # frames written so far
     series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
     limit: str = ""  # what has limited the steps of an implicit run, such as "62 % of steps limited by ..."
-    left: float | None = None  # expected wall time, s, of large ensembles; None: as of the fraction
 
     @property
     def remaining(self) -> float:
         """Expected wall time to the end [s]; NaN at the start."""
-        if self.left is not None:
-            return self.left
         return self.elapsed / self.fraction * (1.0 - self.fraction) if self.fraction > 0.0 else math.nan
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
@@ -17,10 +16,9 @@ from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
-from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
-from thirdbody.runner.output_schedule import planned_frames, targets
+from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.yield_check import PeakPressure
@@ -31,7 +29,6 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.implicit import Implicit
-    from thirdbody.engine.pilot import Work
 
 CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
@@ -65,10 +62,7 @@ class RunLoop:
         self.folder = files.path
         self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
-        self.aside = 0.0  # wall time [s] of all frames and checkpoints so far
-        self.frame_costs: deque[float] = deque(maxlen=3)  # of the last frames
         self.written = self.reported = self.started
-        self.work: Work | None = None  # how the work is distributed over the time of the run, where that is known
         self.limit = ""
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
@@ -105,11 +99,8 @@ class RunLoop:
         """Integrate to the end, output by output. Raises GuardStop and Interrupted."""
         simulation, integrator = self.simulation, self.simulation.integrator
         self.writer = writer
-        if self.report is not None:
-            self.work = self._expected_work()
         if simulation.state.n_bodies >= LARGE:
             keep_freed_memory()
-        self.begun, self.aside = time.perf_counter(), 0.0
         if not writer.frames:
             self.export_state()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
@@ -137,7 +128,6 @@ class RunLoop:
         write_checkpoint(self.files.work_folder, checkpoint, self.folder)
         self.written = time.perf_counter()
         self.cost = self.written - begun
-        self.aside += self.cost
 
     def _checkpoint(self) -> Checkpoint:
         """Return the present state, without copies."""
@@ -196,7 +186,7 @@ class RunLoop:
 
     def _write(self) -> None:
         """Write a frame of the current state."""
-        simulation, begun = self.simulation, time.perf_counter()
+        simulation = self.simulation
         stored = self.ledger.watch(simulation.state)
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None, stored)
         try:
@@ -211,8 +201,6 @@ class RunLoop:
         self.energy_guard.check(simulation.state, stored)
         if slow := self._implicit():
             slow.refuse_created_energy()
-        self.frame_costs.append(time.perf_counter() - begun)
-        self.aside += self.frame_costs[-1]
 
     def _report_progress(self, series: dict[str, Any]) -> None:
         """Report the progress so far."""
@@ -223,36 +211,8 @@ class RunLoop:
             fraction = min(simulated / self.simulation.planned_time, 1.0)
             if slow and series:  # it goes through all steps of all bodies
                 self.limit = slow.describe_limit()
-            left = self._left(slow) if slow and self.work else None
-            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, self.limit, left))
+            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, self.limit))
             self.reported = time.perf_counter()
-
-    def _expected_work(self) -> Work | None:
-        """Return how the work is distributed over the time that is left, None where that is not known."""
-        if not (slow := self._implicit()):
-            return None
-        from thirdbody.engine.implicit_ensemble import ImplicitEnsemble
-        from thirdbody.engine.pilot import expected_work
-
-        stops = islice(targets(self.simulation), self.reached, None)
-        if not isinstance(slow, ImplicitEnsemble):
-            return None
-        return expected_work(slow, (stop[:2] for stop in stops if stop[2]), self.stop)
-
-    def _left(self, slow: Implicit) -> float | None:
-        """Return the wall time that is left [s], by the work that is done; None before the first steps.
-
-        Frames are counted as long as the shortest of the last three: the process grows in the first one with contacts, which
-        takes twice as long. Checkpoints are counted with the part of the time that they may take.
-        """
-        assert self.work is not None
-        done = self.work.done(slow.totals[:, run_totals.TIME])
-        if done <= 0.0:
-            return None
-        frames = planned_frames(self.simulation) - self.writer.frames
-        checkpoints = self.cost / (self.cost + max(self.every, MIN_INTERVAL_OVER_COST * self.cost)) if self.cost else 0.0
-        steps = (time.perf_counter() - self.begun - self.aside) * (1.0 / done - 1.0)
-        return (steps + frames * min(self.frame_costs, default=0.0)) / (1.0 - checkpoints)
 
     def _implicit(self) -> Implicit | None:
         """Return the integrator if it is implicit; importing its class here would compile its steps."""

@@ -7,7 +7,6 @@ from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
 from thirdbody.scene.field_types import in_si, show
-from thirdbody.scene.read import MAX_LEVELS
 from thirdbody.scene.schema_base import Location, key_path
 
 # A key on the left, when set, replaces those on the right in the same table.
@@ -55,8 +54,6 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
     words = [word for word in re.split(r"[.\[\]]+", path) if word]
     if not words:
         raise ValueError("expected a path such as solver.distance")
-    if len(words) > MAX_LEVELS:
-        raise ValueError(f"nested too deeply, at most {MAX_LEVELS} levels are read")
     node: Any = document
     location: Location = ()
     for word in words[:-1]:

@@ -14,14 +14,8 @@ from thirdbody.surfaces.grid import MAX_POINTS
 from thirdbody.surfaces.height_map import HeightMap, checked_map
 from thirdbody.surfaces.zip_members import damage_reported, member, opened_archive
 
-MAX_XML = 10_000_000
-"""Bytes of the largest `main.xml`; those of instruments have some kB."""
-
 MAX_COUNT = 1e9
 """Largest number of points along an axis that is taken for one."""
-
-DEEPEST = 100
-"""Deepest nesting of elements."""
 
 TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
 """Types of the heights by their letter."""
@@ -42,7 +36,7 @@ class _Header(NamedTuple):
 def x3p_map(file: str, data: bytes) -> HeightMap:
     """Return the height map in the bytes of an X3P file; `file` is its name in messages. Raises InputError with all faults."""
     with damage_reported(file), opened_archive(file, data) as archive:
-        texts = _texts(file, member(file, archive, "main.xml", MAX_XML))
+        texts = _texts(file, member(file, archive, "main.xml"))
         header = _header(file, texts)
         n_x, n_y = header.counts
         dtype = np.dtype(TYPES[header.letter])
@@ -134,8 +128,6 @@ def _texts(file: str, xml: bytes) -> dict[str, str]:
     def start(name: str, _: object) -> None:
         pieces.clear()
         path.append(name.rpartition(" ")[2])
-        if len(path) > DEEPEST:
-            raise InputError(Fault("main.xml", f"is nested deeper than {DEEPEST} levels", file))
 
     def text(words: str) -> None:
         pieces.append(words)

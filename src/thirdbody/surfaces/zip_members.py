@@ -1,4 +1,4 @@
-"""Bounded reading of members of a ZIP archive in memory: damage and bombs are one clear fault."""
+"""Members of a ZIP archive in memory: damage is one clear fault."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from thirdbody.errors import Fault, InputError
-
-MAX_MEMBER = 400_000_000
-"""Bytes of the largest member that is unpacked."""
 
 DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
           zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -41,14 +38,11 @@ def opened_archive(file: str, data: bytes) -> zipfile.ZipFile:
     return zipfile.ZipFile(io.BytesIO(data))
 
 
-def member(file: str, archive: zipfile.ZipFile, name: str, largest: int = MAX_MEMBER) -> bytes:
-    """Return the bytes of one member. Raises InputError when it is missing or unpacks to more than `largest` bytes."""
+def member(file: str, archive: zipfile.ZipFile, name: str) -> bytes:
+    """Return the bytes of one member. Raises InputError when it is missing or damaged."""
     try:
         entry = archive.getinfo(name)
     except KeyError:
         raise InputError(Fault(name, "is missing in the archive", file)) from None
-    if entry.file_size > largest:  # zipfile unpacks no more than this size
-        size = f"{entry.file_size / 1e6:.0f} MB unpacked, at most {largest / 1e6:.0f} MB are read"
-        raise InputError(Fault(name, f"has {size}", file))
     with damage_reported(file):
         return archive.read(entry)

@@ -10,8 +10,7 @@ from typing import TypeVar
 import h5py
 
 from thirdbody.errors import InputError
-from thirdbody.trajectory.external_links import refuse_foreign
-from thirdbody.trajectory.validate import ClosedRun, damage_as_fault
+from thirdbody.trajectory.validate import ClosedRun, damage_as_fault, refuse_loaded_code
 
 FILE_NAME = "run.vtkhdf"
 TRIES, PAUSE = 10, 0.05
@@ -39,7 +38,7 @@ class OpenFile:
             raise InputError(f"{path}: the file cannot be opened ({error})") from error
 
     def connect(self) -> None:
-        """Open the file, or reopen it. Raises InputError when it is not HDF5 or refers to other files."""
+        """Open the file, or reopen it. Raises InputError when it is not HDF5 or needs foreign code."""
         self._disconnect()
         self._stream.seek(0)
         if self._stream.read(len(_SIGNATURE)) != _SIGNATURE:
@@ -50,7 +49,7 @@ class OpenFile:
             what = "is cut short" if "truncated" in str(error) else "cannot be opened"
             raise InputError(f"{self.path}: the file {what} ({error})") from error
         with damage_as_fault(self.path):
-            refuse_foreign(self.file)
+            refuse_loaded_code(self.file)
 
     def steady(self, read: Callable[[], Result], again: Callable[[], None] | None = None) -> Result:
         """Return the result of `read`, retried if it fails; `again` is called before each retry.

@@ -253,17 +253,14 @@ class Run(RunArrays):
         return render(self.path, out, **options)
 
     def export(
-        self, *, csv: str | Path | None = None, pvd: str | Path | None = None, pack: str | Path | None = None,
-        frame: int | None = None, overwrite: bool = False,
-    ) -> list[Path]:  # fmt: skip
+        self, *, csv: str | Path | None = None, pvd: str | Path | None = None, frame: int | None = None, overwrite: bool = False
+    ) -> list[Path]:
         """Write the run in other formats.
 
         Parameters
         ----------
         csv, pvd : str or Path, optional
             Folders of tables, and of files for ParaView before 5.12.
-        pack : str or Path, optional
-            File of a compressed copy, with all frames.
         frame : int, optional
             One frame; None: all.
         overwrite : bool
@@ -281,8 +278,8 @@ class Run(RunArrays):
         """
         from thirdbody.export.export_run import export_run
 
-        tables, files, copy = (None if path is None else Path(path) for path in (csv, pvd, pack))
-        return list(export_run(self.path, tables, files, copy, frame, overwrite))
+        tables, files = (None if path is None else Path(path) for path in (csv, pvd))
+        return list(export_run(self.path, tables, files, frame, overwrite))
 
     def to_pyvista(self, frame: int = -1) -> pyvista.MultiBlock:
         """Return one frame for pyvista.

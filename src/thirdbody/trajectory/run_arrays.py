@@ -24,7 +24,7 @@ from thirdbody.trajectory.plate_maps import refuse_other_plates
 from thirdbody.trajectory.plate_surfaces import read_surfaces
 from thirdbody.trajectory.rebuilt_spheres import RebuiltSpheres
 from thirdbody.trajectory.schema import BLOCKS, POSITION, PROFILES, SUMMARY_TEXT
-from thirdbody.trajectory.texts import read_text, refuse_large_texts
+from thirdbody.trajectory.texts import read_text, refuse_false_texts
 from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
 
 Result = TypeVar("Result")
@@ -54,7 +54,7 @@ class RunArrays:
             counts = [block.frames for block in self.stored.values()]
             # A run killed between two counts has one count too high: the lowest holds for all blocks.
             frames = min(counts + [int(self._series_group.attrs["NSteps"])])
-            refuse_large_texts(self._scene)
+            refuse_false_texts(self._scene)
             self.header = {name: self._text(name) for name in self._scene if name != SUMMARY_TEXT}
             self.state_names: list[str] = list(self.header["state_names"])
             self.reason_names: list[str] = list(self.header["reason_names"])

@@ -1,6 +1,6 @@
 """Validation of a run file when it is opened: types, shapes, offsets and claimed sizes.
 
-Nothing is allocated on the claims of a damaged or hostile file.
+Nothing is allocated on the claims of a damaged file, and no code is loaded that it names.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,6 +24,8 @@ UNASKED = 1 << 26
 
 WIDEST = 64
 """Largest number of values in one row of an array: vectors and quaternions have 3 and 4."""
+
+_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
@@ -54,19 +56,33 @@ def damage_as_fault(path: Path | str, where: str = "") -> Iterator[None]:
         raise InputError(f"{path}: not a run of thirdbody, or damaged{at} ({reason})") from error
 
 
+def refuse_loaded_code(file: h5py.File) -> None:
+    """Raise ValueError for a filter that is not part of HDF5 itself, which it would look for as a library and run."""
+
+    def refuse(_: str, node: h5py.HLObject) -> None:
+        if not isinstance(node, h5py.Dataset):
+            return
+        plan = node.id.get_create_plist()
+        for index in range(plan.get_nfilters()):
+            if (number := plan.get_filter(index)[0]) not in _FILTERS:
+                raise ValueError(f"{node.name} needs the filter {number}, which is not used by runs")
+
+    file.visititems(refuse)
+
+
 def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> None:
     """Raise ValueError, TypeError or KeyError for a file that does not have the form `TrajectoryWriter` writes."""
     if frames < 0:
         raise ValueError(f"{frames} frames")
     _refuse_header(header)
     for name in BLOCKS:
-        _refuse_block(file.filename, file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
+        _refuse_block(file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
     refuse_unsound_surfaces(file)
     refuse_unsound_maps(file, frames)
     rows = frames * header.get(PROFILES, {"bins": 0})["bins"]
     for group, count in (("series", frames), (PROFILES, rows)):
         for name in file.get(group, ()):
-            values = sound(file.filename, file[group][name], count)
+            values = sound(file[group][name], count)
             if not isinstance(values.attrs["units"], str):
                 raise TypeError(f"{values.name} has no units")
 
@@ -91,11 +107,11 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
         raise ValueError(f"/scene/domain: size {str(size)[:60]}")
 
 
-def _refuse_block(home: str, block: h5py.Group, static: tuple[str, ...], frames: int) -> None:
+def _refuse_block(block: h5py.Group, static: tuple[str, ...], frames: int) -> None:
     steps, data = block["Steps"], block["PointData"]
-    sound(home, steps["Values"], frames, "f", 1)
-    parts = _whole(home, steps["PartOffsets"], frames)
-    counts = sound(home, block["NumberOfPoints"], 0, "iu", 1)
+    sound(steps["Values"], frames, "f", 1)
+    parts = _whole(steps["PartOffsets"], frames)
+    counts = sound(block["NumberOfPoints"], 0, "iu", 1)
     if frames and not parts.max() < len(counts):
         raise ValueError(f"{block.name} names frames that are not there")
     rows = counts[: int(parts.max()) + 1][parts] if frames else parts
@@ -103,34 +119,32 @@ def _refuse_block(home: str, block: h5py.Group, static: tuple[str, ...], frames:
         raise ValueError(f"{block.name} has frames of {rows.min()} points")
     if block.name.endswith("clumps") and frames and rows.min() != rows.max():
         raise ValueError(f"{block.name} has another number of bodies in some frames")
-    ends = _whole(home, steps["PointOffsets"], frames) + rows
-    points = sound(home, block["Points"], int(ends.max(initial=0)), "f", 2)
+    ends = _whole(steps["PointOffsets"], frames) + rows
+    points = sound(block["Points"], int(ends.max(initial=0)), "f", 2)
     if points.shape[1] != 3:
         raise ValueError(f"{points.name} has rows of {points.shape[1]}")
     for name in data:
-        starts = _whole(home, steps["PointDataOffsets"][name], frames)
+        starts = _whole(steps["PointDataOffsets"][name], frames)
         if name not in static and frames and block.name.endswith("clumps") and (starts != np.arange(frames) * rows).any():
             raise ValueError(f"{block.name}/PointData/{name}: its frames do not follow each other")
-        sound(home, data[name], int((starts + rows).max(initial=0)))
+        sound(data[name], int((starts + rows).max(initial=0)))
     missing = set(static) - set(data)
     if missing:
         raise KeyError(f"{block.name} has no {', '.join(sorted(missing))}")
 
 
-def _whole(home: str, dataset: h5py.Dataset, frames: int) -> np.ndarray:
+def _whole(dataset: h5py.Dataset, frames: int) -> np.ndarray:
     """Return the counts of the frames, each at least 0 and small enough to be added."""
-    values = sound(home, dataset, frames, "iu", 1)[:frames].astype(np.int64)
+    values = sound(dataset, frames, "iu", 1)[:frames].astype(np.int64)
     if frames and not 0 <= values.min() <= values.max() < 2**62:
         raise ValueError(f"{dataset.name} holds {values.min()} to {values.max()}")
     return values
 
 
-def sound(home: str, dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -> h5py.Dataset:
-    """Return the data set if it holds that many rows of numbers in this very file. Raises ValueError, TypeError."""
+def sound(dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -> h5py.Dataset:
+    """Return the data set if it holds that many rows of numbers. Raises ValueError, TypeError."""
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds or not dataset.shape:
         raise TypeError(f"{dataset.name} is no array of numbers")
-    if dataset.external or dataset.is_virtual or dataset.file.filename != home:
-        raise ValueError(f"{dataset.name} is in another file")
     width = int(np.prod(dataset.shape[1:], dtype=object))
     if dataset.ndim > 2 or (axes and dataset.ndim != axes) or width > WIDEST:
         raise ValueError(f"{dataset.name} has the shape {dataset.shape}")

@@ -15,7 +15,6 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep.point import DONE, FAILED, INTERRUPTED, RESULT_FILE, Point, PointResult, read_result, write_result
-from thirdbody.system.address_space import memory_shortage
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -46,8 +45,12 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
         return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, time.perf_counter() - began)
     except ThirdbodyError as error:
         result = PointResult(point.number, FAILED, error.message, error.exit_code)
+    except MemoryError as error:
+        result = PointResult(point.number, FAILED, f"not enough memory{f' ({error})' if str(error) else ''}", 5)
     except Exception as error:  # a bug at one point ends no sweep
-        result = _unexpected(point, error)
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        result = PointResult(point.number, FAILED, reason, 1)
     result = replace(result, seconds=time.perf_counter() - began)
     try:
         write_result(point, result)
@@ -56,16 +59,6 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
     except OutputError as error:
         return PointResult(point.number, INTERRUPTED, error.message, error.exit_code, result.seconds)
     return result
-
-
-def _unexpected(point: Point, error: Exception) -> PointResult:
-    """Return the result of a point that raised what no scene should: lack of memory, or a bug."""
-    shortage = memory_shortage(error)
-    if shortage is not None:
-        return PointResult(point.number, FAILED, shortage.message, shortage.exit_code)
-    where = traceback.extract_tb(error.__traceback__)[-1]
-    reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
-    return PointResult(point.number, FAILED, reason, 1)
 
 
 def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
