@@ -1,4 +1,4 @@
-"""Four numbers at once: every function has the bits of numpy's arithmetic number by number."""
+"""Four numbers at once: every function has the bits of numpy's arithmetic number by number; small turns; arrays on the stack."""
 
 import itertools
 
@@ -7,146 +7,106 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from thirdbody.jit.simd import (
-    active_bits,
-    all_below,
-    axis_times_quaternion,
-    broadcast,
-    broadcast_lane,
-    clamp_below,
-    compress_store,
-    extract,
-    flush_below,
-    get,
-    less_mask,
-    load,
-    put,
-    round_to_nearest,
-    select_greater,
-    set4,
-    store,
-    with_last,
-)
-from thirdbody.jit.simd import cross as crossed
-from thirdbody.jit.simd import transpose as transposed
+from thirdbody.jit import simd
+from thirdbody.jit.stack_array import stack_array
+from thirdbody.kernels.rotation import NEARLY_UNIT, rotate_small
 
-LANES = range(4)
 SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308
 ODD = [0.0, -0.0, np.inf, -np.inf, np.nan, SMALLEST, -SMALLEST, LARGEST_DENORMAL, -LARGEST_DENORMAL, 1e-60, -1e-60,
        np.nextafter(1e-60, 1.0), np.nextafter(-1e-60, -1.0), 1.0, -1e308, -np.nan]  # fmt: skip
 
 
 def numbers(rows: int, seed: int, reach: float = 150.0) -> np.ndarray:
-    """Random numbers of all sizes between 10^-reach and 10^reach, (rows, 4)."""
     rng = np.random.default_rng(seed)
     return rng.choice([-1.0, 1.0], (rows, 4)) * rng.uniform(1.0, 10.0, (rows, 4)) * 10.0 ** rng.uniform(-reach, reach, (rows, 4))
 
 
 def alike(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two arrays have the same bits, so that -0 is not 0 and what is not a number is the same."""
+    """The same bits, so that -0 is not 0 and what is not a number is the same."""
     return one.shape == other.shape and np.array_equal(one.view(np.uint64), other.view(np.uint64))
 
 
 @njit(error_model="numpy")
-def arithmetic(A, B, out):
+def arithmetic(A, B, C, out):
     for i in range(A.shape[0]):
-        a, b = load(A, i, 0), load(B, i, 0)
-        store(out[0], i, 0, a + b)
-        store(out[1], i, 0, a - b)
-        store(out[2], i, 0, a * b)
-        store(out[3], i, 0, crossed(a, b))
-
-
-@njit(error_model="numpy")
-def fused(A, B, C, out):
-    for i in range(A.shape[0]):
-        store(out[0], i, 0, load(A, i, 0) + load(B, i, 0) * load(C, i, 0))
-        store(out[1], i, 0, load(A, i, 0) * load(B, i, 0) - load(C, i, 0))
+        a, b, c = simd.load(A, i, 0), simd.load(B, i, 0), simd.load(C, i, 0)
+        simd.store(out[0], i, 0, a + b)
+        simd.store(out[1], i, 0, a - b)
+        simd.store(out[2], i, 0, a * b)
+        simd.store(out[3], i, 0, simd.cross(a, b))
+        simd.store(out[4], i, 0, a + b * c)
+        simd.store(out[5], i, 0, a * b - c)
 
 
 @njit(error_model="numpy")
 def lanes(A, B, out):
     for i in range(A.shape[0]):
-        a, b = load(A, i, 0), load(B, i, 0)
-        store(out[0], i, 0, broadcast_lane(a, 0))
-        store(out[1], i, 0, broadcast_lane(a, 1))
-        store(out[2], i, 0, broadcast_lane(a, 2))
-        store(out[3], i, 0, broadcast_lane(a, 3))
-        store(out[4], i, 0, set4(extract(b, 3), extract(a, 2), extract(b, 1), extract(a, 0)))
-        store(out[5], i, 0, with_last(a, b))
-        store(out[6], i, 0, broadcast(B[i, 2]))
-        store(out[7], i, 0, axis_times_quaternion(a, 0))
-        store(out[8], i, 0, axis_times_quaternion(a, 1))
-        store(out[9], i, 0, axis_times_quaternion(a, 2))
+        a, b = simd.load(A, i, 0), simd.load(B, i, 0)
+        simd.store(out[0], i, 0, simd.broadcast_lane(a, 0))
+        simd.store(out[1], i, 0, simd.broadcast_lane(a, 1))
+        simd.store(out[2], i, 0, simd.broadcast_lane(a, 2))
+        simd.store(out[3], i, 0, simd.broadcast_lane(a, 3))
+        simd.store(out[4], i, 0, simd.set4(simd.extract(b, 3), simd.extract(a, 2), simd.extract(b, 1), simd.extract(a, 0)))
+        simd.store(out[5], i, 0, simd.with_last(a, b))
+        simd.store(out[6], i, 0, simd.broadcast(B[i, 2]))
+        simd.store(out[7], i, 0, simd.axis_times_quaternion(a, 0))
+        simd.store(out[8], i, 0, simd.axis_times_quaternion(a, 1))
+        simd.store(out[9], i, 0, simd.axis_times_quaternion(a, 2))
 
 
 @njit(error_model="numpy")
 def turned_over(A, out):
     for i in range(0, A.shape[0], 4):
-        columns = transposed(load(A, i, 0), load(A, i + 1, 0), load(A, i + 2, 0), load(A, i + 3, 0))
-        store(out, i, 0, columns[0])
-        store(out, i + 1, 0, columns[1])
-        store(out, i + 2, 0, columns[2])
-        store(out, i + 3, 0, columns[3])
-
-
-@njit(error_model="numpy")
-def cut_off(A, least, out):
-    for i in range(A.shape[0]):
-        store(out, i, 0, flush_below(load(A, i, 0), least))
+        columns = simd.transpose(simd.load(A, i, 0), simd.load(A, i + 1, 0), simd.load(A, i + 2, 0), simd.load(A, i + 3, 0))
+        simd.store(out, i, 0, columns[0])
+        simd.store(out, i + 1, 0, columns[1])
+        simd.store(out, i + 2, 0, columns[2])
+        simd.store(out, i + 3, 0, columns[3])
 
 
 @njit(error_model="numpy")
 def compared(A, B, least, out, bits, whole):
     for i in range(A.shape[0]):
-        a, b = load(A, i, 0), load(B, i, 0)
-        store(out[0], i, 0, clamp_below(a, least))
-        store(out[1], i, 0, round_to_nearest(a))
-        store(out[2], i, 0, select_greater(a, b, a, b))
-        store(out[3], i, 0, a / b)
-        bits[i], whole[i] = less_mask(a, b), all_below(a, least)
+        a, b = simd.load(A, i, 0), simd.load(B, i, 0)
+        simd.store(out[0], i, 0, simd.clamp_below(a, least))
+        simd.store(out[1], i, 0, simd.round_to_nearest(a))
+        simd.store(out[2], i, 0, simd.select_greater(a, b, a, b))
+        simd.store(out[3], i, 0, a / b)
+        simd.store(out[4], i, 0, simd.flush_below(a, least))
+        bits[i], whole[i] = simd.less_mask(a, b), simd.all_below(a, least)
 
 
 @njit(error_model="numpy")
 def sorted_out(A, closed, some, opened):
     m, o = 0, 0
     for k in range(0, A.shape[0], 4):
-        bits = active_bits(get(A, k), closed, k)
-        m += compress_store(some, m, k, bits & 15)
-        o += compress_store(opened, o, k, bits >> 4)
+        bits = simd.active_bits(simd.get(A, k), closed, k)
+        m += simd.compress_store(some, m, k, bits & 15)
+        o += simd.compress_store(opened, o, k, bits >> 4)
     return m, o
 
 
 @njit(error_model="numpy")
 def moved(A, rows, first, to, out):
     for k in range(rows.shape[0]):
-        store(out, k, to, load(A, np.uint64(rows[k]), first))
-
-
-@njit(error_model="numpy")
-def moved_along(row, first, to, out):
-    put(out, to, get(row, first))
+        simd.store(out, k, to, simd.load(A, np.uint64(rows[k]), first))
+    simd.put(out[-1], to, simd.get(A[rows[0]], first))
 
 
 def test_arithmetic_has_the_bits_of_numpy():
-    a, b = numbers(400, 1), numbers(400, 2)
-    a[:300] *= np.abs(b[:300] / a[:300])  # of like size, so that both have a say in a sum
-    a[:100, 1], b[50:150, 2], a[0] = 0.0, -0.0, -b[0]
-    out = np.full((4, *a.shape), np.nan)
-    arithmetic(a, b, out)
-    x, y = a[:, :3], b[:, :3]
-    cross = x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]]
-    assert all(alike(found, expected) for found, expected in zip(out[:3], (a + b, a - b, a * b), strict=True))
-    assert alike(np.ascontiguousarray(out[3, :, :3]), cross)
-    assert np.all(out[3, :, 3] == 0.0)  # what stands behind a vector stays nothing
-
-
-def test_a_product_and_a_sum_are_rounded_one_by_one():
-    """A processor can do both with one rounding: other bits, and not on every machine."""
-    a, b, c = numbers(400, 3, 2.0), numbers(400, 4, 2.0), numbers(400, 5, 2.0)
-    out = np.empty((2, *a.shape))
-    fused(a, b, c, out)
-    assert alike(out[0], a + b * c) and alike(out[1], a * b - c)
+    """A processor can do a product and a sum with one rounding: other bits, and not on every machine."""
+    one, other = numbers(400, 1), numbers(400, 2)
+    one[:300] *= np.abs(other[:300] / one[:300])  # of like size, so that both have a say in a sum
+    one[:100, 1], other[50:150, 2], one[0] = 0.0, -0.0, -other[0]
+    for a, b, c in ((one, other, other), [numbers(400, seed, 2.0) for seed in (3, 4, 5)]):
+        out = np.full((6, *a.shape), np.nan)
+        arithmetic(a, b, c, out)
+        x, y = a[:, :3], b[:, :3]
+        expected = (a + b, a - b, a * b, x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]])
+        assert all(alike(found, one) for found, one in zip(out[:3], expected[:3], strict=True))
+        assert alike(np.ascontiguousarray(out[3, :, :3]), expected[3])
+        assert np.all(out[3, :, 3] == 0.0)  # what stands behind a vector stays nothing
+    assert alike(out[4], a + b * c) and alike(out[5], a * b - c)
 
 
 def test_numbers_go_where_they_are_sent():
@@ -154,7 +114,7 @@ def test_numbers_go_where_they_are_sent():
     a[3], b[4] = ODD[:4], ODD[3:7]
     out = np.full((10, *a.shape), 7.0)
     lanes(a, b, out)
-    for k in LANES:
+    for k in range(4):
         assert alike(out[k], np.repeat(a[:, k : k + 1], 4, axis=1))
     assert alike(out[4], np.column_stack((b[:, 3], a[:, 2], b[:, 1], a[:, 0])))
     assert alike(out[5], np.column_stack((a[:, :3], b[:, 3])))
@@ -173,22 +133,12 @@ def test_rows_become_columns():
     assert alike(out, np.ascontiguousarray(a.reshape(10, 4, 4).transpose(0, 2, 1)).reshape(40, 4))
 
 
-@pytest.mark.parametrize("least", [0.0, SMALLEST, 1e-60, 1e-300, 1.0, np.inf])
-def test_what_is_too_small_is_zero_and_no_number_is_hidden(least):
-    a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 9, 90.0)))
-    out = np.empty_like(a)
-    cut_off(a, least, out)
-    assert alike(out, np.where(np.abs(a) <= least, 0.0, a))
-    assert np.array_equal(np.isnan(out), np.isnan(a)) and np.isnan(out).sum() == 2
-    assert not np.any(np.signbit(out[out == 0.0]))
-
-
 def test_numbers_are_compared_and_rounded_as_numpy_does():
     halves = np.arange(-20.0, 20.0).reshape(10, 4) / 2.0
     a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 10, 3.0), halves))
     b = a[::-1].copy()
     b[20:30] = a[20:30]  # none below
-    out, bits, whole = np.empty((4, *a.shape)), np.empty(len(a), np.int64), np.empty(len(a), np.bool_)
+    out, bits, whole = np.empty((5, *a.shape)), np.empty(len(a), np.int64), np.empty(len(a), np.bool_)
     compared(a, b, 1e-300, out, bits, whole)
     assert alike(out[0], np.where(a < 1e-300, 1e-300, a)) and alike(out[1], np.rint(a))
     assert np.array_equal(bits, (a < b) @ [1, 2, 4, 8]) and bits.any() and len(set(bits)) > 8
@@ -196,6 +146,13 @@ def test_numbers_are_compared_and_rounded_as_numpy_does():
     assert alike(out[2], np.where(a > b, a, b))
     with np.errstate(all="ignore"):
         assert alike(out[3], a / b)
+    # what is too small is zero, and no number is hidden
+    for least in (0.0, SMALLEST, 1e-60, 1e-300, 1.0, np.inf):
+        compared(a, b, least, out, bits, whole)
+        cut = out[4]
+        assert alike(cut, np.where(np.abs(a) <= least, 0.0, a)), least
+        assert np.array_equal(np.isnan(cut), np.isnan(a)) and np.isnan(cut).sum() == 2
+        assert not np.any(np.signbit(cut[cut == 0.0]))
 
 
 def test_positive_numbers_are_listed_with_those_that_were_before():
@@ -211,33 +168,85 @@ def test_positive_numbers_are_listed_with_those_that_were_before():
     assert np.array_equal(closed, on)
 
 
-@pytest.mark.parametrize("first", [0, 1, 5])
-@pytest.mark.parametrize("to", [0, 3])
-def test_a_table_is_read_and_written_at_any_column(first, to):
-    table = numbers(27, 10).reshape(12, 9)
-    rows = np.array([11, 0, 4, 4, 7])
-    out = np.full((5, 8), 7.0)
-    moved(table, rows, first, to, out)
-    expected = np.full((5, 8), 7.0)
-    expected[:, to : to + 4] = table[rows, first : first + 4]
-    assert alike(out, expected)
-    row = np.full(8, 7.0)
-    moved_along(table[3], first, to, row)
-    expected = np.full(8, 7.0)
-    expected[to : to + 4] = table[3, first : first + 4]
-    assert alike(row, expected)
+def test_a_table_is_read_and_written_at_any_column():
+    table, rows = numbers(27, 10).reshape(12, 9), np.array([11, 0, 4, 4, 7])
+    for first, to in itertools.product((0, 1, 5), (0, 3)):
+        out = np.full((6, 8), 7.0)
+        expected = out.copy()
+        moved(table, rows, first, to, out)
+        expected[:, to : to + 4] = table[[*rows, rows[0]], first : first + 4]
+        assert alike(out, expected)
 
 
-def test_a_lane_is_a_literal_from_zero_to_three():
+def test_a_lane_and_a_size_are_known_when_compiling():
     @njit
-    def behind(A):
-        return extract(load(A, 0, 0), 4)
+    def behind(A, k):
+        return simd.extract(simd.load(A, 0, 0), 4)
 
     @njit
     def unknown(A, k):
-        return extract(load(A, 0, 0), k)
+        return simd.extract(simd.load(A, 0, 0), k)
 
-    with pytest.raises(TypingError, match="from 0 to 3"):
-        behind(np.zeros((1, 4)))
-    with pytest.raises(TypingError, match="from 0 to 3"):
-        unknown(np.zeros((1, 4)), 1)
+    @njit
+    def scratch(A, k):
+        return stack_array(k)[0]
+
+    for compiled, words in ((behind, "from 0 to 3"), (unknown, "from 0 to 3"), (scratch, ".")):
+        with pytest.raises(TypingError, match=words):
+            compiled(np.zeros((1, 4)), 1)
+
+
+@njit(error_model="numpy")
+def turned_all(Q, R, out):
+    for k in range(Q.shape[0]):
+        simd.store(out, k, 0, rotate_small(simd.load(Q, k, 0), simd.set4(R[k, 0], R[k, 1], R[k, 2], 0.0)))
+
+
+def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    u, v = p[:, 1:], q[:, 1:]
+    real = p[:, 0] * q[:, 0] - np.sum(u * v, axis=1)
+    return np.column_stack((real, p[:, [0]] * v + q[:, [0]] * u + np.cross(u, v)))
+
+
+def test_a_turn_is_by_twice_the_angle_whose_tangent_is_half_of_it():
+    rng = np.random.default_rng(3)
+    sizes = np.concatenate((np.logspace(-12, 0.5, 2000), 2.0 * np.sqrt(NEARLY_UNIT) * np.linspace(0.99, 1.01, 2001)))
+    Q, axes = rng.normal(size=(len(sizes), 4)), rng.normal(size=(len(sizes), 3))
+    Q /= np.linalg.norm(Q, axis=1)[:, None]
+    R = sizes[:, None] * axes / np.linalg.norm(axes, axis=1)[:, None]
+    out = np.empty_like(Q)
+    turned_all(Q, R, out)
+    turn = np.column_stack((np.ones(len(R)), 0.5 * R))
+    expected = product(turn / np.linalg.norm(turn, axis=1)[:, None], Q)
+    # a dozen roundings of numbers up to 1
+    assert np.abs(out - expected).max() < 1e-15
+    assert np.abs(np.sum(out * out, axis=1) - 1.0).max() < 1e-15
+
+
+def test_the_length_does_not_wander_in_many_turns():
+    """What rounding leaves of a length is put right by the next turn, and does not add up."""
+    Q, R, rng = np.array([[1.0, 0.0, 0.0, 0.0]]), np.empty((1, 3)), np.random.default_rng(4)
+    for _ in range(5_000):
+        R[0] = rng.normal(size=3) * 1e-3
+        turned_all(Q, R, Q)
+    assert abs(np.sum(Q * Q) - 1.0) < 1e-15
+
+
+SIZE = 1000
+
+
+@njit
+def sums(n):
+    total = np.zeros(n)
+    for i in range(n):
+        a, b = stack_array(SIZE), stack_array(SIZE)
+        for k in range(SIZE):
+            a[k], b[k] = i, 2 * i
+        total[i] = a.sum() + b.sum()
+    return total
+
+
+def test_arrays_are_apart_and_of_one_place():
+    """Rounds of 16 kB, 320 MB in all, would overflow any stack if every round took its own."""
+    assert np.array_equal(sums(5), 3.0 * SIZE * np.arange(5))
+    assert sums(20_000)[-1] == 3.0 * SIZE * 19_999

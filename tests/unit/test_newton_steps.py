@@ -1,0 +1,69 @@
+"""Steps of Newton's method without a run: linear systems, against LAPACK; which contacts shorten a correction."""
+
+import itertools
+from collections import namedtuple
+
+import numpy as np
+import pytest
+from numba import njit
+
+from thirdbody.kernels.columns import geometry, law_input, law_output, sphere, step_start
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit import newton
+
+
+def test_solution_is_that_of_lapack():
+    """Random matrices need many exchanges of rows; a singular one is refused."""
+    for n, seed in itertools.product((6, 7), range(20)):
+        rng = np.random.default_rng(seed)
+        A, b = rng.normal(size=(n, n)), rng.normal(size=n)
+        np.fill_diagonal(A, 0.0)
+        J, pivots, r = A.copy(), np.zeros(n, np.int64), -b
+        assert newton.factorise.py_func(J, pivots, n)
+        newton.substitute.py_func(J, pivots, r, n)
+        x = np.linalg.solve(A, b)
+        # rounding grows with the condition of the matrix
+        bound = 50.0 * np.finfo(float).eps * np.linalg.cond(A) * np.abs(x).max()
+        np.testing.assert_allclose(r, x, rtol=0.0, atol=bound)
+    assert not newton.factorise.py_func(np.ones((7, 7)), np.zeros(7, np.int64), 7)
+
+
+OVERLAP, SLIP, BACK = 1e-9, 2e-10, 1e-9
+"""Overlap of the spot, its slip in the step so far, and how far the correction moves it back [m]."""
+FIELDS = 80  # of a tile, more than any of its tables has
+
+
+Context = namedtuple("Context", "interaction own partner S")
+Scratch = namedtuple("Scratch", "inputs outputs geometry")
+Space = namedtuple("Space", "tile slots correction")
+Active = namedtuple("Active", "start")
+
+
+@njit
+def limited(context, active, space):
+    return newton.limit_slip_reversal(context, active, 1, 1.0, space)
+
+
+def fraction(relief, limit=0.0, interaction=3):
+    """Fraction of a correction that is left by one spot at the limit of friction (N), at which it slips along x."""
+    tile = Scratch(*np.zeros((3, FIELDS * TILE)))
+    tile.inputs[law_input.OVERLAP * TILE], tile.inputs[law_input.SLIP_X * TILE] = OVERLAP, SLIP
+    tile.outputs[law_output.FRICTION_LIMIT * TILE] = tile.outputs[law_output.TANGENTIAL_X * TILE] = limit
+    tile.geometry[geometry.RELIEF * TILE] = relief
+    for column in (geometry.NORMAL + 2, geometry.AXIS, geometry.CROSS_AXIS + 1):
+        tile.geometry[column * TILE] = 1.0
+    start = np.zeros(step_start.WIDTH)
+    start[step_start.ARM] = 1e-6
+    context = Context(np.zeros(interaction), np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
+    return limited(context, Active(start), Space(tile, np.zeros(1, int), np.array([-BACK, *(0.0,) * 6])))
+
+
+def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():
+    """To its slip so far: with no displacement that friction holds, nothing more. One that is relieved wholly shortens none:
+
+    its limit is none at all, it would shorten every correction, to a stop. Where spots do not interact it counts.
+    """
+    for relief in (0.0, 0.5 * OVERLAP):
+        assert fraction(relief, limit=1e-6) == pytest.approx(SLIP / BACK, rel=1e-12)
+    assert fraction(OVERLAP) == fraction(1.5 * OVERLAP) == 1.0
+    assert fraction(OVERLAP, interaction=0) < 1.0
