@@ -1,7 +1,5 @@
 """The command line itself: its help, short options, unknown commands, completion in shells, limits of options."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -16,11 +14,9 @@ from portable import PATIENCE
 import thirdbody
 from thirdbody.cli import main
 from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
-from thirdbody.errors import UsageError
-from thirdbody.runner.removed import SEEDS
 
 COMMANDS = (
-    "balance", "check", "cost", "export", "hard", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
+    "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
     "sweep",
 )  # fmt: skip
 
@@ -64,16 +60,6 @@ def test_what_is_gone_is_answered_with_what_does_its_job(words, balls, command, 
         report = command(*line) if len(words) == 2 else command(*words)
         assert report.code == 2 and report.err == f"thirdbody: {words[-1]}: {text}\n" and not report.out
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
-
-
-def test_arguments_that_are_gone_are_answered_in_python_too(balls, tmp_path):
-    with pytest.raises(UsageError, match=re.escape(f"parts: {SEEDS}")):
-        thirdbody.run(balls(), tmp_path / "run", parts=2)
-    with pytest.raises(UsageError, match=re.escape(f"executor: {SEEDS}")):
-        thirdbody.resume(tmp_path / "run", executor=None)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'part'"):
-        thirdbody.run(balls(), tmp_path / "run", part=2)
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("text", ["", "Unable to allocate 8.00 GiB"])

@@ -1,7 +1,5 @@
 """Text of users and of files made by others: it neither steers the terminal, nor forges a line, nor stops a command."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -81,7 +79,6 @@ def test_a_run_made_by_others(balls, command, tmp_path):
         (("plot", HOSTILE, "-o", "p.png"), 3),
         (("map", "-o", f"nowhere/{HOSTILE}.png"), 5),
         (("map", "-o", HOSTILE), 2),
-        (("hard", HOSTILE), 2),
         (("laws", "--plugin", HOSTILE), 2),
         ((HOSTILE,), 2),
         (("check", "\udcff\udcfe.toml"), 3),

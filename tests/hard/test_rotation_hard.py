@@ -2,73 +2,25 @@
 
 from __future__ import annotations
 
-import math
-
 import closed_forms
 import numpy as np
 import pytest
+from hard.free_bodies import turned_pair
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum
-from thirdbody.kernels.columns import body, body_extra, record, run_totals
+from thirdbody.kernels.columns import body, body_extra, run_totals
 from thirdbody.rotations import rotation_matrices
-
-RADIUS = 1e-3
-
-
-def make_pair(make):
-    return [make.ball(RADIUS, (sign * RADIUS * (1.0 + 1e-12), 0.0, 0.0)) for sign in (-1.0, 1.0)]
-
-
-def rotation(axis, angle):
-    """Rotation matrix about a unit axis."""
-    half = 0.5 * angle
-    return rotation_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
-
-
-def turned_pair(make, axis, count):
-    """Two balls pressed together and sheared, then turned rigidly about `axis` by 2 radians in `count` steps.
-
-    Returns (tangential force before, after, turn matrix, friction work and stored energy gained over the stored energy). The
-    bodies are so heavy that forces cannot move them: their motion is prescribed, chord by chord.
-    """
-    step = 1e-7
-    simulation = build(make.scene(make_pair(make), {"ball": make.STEEL}, friction=0.5, time_step=step), force=True)
-    B, E = simulation.state.B, simulation.state.E
-    B[:, body.MASS] = E[:, body_extra.INERTIA] = E[:, body_extra.INERTIA + 1] = E[:, body_extra.INERTIA + 2] = B[
-        :, body.SPHERE_INERTIA
-    ] = 1e30
-
-    def drive(target, spin=(0.0, 0.0, 0.0)):
-        B[:, body.VELOCITY3] = (target - B[:, body.POSITION3]) / step
-        B[:, body.SPIN3] = spin
-        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E, simulation.state.orientations)
-        make.advance(simulation)
-        return make.contact(simulation)
-
-    offset = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    for k in range(1, 21):
-        drive(offset * (RADIUS - 5e-6 * k / 20))
-    centres = offset * (RADIUS - 5e-6)
-    for k in range(1, 21):
-        before = drive(centres + offset[:, [1, 2, 0]] * 3e-7 * k / 20)
-    centres, work = B[:, body.POSITION3].copy(), simulation.state.A[run_totals.FRICTION_WORK]
-    for k in range(1, count + 1):
-        turn = rotation(axis, 2.0 * k / count)
-        after = drive(centres @ turn.T, axis * 2.0 / count / step)
-    stored = before[record.STORED_TANGENTIAL]
-    made = simulation.state.A[run_totals.FRICTION_WORK] - work, after[record.STORED_TANGENTIAL] - stored
-    return before[record.TANGENTIAL_FORCE3], after[record.TANGENTIAL_FORCE3], turn, np.abs(made) / stored
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 2.0, -2.0)])
-def test_history_turns_with_a_rigidly_rotating_pair(make, axis):
+def test_history_turns_with_a_rigidly_rotating_pair(axis):
     """Twist about the normal included: the stored force turns with the pair, and nothing does work."""
     axis = np.array(axis) / np.linalg.norm(axis)
     errors, works = [], []
     counts = (1000, 2000, 4000)
     for count in counts:
-        before, after, turn, work = turned_pair(make, axis, count)
+        before, after, turn, work = turned_pair(axis, count)
         errors.append(np.linalg.norm(after - turn @ before) / np.linalg.norm(before))
         works.append(work.max())
     # chords for arcs and tan x for x: second order in the turn of a step

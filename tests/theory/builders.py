@@ -2,8 +2,8 @@
 
 import itertools
 import math
+from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,16 +37,7 @@ def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(
     return Spheres(material=material, radius=radius, **place)
 
 
-def scene(
-    debris: Sequence[Any],
-    materials: dict[str, Material],
-    friction: float = 0.0,
-    restitution: float = 1.0,
-    lower: str | None = None,
-    upper: UpperPlate | None = None,
-    time_step: float | str = "auto",
-    **more: Any,
-) -> Scene:
+def scene(debris, materials, friction=0.0, restitution=1.0, lower=None, upper=None, time_step="auto", **more) -> Scene:
     """A scene in which every pair of materials has the same friction and restitution; `more` may replace whole tables."""
     pairs = tuple(
         model.Pair(between=names, friction=friction, restitution=restitution)
@@ -60,8 +51,9 @@ def scene(
         "effects": model.Effects(gravity=more.pop("gravity", None)),
         "solver": model.Solver(duration=LONG, time_step=time_step),
         "output": model.Output(every=LONG, every_kind="time"),
+        "pairs": pairs,
     }
-    return Scene(materials=materials, pairs=pairs, debris=tuple(debris), **(tables | more))
+    return Scene(materials=materials, debris=tuple(debris), **(tables | more))
 
 
 def ball_on_plane(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
@@ -108,15 +100,8 @@ def label(simulation: Simulation, body: int = 0) -> str:
     return simulation.labeller.states[int(simulation.integrator.label()[body, 0])]
 
 
-@dataclass(frozen=True)
-class Impact:
-    """An impact step by step: time s, overlap m, normal and tangential force N; the end is when the gap was zero again."""
-
-    time: np.ndarray
-    overlap: np.ndarray
-    normal: np.ndarray
-    tangential: np.ndarray
-    end: float
+Impact = namedtuple("Impact", "time overlap normal tangential end")
+"""An impact step by step: time s, overlap m, normal and tangential force N; the end is when the gap was zero again."""
 
 
 def impact(simulation: Simulation, gap_rate) -> Impact:
@@ -154,7 +139,7 @@ def kinetic(simulation: Simulation) -> float:
 
 
 def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular momentum (about the origin) of all bodies."""
+    """Linear and angular (about the origin), of all bodies."""
     B, E = simulation.state.B, simulation.state.E
     linear = B[:, body.MASS, None] * B[:, body.VELOCITY3]
     angular = np.cross(B[:, body.POSITION3], linear) + E[:, body_extra.ANGULAR_MOMENTUM3]
@@ -165,24 +150,14 @@ def ball_mass(material: Material, radius: float) -> float:
     return material.density * 4.0 / 3.0 * math.pi * radius**3
 
 
-def under_patches(
-    debris: Sequence[Any],
-    materials: dict[str, Material],
-    load: float,
-    motion: model.Motion,
-    level: str = "mindlin",
-    patch: dict[str, Any] | None = None,
-    options: dict[str, Any] | None = None,
-    force: bool = False,
-    **keys: Any,
-) -> Simulation:
+def under_patches(debris, materials, load, motion, level="mindlin", patch=None, options=None, **keys) -> Simulation:
     """Bodies that do not see each other, each under a patch of its own of the material `ball`, pressed by a load (N) and dragged.
 
     `patch` are further keys of the upper plate, `options` those of the law; `keys` are those of the solver or of `scene`.
     """
     solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
-    size, periodic = keys.pop("size", 10.0), keys.pop("periodic", True)
+    size, periodic, force = keys.pop("size", 10.0), keys.pop("periodic", True), keys.pop("force", False)
     held = {"support": "load_per_particle", "load": load} | (patch or {})
     upper = UpperPlate(material="ball", motion=motion, **held)
     tables = {

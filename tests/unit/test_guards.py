@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hard import trial as make
+from hard.trial import Setting, Trial
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
@@ -16,8 +18,6 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Domain, Scene
-from thirdbody.studies.robustness import scenes as make
-from thirdbody.studies.robustness.case import Setting, Trial
 from thirdbody.trajectory.reader import open_run
 
 BOTH = pytest.mark.parametrize("integrator", ["explicit", "implicit"])

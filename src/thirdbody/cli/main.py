@@ -11,7 +11,7 @@ from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
 from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
-from thirdbody.cli.studies import cost, hard
+from thirdbody.cli.studies import cost
 from thirdbody.cli.surface import surface
 from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
@@ -237,7 +237,6 @@ def shapes(
 app.command(cls=Command)(surface)
 app.command(cls=Command)(sweep)
 app.command(cls=Command)(cost)
-app.command(cls=Command)(hard)
 
 
 @app.command(cls=Command)

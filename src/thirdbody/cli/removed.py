@@ -3,9 +3,13 @@
 from collections.abc import Iterable
 
 from thirdbody.errors import UsageError
-from thirdbody.runner.removed import SEEDS
 
-REMOVED_COMMANDS: dict[str, str] = {}
+SEEDS = (
+    "a run is computed by one process; more bodies, or a cluster, take a sweep over seeds: "
+    "thirdbody sweep SCENE --vary debris.0.seed=1,2,3 (guide: On a cluster)"
+)
+
+REMOVED_COMMANDS = {"hard": "the cases that break naive codes are run by `python tests/bench/hard_cases.py` of the source tree"}
 
 REMOVED_OPTIONS = {
     ("run", "--parts"): SEEDS,

@@ -47,20 +47,3 @@ def cost(
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if study.effects else 'cost'}"
     source = StudySource(scene, override_pairs(settings), folder, plugin or [])
     cost_command(source, StudyOptions(study.repeats, study.effects, seconds, only), overwrite, json, log)
-
-
-def hard(
-    cases: Annotated[list[str] | None, typer.Argument(metavar="CASE", help="cases [all]", show_default=False)] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="picture of the table: .png, .pdf or .svg")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="one law level, automatic time steps only")] = False,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Run the robustness cases: what must hold in each of them, and how far the time step can be raised above its bound."""
-    from thirdbody.studies.robustness.report import hard_command
-
-    def log(text: str) -> None:
-        if not quiet:
-            print_line(text, err=True)
-
-    hard_command(cases or (), out, json, quick, log)

@@ -14,7 +14,6 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from thirdbody.runner.prepare import check_threads, prepare
 from thirdbody.runner.progress import Reporter, reporting
-from thirdbody.runner.removed import SEEDS, without
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
@@ -30,7 +29,6 @@ LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""
 
 
-@without(executor=SEEDS)
 def resume(
     out: str | Path | Run,
     threads: int | None = None,
@@ -72,7 +70,7 @@ def resume(
     """
     folder = _folder_of(out)
     for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=3)
+        warnings.warn(warning, stacklevel=2)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)

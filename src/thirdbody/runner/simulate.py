@@ -20,7 +20,6 @@ from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measured import measured_summary
 from thirdbody.runner.prepare import check_threads, prepare, set_threads
 from thirdbody.runner.progress import Reporter, reporting
-from thirdbody.runner.removed import SEEDS, without
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
-@without(parts=SEEDS)
 def run(
     scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
     out: str | Path | None = None,
@@ -84,7 +82,7 @@ def run(
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
     for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=3)
+        warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
         execute(simulation, folder, threads, report, overwrite, stop)

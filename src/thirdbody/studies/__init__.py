@@ -1,1 +1,1 @@
-"""Studies: many runs of one scene, compared: accuracy against time, effects, robustness."""
+"""Studies: many runs of one scene, compared: accuracy against time, effects."""

@@ -1,1 +1,0 @@
-"""The robustness cases behind `thirdbody hard`."""
