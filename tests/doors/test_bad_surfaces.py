@@ -1,7 +1,5 @@
 """Files of measured surfaces that are spoilt: one clear message each, at the key of the scene, exit code 3."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import pickle
