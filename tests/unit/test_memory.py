@@ -1,5 +1,7 @@
-"""Parts of arrays of constant size, and fields of laws between the rows of contacts and tiles."""
+"""Parts of arrays of constant size, fields of laws between the rows of contacts and tiles, three numbers in one."""
 
+import itertools
+import math
 from collections import namedtuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import load_field, pieces
 from thirdbody.kernels.contact_geometry import gather_history, load_history
 from thirdbody.kernels.contact_history import store_history
+from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 
 Rows = namedtuple("Rows", "H kind n_history field_begin field_size")  # noqa: PYI024
 
@@ -37,7 +40,6 @@ def test_a_part_is_a_view():
 
 
 def test_sizes_are_known_when_compiling_and_those_of_two_parts_differ():
-    """Our pipeline types all calls with integers behind an array alike: sizes must not be among them."""
     for options in ({}, {name: value for name, value in OPTIONS.items() if name != "cache"}):
 
         @njit(**options)
@@ -56,14 +58,12 @@ def test_sizes_are_known_when_compiling_and_those_of_two_parts_differ():
 
 @njit
 def load(slots, context, tile):
-    """Contact by contact, as contacts with plates."""
     for q in range(len(slots)):
         load_history(q, slots[q], context, tile)
 
 
 @njit
 def gather(slots, context, tile):
-    """Four contacts at a time, as contacts between spheres."""
     for q in range(0, len(slots), 4):
         gather_history(q, (slots[q], slots[q + 1], slots[q + 2], slots[q + 3]), context, tile)
     for q in range(len(slots)):
@@ -94,3 +94,60 @@ def test_rows_survive_loading_and_storing(read):
         tile.outputs.reshape(-1, TILE)[law_output.HISTORY :] = 2.0 * inputs
         store(slots, context, tile)
         assert np.array_equal(context.H[slots, contact_state.LAW : contact_state.LAW + history], 2.0 * laws), history
+
+
+@njit(error_model="numpy")
+def stored(numbers):
+    found = np.empty(numbers.shape[0])
+    for k in range(len(found)):
+        found[k] = pack_triple(numbers[k, 0], numbers[k, 1], numbers[k, 2])
+    return found
+
+
+@njit(error_model="numpy")
+def recalled(ones):
+    found = np.empty((ones.shape[0], 3))
+    for k in range(ones.shape[0]):
+        found[k] = unpack_triple(ones[k])
+    return found
+
+
+def rows(count):
+    """Rows of numbers from 1e-150 to 1e150, most of them of unlike size."""
+    rng = np.random.default_rng(5)
+    scale = 10.0 ** rng.uniform(-150.0, 150.0, (count, 1))
+    return scale * rng.uniform(-1.0, 1.0, (count, 3)) * 10.0 ** rng.uniform(-6.0, 0.0, (count, 3))
+
+
+def test_each_comes_back_to_a_part_in_65536_of_the_largest():
+    numbers = rows(20_000)
+    error = np.abs(recalled(stored(numbers)) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
+    assert 2.0**-18 < error.max() <= 2.0**-16 * (1.0 + 2.0**-16)  # the largest may be next to the next power
+
+
+def test_rounding_has_no_bias():
+    numbers = np.random.default_rng(6).uniform(-1.0, 1.0, (200_000, 3))
+    error = (recalled(stored(numbers)) - numbers) / np.abs(numbers).max(axis=1, keepdims=True)
+    # the mean of 2e5 errors whose standard deviation is 2^-16/sqrt(12) or less: five times its own deviation
+    assert np.abs((np.sign(numbers) * error).mean(axis=0)).max() < 5.0 * 2.0**-16 / math.sqrt(12.0 * len(numbers))
+
+
+def test_what_comes_back_is_stored_as_itself():
+    once = stored(rows(20_000))
+    assert np.array_equal(stored(recalled(once)), once)
+
+
+def test_the_largest_next_to_a_power_of_two():
+    for largest in (1.0, 1.0 - 2.0**-53, 1.0 - 2.0**-17, 1.0 + 2.0**-52, 2.0**-900, 2.0**1022):
+        numbers = np.array([[sign * largest, -sign * largest, 0.25 * largest] for sign in (1.0, -1.0)])
+        assert recalled(stored(numbers)) == pytest.approx(numbers, rel=2.0**-14)  # the smallest has two bits less
+
+
+def test_nothing_is_nothing_and_an_infinite_force_stays_visible():
+    assert np.array_equal(recalled(stored(np.zeros((1, 3)))), np.zeros((1, 3)))
+    assert np.array_equal(recalled(np.zeros(1)), np.zeros((1, 3)))  # as in a contact that never touched
+    assert np.array_equal(recalled(stored(np.full((1, 3), 1e-310))), np.zeros((1, 3)))
+    for bad, place in itertools.product((math.inf, -math.inf), range(3)):
+        numbers = np.array([[1.0, -2.0, 3.0]])
+        numbers[0, place] = bad
+        assert not np.isfinite(recalled(stored(numbers))).all()

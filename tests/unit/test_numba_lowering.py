@@ -1,5 +1,6 @@
 """Our way through numba gives what numba's own gives: every function here is compiled by both."""
 
+import itertools
 import math
 from collections import namedtuple
 
@@ -11,26 +12,27 @@ from numba.core.runtime import _nrt_python, rtsys
 from thirdbody.jit.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
 from thirdbody.jit.packed_arguments import argument_specs, make_unpacker, pack
 
+FULL = pytest.mark.full(kind="slow")
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
+
+
+def uncached(options):
+    return {key: value for key, value in options.items() if key != "cache"}
 
 
 def ours(function, **options):
     """Compiled as our kernels are: inside another, since inner kernels have no machine code of their own."""
     inner = njit(**CHUNK)(function)
 
-    @njit(**{key: value for key, value in (OPTIONS | options).items() if key != "cache"})
+    @njit(**uncached(OPTIONS | options))
     def outer(*arguments):
         return inner(*arguments)
 
     return outer
 
 
-def last_and_first(table):
-    return table[-1, 0], table[0, -1], table[-2, -3]
-
-
 def backwards(table):
-    total = 0.0
+    total = table[-1, 0] + 3.0 * table[0, -1] + 5.0 * table[-2, -3]
     for i in range(1, table.shape[0] + 1):
         for j in range(table.shape[1]):
             total = 2.0 * total + table[-i, j]
@@ -60,7 +62,7 @@ def chosen(table):
 
 
 def half_made(table):
-    """`kept` has one definition, in a branch that is not always taken."""
+    # `kept` has one definition, in a branch that is not always taken; `late` is used where branches meet
     total = 0.0
     for i in range(table.shape[0]):
         if table[i, 0] > 0.0:
@@ -68,22 +70,19 @@ def half_made(table):
             total += kept
         elif i > 3:
             total -= kept
-    return total
-
-
-def not_always(table):
-    """What a branch defines is used where the branches meet."""
     if table[0, 0] > 0.0:
-        kept = 2.0 * table[0, 1]
-    return kept + 1.0 if table[0, 0] > 0.0 else table[1, 1]
+        late = 2.0 * table[0, 1]
+    return total, late + 1.0 if table[0, 0] > 0.0 else table[1, 1]
 
 
 def stepped(table):
-    """Loops of any step and bound, of numbers of any width, left and gone on with."""
+    # loops of any step and bound, of numbers of any width, left and gone on with
     total, n = 0.0, table.shape[0]
+    a, b = table[0, 0], table[0, 1]
     for start in range(-2, 3):
         for k in range(start, n, 2):
             total = 2.0 * total + k
+            a, b = b, a + table[k, 0]
         for k in range(n, start, -3):
             total = 2.0 * total - k
             if k == 4:
@@ -98,19 +97,10 @@ def stepped(table):
                 break
         for k in range(np.int32(start), np.int32(5)):
             total += k
-    return total, k
+    return total, k, a, b
 
 
-def swapped(table):
-    a, b = table[0, 0], table[0, 1]
-    for i in range(table.shape[0]):
-        a, b = b, a + table[i, 0]
-        if b > 100.0:
-            break
-    return a, b, i
-
-
-@pytest.mark.parametrize("function", [last_and_first, backwards, written, chosen, half_made, not_always, stepped, swapped])
+@pytest.mark.parametrize("function", [written, half_made, stepped, *(pytest.param(f, marks=FULL) for f in (backwards, chosen))])
 def test_tables_are_read_and_written_as_numba_does(function):
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
@@ -119,8 +109,6 @@ def test_tables_are_read_and_written_as_numba_does(function):
 
 
 def test_narrow_and_short_tables():
-    """Numbers of four bytes, rows of length one, and an index without a sign."""
-
     def picked(places, table):
         total = 0.0
         for i in range(places.shape[0]):
@@ -131,25 +119,18 @@ def test_narrow_and_short_tables():
     assert ours(picked)(places, table) == picked(places, table)
 
 
-@pytest.mark.parametrize("a", NUMBERS)
-@pytest.mark.parametrize("b", NUMBERS)
-def test_extremes_order_nan_and_signs_of_zero_as_python_does(a, b):
-    found = EXTREMES(a, b)
-    wanted = max(a, b), min(a, b), max(a, b, 1.0), min(2, int(a) if math.isfinite(a) else 0)
-    for mine, true in zip(found, wanted, strict=True):
-        assert (mine == true and math.copysign(1.0, mine) == math.copysign(1.0, true)) or (math.isnan(mine) and math.isnan(true))
+def test_extremes_order_nan_and_signs_of_zero_as_python_does():
+    def extremes(a, b):
+        return max(a, b), min(a, b), max(a, b, 1.0), min(2, int(a) if math.isfinite(a) else 0)
 
-
-def extremes(a, b):
-    return max(a, b), min(a, b), max(a, b, 1.0), min(2, int(a) if math.isfinite(a) else 0)
-
-
-EXTREMES = ours(extremes)
+    compiled = ours(extremes)
+    for a, b in itertools.product(NUMBERS, NUMBERS):
+        for mine, true in zip(compiled(a, b), extremes(a, b), strict=True):
+            same = mine == true and math.copysign(1.0, mine) == math.copysign(1.0, true)
+            assert same or (math.isnan(mine) and math.isnan(true)), (a, b)
 
 
 def test_references_are_counted():
-    """Arrays that a kernel makes, hands on and drops: none is lost, none is freed twice."""
-
     def kept(count):
         room, part = np.zeros(3), np.zeros(1)
         for k in range(count):
@@ -182,9 +163,7 @@ def test_references_are_counted():
 
 
 def test_functions_of_others_may_use_all_of_python():
-    """Closures and `with` blocks: what our own kernels never do."""
-
-    @njit(**{key: value for key, value in OTHERS.items() if key != "cache"})
+    @njit(**uncached(OTHERS))
     def sums(table):
         def twice(x):
             return 2.0 * x
@@ -194,10 +173,9 @@ def test_functions_of_others_may_use_all_of_python():
     assert sums(np.arange(6.0).reshape(2, 3)) == [0.0, 2.0, 4.0]
 
 
+@FULL
 def test_functions_of_others_may_use_linear_algebra():
-    """SciPy's, which is not imported before somebody needs it."""
-
-    @njit(**{key: value for key, value in OTHERS.items() if key != "cache"})
+    @njit(**uncached(OTHERS))
     def solved(a, b):
         return np.dot(a, np.linalg.solve(a, b))
 
@@ -205,16 +183,14 @@ def test_functions_of_others_may_use_linear_algebra():
     assert np.allclose(solved(a, b), b, atol=1e-14)  # some ulp: the matrix is well conditioned
 
 
-@pytest.mark.parametrize("options", [OPTIONS, OTHERS])
+@pytest.mark.parametrize("options", [OPTIONS, pytest.param(OTHERS, marks=FULL)])
 def test_parallel_loops_are_shared_out(options):
-    """Our shorter list of passes once left out the one that shares loops out, and nothing but the clock told."""
-
     def shared(found):
         for k in prange(found.shape[0]):
             found[k] = k
 
     found = np.zeros(64)
-    compiled = njit(parallel=True, **{key: value for key, value in options.items() if key != "cache"})(shared)
+    compiled = njit(parallel=True, **uncached(options))(shared)
     compiled(found)
     assert list(found) == list(range(64))
     (made,) = compiled.overloads.values()
