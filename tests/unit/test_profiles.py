@@ -1,6 +1,5 @@
-"""Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; and what a run does with them."""
-
-from __future__ import annotations
+"""Profiles: closed forms of cut spheres and lines, of a column, a gas and plane Couette flow; what a run does with them;
+means over an output interval: exact where the trapezoidal rule is, of few samples, the same after a restore."""
 
 import csv
 import math
@@ -18,6 +17,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, contact_state, patch, record, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.scene.model import Scene
+from thirdbody.trajectory.interval_means import SAMPLES, IntervalMeans
 from thirdbody.trajectory.profiles import Profiler
 from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
 
@@ -27,13 +27,11 @@ BALL = 4.0 / 3.0 * math.pi * R**3
 
 
 def volumes(slabs, centres, radii):
-    """Volume and first moment of every sphere in every slab, (n, count)."""
     parts, moments = sphere_parts(slabs, centres, radii)
     return dense(slabs, parts, len(radii)), dense(slabs, parts._replace(amount=moments), len(radii))
 
 
 def fractions(slabs, starts, changes):
-    """Fraction of every line in every slab, (n, count)."""
     return dense(slabs, line_parts(slabs, starts, changes), len(starts))
 
 
@@ -66,9 +64,8 @@ def test_in_a_periodic_domain_nothing_is_lost():
 
 def test_lines_are_cut_in_proportion():
     lines = fractions(Slabs(0.0, 4.0, 4), np.array([0.5, 2.5, 1.5, -1.0, 1.25]), np.array([2.0, -2.0, 0.0, 2.0, 0.5]))
-    assert lines == pytest.approx(
-        np.array([[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]])
-    )
+    found = [[0.25, 0.5, 0.25, 0], [0.25, 0.5, 0.25, 0], [0, 1, 0, 0], [0.5, 0, 0, 0], [0, 1, 0, 0]]
+    assert lines == pytest.approx(np.array(found))
 
 
 def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0, 0.0),), volume=None):
@@ -112,9 +109,8 @@ def profiles(state, bins=10, axis=2):
 FORCE = np.array([2e-4, -1e-4, 1e-3])  # of the lower plate on what it carries, N
 
 
-@pytest.mark.parametrize("lean", [0.0, 3e-6], ids=["straight", "crooked"])
+@pytest.mark.parametrize("lean", [0.0, 3e-6])
 def test_a_column_carries_the_force_of_the_plates_in_every_slab(lean):
-    """Whatever its shape: the force that passes a plane does not depend on where."""
     z = np.array([5.0, 15.0, 25.0, 35.0, 45.0]) * 1e-6
     x = lean * np.array([1.0, -1.0, 1.0, -1.0, 1.0])
     contacts = [(0, "lower", (0.0, 0.0, -R), (0.0, 0.0, 0.0), FORCE), (4, "upper", (0.0, 0.0, R), (0.0, 0.0, 0.0), -FORCE)]
@@ -195,9 +191,8 @@ def test_a_run_records_profiles(rolled):
     assert found["velocity"].shape == (frames, 8, 3) and found["contact_stress"].shape == (frames, 8, 3, 3)
     assert rolled.units["contact_stress"] == "Pa" and rolled.header["profiles"] == {"bins": 8, "axis": "z"}
     assert sum(found[f"fraction_{name}"] for name in rolled.state_names) == pytest.approx(1.0)
-    assert found["position"][-1, -1] == pytest.approx(
-        rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3
-    )  # the mean over the interval
+    # the mean over the interval
+    assert found["position"][-1, -1] == pytest.approx(rolled.series["gap"][-1] * 7.5 / 8.0, rel=1e-3)
 
 
 def test_the_stress_of_rolling_balls_is_the_force_of_the_plates(rolled):
@@ -245,9 +240,8 @@ def test_without_the_key_there_is_nothing(tmp_path):
             run.to_pandas("profiles")
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
+def test_faulty_keys():
+    for value, message in (
         ("0", "output.profiles: 0 must be at least 1 and at most 1000"),
         ("20.5", "output.profiles: expected a whole number, got 20.5"),
         ('"z"', "output.profiles: expected a whole number, got 'z'"),
@@ -255,12 +249,10 @@ def test_without_the_key_there_is_nothing(tmp_path):
         ('{bins = 20, axis = "w"}', "output.profiles.axis: 'w' is not one of 'x', 'y', 'z'"),
         ("{axis = 'x'}", "output.profiles.bins: required key is missing"),
         ("{bins = 20, bin = 3}", "output.profiles.bin: unknown key, did you mean 'bins'?"),
-    ],
-)
-def test_faulty_keys(value, message):
-    with pytest.raises(InputError) as error:
-        Scene.parse(f"{BALLS}profiles = {value}\n")
-    assert message in str(error.value)
+    ):
+        with pytest.raises(InputError) as error:
+            Scene.parse(f"{BALLS}profiles = {value}\n")
+        assert message in str(error.value)
 
 
 def test_profiles_need_two_plates():
@@ -276,14 +268,66 @@ def test_the_key_is_saved_as_it_was_given():
         assert value in scene.to_toml() and Scene.parse(scene.to_toml()) == scene
 
 
-@pytest.mark.parametrize(
-    "text", ['{"bins": 9, "axis": "z"}', '{"bins": 0, "axis": "z"}', '{"bins":"8","axis": "z"}', '{"bins": 8, "axis": "w"}']
-)
-def test_a_damaged_number_of_slabs_is_a_fault(rolled, tmp_path, text):
+def test_a_damaged_number_of_slabs_is_a_fault(rolled, tmp_path):
     path = tmp_path / "run.vtkhdf"
     shutil.copy(rolled.path, path)
-    with h5py.File(path, "r+") as file:
-        assert len(file["scene/profiles"][()]) == len(text)  # so that all of it is written
-        file["scene/profiles"][()] = text.encode()
-    with pytest.raises(InputError, match="profiles"):
-        thirdbody.open(path)
+    for text in ('{"bins": 9, "axis": "z"}', '{"bins": 0, "axis": "z"}', '{"bins":"8","axis": "z"}', '{"bins": 8, "axis": "w"}'):
+        with h5py.File(path, "r+") as file:
+            assert len(file["scene/profiles"][()]) == len(text)  # so that all of it is written
+            file["scene/profiles"][()] = text.encode()
+        with pytest.raises(InputError, match="profiles"):
+            thirdbody.open(path)
+
+
+END = 2.0
+
+
+def means_of(function, duration=END):
+    state = SimpleNamespace(time=0.0)
+    return IntervalMeans(state, {"value": lambda now: np.array([function(now.time), 1.0])}, lambda: duration), state
+
+
+def finished(means, state, times, end=END):
+    for state.time in times:
+        means.watch()
+    state.time = end
+    return means.finish()["value"]
+
+
+def test_means_are_those_of_the_trapezoidal_rule():
+    line = finished(*means_of(lambda t: 3.0 + 2.0 * t), np.sort(np.random.default_rng(1).uniform(0.0, END, 500)))
+    assert line == pytest.approx([3.0 + END, 1.0], rel=1e-13)  # rounding of some thirty sums
+    parabola = finished(*means_of(lambda t: t**2), np.linspace(0.0, END, 1001)[1:-1])
+    # h^2/12 times the second derivative, 2, with h of a 32nd of the interval, or one watch more
+    assert 0.0 < parabola[0] - END**2 / 3.0 < 1.1 * (END / SAMPLES) ** 2 / 6.0
+    # without an expected end every instant is sampled: exact with a corner on a sample
+    corner = finished(*means_of(lambda t: abs(t - 1.0), np.inf), np.linspace(0.0, END, 2001)[1:-1])
+    assert corner[0] == pytest.approx(0.5, rel=1e-12)
+    assert means_of(lambda t: 7.0)[0].finish()["value"].tolist() == [7.0, 1.0]  # without time the present value
+
+
+def test_an_interval_has_at_most_so_many_samples_and_begins_anew():
+    instants = []
+    means, state = means_of(lambda t: instants.append(t) or 0.0)
+    instants.clear()
+    finished(means, state, np.linspace(0.0, END, 5001)[1:-1])
+    assert SAMPLES // 2 < len(instants) <= SAMPLES
+    means, state = means_of(lambda t: t)
+    for start, end in ((0.0, 2.0), (2.0, 3.0)):
+        mean = finished(means, state, np.linspace(start, end, 100)[1:-1], end)
+        assert mean[0] == pytest.approx(0.5 * (start + end), rel=1e-13)
+
+
+def test_restored_means_go_on_bit_for_bit_and_others_are_refused():
+    times = np.linspace(0.0, END, 777)[1:]
+    reference = finished(*means_of(np.sin), times)
+    first, state = means_of(np.sin)
+    for state.time in times[:300]:
+        first.watch()
+    saved = {name: array.copy() for name, array in first.export_state().items()}
+    second, state = means_of(np.sin)
+    second.restore(saved)
+    assert np.array_equal(finished(second, state, times[300:]), reference)
+    del saved["sum_value"]
+    with pytest.raises(ValueError, match="sum_value is missing"):
+        second.restore(saved)
