@@ -1,12 +1,11 @@
 """What alarms in a scene is said first, with the number that decides and the remedy; nonsense is a fault with its place."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
 
 import pytest
+from each import each
 from steel import STEEL
 
 from thirdbody.assembly.simulation import build
@@ -15,25 +14,26 @@ from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.quantity import duration, file_size
 from thirdbody.report import scene_check as check
-from thirdbody.report.active_components import part_warnings
+from thirdbody.report.active_components import neighbours, part_warnings, parts
 from thirdbody.report.heat_check import expected_heat
+from thirdbody.report.tables import run_report
 from thirdbody.report.wear_check import expected_wear
 from thirdbody.runner.run_warnings import run_warnings
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.reader import open_run
 
+SCENES = Path(__file__).parents[2] / "scenes"
 # one ball of 10 um between steel plates: 0.01 mN gives a peak pressure of 1.45 GPa, below first yield
-BALL = (
-    STEEL
-    + """\
+BALL = f"""\
+{STEEL}\
 [[debris]]
 material = "steel"
 kind = "irregular"
 spheres = 1
 aspect = [1.0, 1.0, 1.0]
 count = 1
-size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}
+size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}}
 [domain]
 size = ["60 um", "60 um"]
 [plates.lower]
@@ -42,7 +42,7 @@ material = "steel"
 material = "steel"
 support = "load_per_particle"
 load = "0.01 mN"
-motion = {x = {velocity = "1 mm/s"}}
+motion = {{x = {{velocity = "1 mm/s"}}}}
 [solver]
 distance = "10 nm"
 settle = "0.1 us"
@@ -50,7 +50,6 @@ integrator = "explicit"
 [output]
 every = "10 nm"
 """
-)
 BED = (
     ("count = 1", 'count = 40\nplacement = "dense"'),
     ('["60 um", "60 um"]', '["30 um", "30 um"]'),
@@ -97,17 +96,22 @@ def scene(*changes: tuple[str, str]) -> Scene:
     return Scene.parse(text, "x.toml")
 
 
-@pytest.mark.parametrize("changes, words", WARNINGS.values(), ids=WARNINGS)
-def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(changes, words):
+@each(WARNINGS)
+def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(name):
+    changes, words = WARNINGS[name]
     found = [warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]
     assert len(found) == 1
 
 
 def test_a_foundation_is_warned_of_every_pair_that_it_presses():
     """The soft debris, which yields first, does not hide behind the hard grains, which carry more."""
-    path = Path(__file__).resolve().parents[2] / "scenes" / "mixed_population.toml"
-    warnings = "\n".join(build(Scene.load(path)).warnings)
+    warnings = "\n".join(build(Scene.load(SCENES / "mixed_population.toml")).warnings)
     assert "steel/bronze: expected peak pressure" in warnings and "steel/alumina: expected peak pressure" in warnings
+
+
+def hertz_radius(built):
+    """Of the contact of the ball under 0.01 mN: a^3 = 3 F R/(4 E*)."""
+    return (3.0 * 1e-5 * float(built.state.spheres.radius[0]) / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
 
 
 def test_hot_spots_are_warned_of_unless_a_measure_has_them():
@@ -115,8 +119,7 @@ def test_hot_spots_are_warned_of_unless_a_measure_has_them():
     glass = 'thermal_conductivity = "1 W/m/K"\nheat_capacity = "460 J/kg/K"\ndensity ='
     hot = scene(("1 mm/s", "20 m/s"), ("density =", glass))
     built = build(hot)
-    heat, radius = expected_heat(built), float(built.state.spheres.radius[0])
-    a = (3.0 * 1e-5 * radius / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
+    heat, a = expected_heat(built), hertz_radius(built)
     assert heat.excess == pytest.approx(0.3 * 1e-5 * 20.0 / (4.0 * a * 2.0), rel=1e-9) and heat.excess > 100.0
     assert heat.peclet == pytest.approx(0.5 * 20.0 * a * 7850.0 * 460.0 / 1.0, rel=1e-9) and not heat.assumed
     hot_spots = [warning for warning in part_warnings(built) if "friction heats a spot of steel/steel by some 107 K" in warning]
@@ -131,8 +134,7 @@ def test_deep_wear_is_warned_of_unless_a_measure_has_it():
     """h = k N/(pi a^2) s with the radius a of Hertz and k = 1e-14 m3/J: 14 nm after 1 mm under 0.01 mN, 0.4 of the overlap."""
     far = scene(('distance = "10 nm"', 'distance = "1 mm"'), ('every = "10 nm"', 'every = "1 mm"'))
     built = build(far)
-    wear, radius = expected_wear(built), float(built.state.spheres.radius[0])
-    a = (3.0 * 1e-5 * radius / (4.0 * 210e9 / (2.0 * 0.91))) ** (1.0 / 3.0)
+    wear, radius, a = expected_wear(built), float(built.state.spheres.radius[0]), hertz_radius(built)
     assert wear.depth == pytest.approx(1e-14 * 1e-5 / (math.pi * a**2) * built.schedule.path(0.0, built.planned_time), rel=1e-9)
     assert wear.fraction == pytest.approx(wear.depth * radius / a**2, rel=1e-9) and wear.fraction > 0.3
     worn = [warning for warning in part_warnings(built) if "a spot of steel/steel that slides all the way wears" in warning]
@@ -140,10 +142,6 @@ def test_deep_wear_is_warned_of_unless_a_measure_has_it():
     measured = build(far.with_settings({"measures.wear": {"plates": "1e-14 m3/J"}}))
     assert not any("that slides all the way wears" in warning for warning in part_warnings(measured))
     assert expected_wear(build(scene())).fraction < 0.01
-
-
-def test_a_usual_scene_has_no_warning():
-    assert build(scene()).warnings == []
 
 
 FAULTS = {
@@ -166,39 +164,36 @@ FAULTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("changes, text", FAULTS.values(), ids=FAULTS)
-def test_nonsense_is_a_fault_with_its_place_and_range(changes, text):
+@each(FAULTS)
+def test_nonsense_is_a_fault_with_its_place_and_range(name):
+    changes, text = FAULTS[name]
     with pytest.raises(InputError) as caught:
         build(scene(*changes))
     assert str(caught.value).startswith(text)
 
 
-def test_one_interval_may_be_the_whole_run():
+def test_a_usual_scene_has_no_warning_and_one_interval_may_be_the_whole_run():
+    assert build(scene()).warnings == []
     assert scene(('distance = "10 nm"', 'distance = "30 nm"'), ('every = "10 nm"', 'every = "30 nm"')).output.every == 30e-9
 
 
 def test_a_load_that_all_bodies_share_is_not_laid_on_one():
     """A rigid plate comes down on the tallest of a bed; what a load does to it is judged by those that carry it."""
-    one = build(scene(("0.01 mN", "0.1 mN"), ('support = "load_per_particle"', 'support = "rigid"')))
-    more = [("0.01 mN", "0.1 mN"), ('support = "load_per_particle"', 'support = "rigid"'),
-            ("count = 1", "count = 4"), ('"lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"',
-                                         '"constant", value = "10 um"')]  # fmt: skip
-    four = build(scene(*more))
+    rigid = ("0.01 mN", "0.1 mN"), ('support = "load_per_particle"', 'support = "rigid"')
+    equal = '"lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"', '"constant", value = "10 um"'
+    one, four = build(scene(*rigid)), build(scene(*rigid, ("count = 1", "count = 4"), equal))
     assert four.upper.loaded == 4
     # Hertz: the overlap goes as the load to the power 2/3; the lone ball has another size
     assert four.upper.shared_overlap < one.upper.shared_overlap
     assert four.upper.shared_overlap == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
 
 
-def test_a_long_run_and_a_large_file_are_reported_in_days_and_gigabytes():
+def test_a_long_run_a_large_file_and_frames_that_take_days_are_reported():
     report = list(run_warnings(build(scene()), 2.2e6, 1e3, 50e9, "stopped at t = 0 s"))
     assert "stopped by a guard" in report[0] and "stopped at t = 0 s" in report[0]
     assert "about 25 days (2.2e+06 s)" in report[1] and "solver.distance" in report[1]
     assert "about 50 GB on disk" in report[2] and 'output.every = "50 nm"' in report[2]
     assert list(run_warnings(build(scene()), 80000.0, 79000.0, 9e9, "")) == []
-
-
-def test_frames_that_take_days_are_reported_with_an_interval_that_leaves_one():
     (report,) = run_warnings(build(scene()), 3e5, 2.5e5, 1e9, "")
     assert "frames would take about 2.9 days" in report and 'output.every = "30 nm" leaves 1 days or less' in report
 
@@ -222,17 +217,11 @@ def test_warnings_come_first_and_in_json(capsys):
     assert json.loads(json.dumps(report["warnings"])) == report["warnings"]
 
 
-@pytest.mark.parametrize("seconds, words", [
-    (0.5, "0.5 s"), (59.94, "59.9 s"), (61.0, "1 min"), (5400.0, "1.5 h"), (2.2e6, "25 days"), (1e9, "32 years"),
-    (math.nan, "unknown"),
-])  # fmt: skip
-def test_durations_read_well(seconds, words):
-    assert duration(seconds) == words
-
-
-@pytest.mark.parametrize("count, words", [(0, "0 bytes"), (999, "1,000 bytes"), (5e10, "50 GB"), (1.24e6, "1.2 MB")])
-def test_sizes_read_well(count, words):
-    assert file_size(count) == words
+def test_durations_and_sizes_read_well():
+    times = {0.5: "0.5 s", 59.94: "59.9 s", 61.0: "1 min", 5400.0: "1.5 h", 2.2e6: "25 days", 1e9: "32 years"}
+    assert {seconds: duration(seconds) for seconds in times} == times and duration(math.nan) == "unknown"
+    sizes = {0: "0 bytes", 999: "1,000 bytes", 5e10: "50 GB", 1.24e6: "1.2 MB"}
+    assert {count: file_size(count) for count in sizes} == sizes
 
 
 def test_the_softer_material_yields_first():
@@ -245,8 +234,6 @@ def test_the_softer_material_yields_first():
 
 
 def test_a_run_reports_its_peak_pressure_against_first_yield(tmp_path, capsys):
-    from thirdbody.report.tables import run_report
-
     with run(scene(("0.01 mN", "2 mN")), tmp_path / "hard", threads=1, progress=False) as result:
         report = result.summary()
         largest = max(result.bodies(k)["peak_pressure"].max() for k in range(result.frames))
@@ -260,10 +247,48 @@ def test_a_run_reports_its_peak_pressure_against_first_yield(tmp_path, capsys):
 
 
 def test_a_gentle_run_is_not_warned(tmp_path, capsys):
-    from thirdbody.report.tables import run_report
 
     run(scene(), tmp_path / "soft", threads=1, progress=False).close()
     run_report(tmp_path / "soft", json=False)
     assert "warning" not in capsys.readouterr().err
     with open_run(tmp_path / "soft") as result:
         assert 0.0 < result.summary()["first_yield"]["ratio"] < 1.0
+
+
+def three_spot(**settings):
+    return build(Scene.load(SCENES / "three_spot.toml").with_settings({k.replace("__", "."): x for k, x in settings.items()}))
+
+
+def test_every_installed_effect_is_on_or_off_with_a_reason():
+    rolling = three_spot(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit")
+    rows = {row["part"]: row for row in parts(rolling)}
+    assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
+    assert not rows["effect: damping"]["on"]
+    assert all(row["reason"] for row in rows.values())
+    # weight of 1e-13 kg over .1 mN
+    assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
+    assert rows["debris-debris contact"]["on"] is False and part_warnings(three_spot()) == []
+
+
+def test_weight_is_warned_of_until_gravity_is_on():
+    heavy = {"debris__0__mass": "1e-7 kg", "plates__upper__load": "0.01 mN"}
+    assert any("gravity is off" in line and "0.098" in line for line in part_warnings(three_spot(**heavy)))
+    on = {"effects__gravity": '["0 m/s2", "0 m/s2", "-9.81 m/s2"]'}
+    assert not any("gravity" in line for line in part_warnings(three_spot(**heavy, **on)))
+
+
+def test_a_drag_near_the_wave_speed_is_warned_of():
+    # sqrt(60 GPa/7800 kg/m3) = 2774 m/s is the slowest
+    def is_warned_of(speed):
+        return any("slowest shear wave" in line for line in part_warnings(three_spot(plates__upper__motion__x__velocity=speed)))
+
+    assert is_warned_of("300 m/s") and not is_warned_of("200 m/s")
+
+
+def test_spots_that_stand_close_are_warned_of():
+    simulation = three_spot(debris__0__spots__1__x="-0.1 um", debris__0__spots__2__x="0.3 um")
+    share, distance = neighbours(simulation)
+    radius = 1.5e-6 * math.sqrt(simulation.upper.overlap)  # of the larger contact, a^2 = R d
+    assert distance == pytest.approx(0.4e-6 / radius, rel=1e-6)
+    assert share == pytest.approx(4.0 * radius / (3.0 * math.pi * 0.4e-6), rel=1e-6)
+    assert any("spots of a body stand as near as 5.1" in line for line in part_warnings(simulation))

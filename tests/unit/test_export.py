@@ -3,7 +3,6 @@
 import csv
 import os
 import resource
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -20,11 +19,10 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 STATES = [[0, 1, 2], [1, 1, 2], [1, 1, 2], [1, 3, 0]]
 CONTACTS = (0, 4, 0, 3)
 HEADER = {
-    "scene_text": "scene = 1\n",
-    "state_names": ["free", "sticking", "sliding", "rolling"],
+    "scene_text": "scene = 1\n", "state_names": ["free", "sticking", "sliding", "rolling"],
     "reason_names": ["none", "friction_limit"],
     "units": {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N"},
-}
+}  # fmt: skip
 STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np.arange(3)}}
 
 
@@ -70,7 +68,8 @@ def numbers(rows: list[dict[str, str]], heading: str) -> list[float]:
     return [float(row[heading]) for row in rows]
 
 
-def test_csv_has_every_digit_and_its_units(path, tmp_path):
+def test_csv_has_every_digit_and_its_units(path, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)  # which it does not need
     written = export(path, csv=tmp_path / "csv")
     assert [file.name for file in written] == ["series.csv", "bodies.csv", "contacts.csv", "transitions.csv"]
     series, bodies, contacts = (rows_of(file) for file in written[:3])
@@ -116,14 +115,6 @@ def test_a_run_without_states_has_no_file_of_transitions(tmp_path):
         run.transitions()
 
 
-def test_csv_needs_no_pandas(path, tmp_path):
-    block = "import sys; sys.modules['pandas'] = None\n"
-    code = block + "from pathlib import Path; from thirdbody.export.export_run import export_run\n"
-    code += "print(len(list(export_run(Path(sys.argv[1]), Path(sys.argv[2]), None, None))))"
-    done = subprocess.run([sys.executable, "-c", code, str(path), str(tmp_path / "csv")], capture_output=True, text=True)
-    assert done.stdout.strip() == "4", done.stderr
-
-
 def read_vtp(path: Path):
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
@@ -157,23 +148,19 @@ def test_pvd_files_hold_every_array(path, tmp_path):
     assert 'FILES = "{name}.pvd"' in script
 
 
-KINDS = ["csv", "pvd"]
+BOTH = pytest.mark.parametrize("kind", ["csv", "pvd"])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@BOTH
 def test_what_exists_is_refused_and_replaced_when_requested(path, tmp_path, kind):
-    target = tmp_path / "there"
-    export(path, **{kind: target})
+    target = {kind: tmp_path / "there"}
+    export(path, **target)
     before = sorted(file.name for file in tmp_path.iterdir())
     with pytest.raises(OutputError, match="exists already; overwrite=True replaces it") as refused:
-        export(path, **{kind: target})
+        export(path, **target)
     assert refused.value.for_command_line().endswith("exists already; --overwrite replaces it")
-    export(path, overwrite=True, **{kind: target})
+    export(path, overwrite=True, **target)
     assert sorted(file.name for file in tmp_path.iterdir()) == before, "nothing may be left beside the target"
-
-
-@pytest.mark.parametrize("kind", ["csv", "pvd"])
-def test_a_folder_with_other_files_is_never_replaced(path, tmp_path, kind):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("keep me")
     with pytest.raises(OutputError, match="other files .notes.txt."):
@@ -181,65 +168,50 @@ def test_a_folder_with_other_files_is_never_replaced(path, tmp_path, kind):
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep me"
 
 
-@pytest.mark.parametrize("name", ["spheres/notes.txt", "spheres/mine/0001.vtp", "contacts/link.vtp", "mine"])
-def test_other_files_below_a_folder_of_ours_are_never_deleted(path, tmp_path, name):
-    export(path, pvd=tmp_path / "pvd")
-    mine = tmp_path / "pvd" / name
-    mine.parent.mkdir(exist_ok=True)
-    if name.endswith("link.vtp"):
-        mine.symlink_to(path)
-    elif name == "mine":
-        mine.mkdir()
-    else:
-        mine.write_text("keep me")
-    named = "spheres/mine" if name.startswith("spheres/mine") else name
-    with pytest.raises(OutputError, match=rf"pvd: holds other files \({named}\) and will not be overwritten"):
-        export(path, overwrite=True, pvd=tmp_path / "pvd")
-    assert os.path.lexists(mine) and path.exists()
+def test_other_files_below_a_folder_of_ours_are_never_deleted(path, tmp_path):
+    plants = {
+        "spheres/notes.txt": ("", Path.touch), "spheres/mine": ("0001.vtp", Path.touch), "mine": ("", Path.mkdir),
+        "contacts/link.vtp": ("", lambda mine: mine.symlink_to(path)),
+    }  # fmt: skip
+    for number, (name, (below, plant)) in enumerate(plants.items()):
+        folder = tmp_path / f"pvd{number}"
+        export(path, pvd=folder)
+        mine = folder / name / below
+        mine.parent.mkdir(exist_ok=True)
+        plant(mine)
+        with pytest.raises(OutputError, match=rf"pvd{number}: holds other files \({name}\) and will not be overwritten"):
+            export(path, overwrite=True, pvd=folder)
+        assert os.path.lexists(mine) and path.exists()
 
 
-def test_nothing_is_written_when_one_target_is_refused(path, tmp_path):
-    (tmp_path / "pvd").write_text("mine")
-    with pytest.raises(OutputError, match="pvd: exists already"):
-        export(path, csv=tmp_path / "csv", pvd=tmp_path / "pvd")
-    assert not (tmp_path / "csv").exists()
-
-
-def test_calls_that_cannot_work(path, tmp_path):
+def test_calls_that_cannot_work_write_nothing(path, tmp_path):
     with pytest.raises(UsageError, match="say what to write"):
         export(path)
     with pytest.raises(InputError, match="no frame 4; frames are from -4 to 3"):
         export(path, csv=tmp_path / "csv", frame=4)
     with pytest.raises(OutputError, match="No such file or directory"):
         export(path, csv=tmp_path / "absent" / "csv")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf"]
-
-
-FULL = """
-import resource, sys
-from pathlib import Path
-from thirdbody.errors import OutputError
-from thirdbody.export.export_run import export_run
-resource.setrlimit(resource.RLIMIT_FSIZE, (600, resource.RLIM_INFINITY))
-targets = {name: None for name in ("csv", "pvd")} | {sys.argv[1]: Path(sys.argv[3])}
-try:
-    list(export_run(Path(sys.argv[2]), **targets, overwrite=True))
-except OutputError as error:
-    print(error)
-"""
+    (tmp_path / "pvd").write_text("mine")
+    with pytest.raises(OutputError, match="pvd: exists already"):
+        export(path, csv=tmp_path / "csv", pvd=tmp_path / "pvd")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["pvd", "run.vtkhdf"]
 
 
 @pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit on the size of files here")
-@pytest.mark.parametrize("kind", KINDS)
+@BOTH
 def test_a_write_that_fails_is_reported_once_and_changes_nothing(path, tmp_path, kind):
     """The system itself refuses to write on, as it does when a disk is full."""
     target = tmp_path / "there"
     export(path, **{kind: target})
     before = {file: file.read_bytes() for file in target.rglob("*") if file.is_file()}
-    command = [sys.executable, "-c", FULL, kind, str(path), str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "cannot be written (File too large); nothing was changed there" in done.stdout
-    assert len(done.stdout.splitlines()) == 1 and not done.stderr
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with pytest.raises(OutputError) as failed:
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (600, limits[1]))
+            export(path, overwrite=True, **{kind: target})
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "cannot be written (File too large); nothing was changed there" in str(failed.value)
+    assert len(str(failed.value).splitlines()) == 1
     assert {file: file.read_bytes() for file in before} == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf", "there"]
