@@ -21,10 +21,9 @@ def pressed(make, centres, load, integrator, stiff=True, effects=("close_spots",
     body = Spheres(material="debris", shape=shape, positions=((MIDDLE, MIDDLE, RADIUS),))
     materials = {"ball": make.STEEL, "debris": make.stiffened(make.STEEL) if stiff else make.STEEL}
     settings = {"friction": 0.3, "restitution": 0.3, "size": 2.0 * MIDDLE, "settle": 0.0, "duration": 1.0} | keys
-    simulation = make.under_patches(
-        [body], materials, load, Motion(x=[ConstantVelocity(velocity=0.0)]), integrator=integrator, effects=Effects(named={name: {} for name in effects}),
-        patch={"damping": 7e-5}, **settings,
-    )  # fmt: skip
+    still, named = Motion(x=[ConstantVelocity(velocity=0.0)]), Effects(named={name: {} for name in effects})
+    settings |= {"integrator": integrator, "effects": named, "patch": {"damping": 7e-5}}
+    simulation = make.under_patches([body], materials, load, still, **settings)
     simulation.integrator.advance_to(time=6e-6)
     return simulation
 

@@ -3,14 +3,12 @@
 Places are in units of the particle where no unit is said. P is the upper side, Q the lower one.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 from pathlib import Path
 
-import friction_cones
-import hull_conditions
+import friction_cones as cones
+import hull_conditions as hulls
 import numpy as np
 import pytest
 from thirdbody_three_spot import conditions, theory
@@ -25,162 +23,87 @@ SEGMENT = (((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.5),), 2.0)
 PAIR = (((0.3, 0.4),), ((0.0, 0.0),), 2.0)
 
 
-def random_side(random, most=6):
-    return random.uniform(-1.0, 1.0, (random.integers(1, most + 1), 2)) + random.uniform(-0.8, 0.8, 2)
-
-
-def random_cases(seed, count, most=6):
+def random_cases(seed, count):
     random = np.random.default_rng(seed)
-    return [(random_side(random, most), random_side(random, most), random.uniform(0.3, 3.0)) for _ in range(count)]
+    sides = lambda: random.uniform(-1.0, 1.0, (random.integers(1, 7), 2)) + random.uniform(-0.8, 0.8, 2)  # noqa: E731
+    return [(sides(), sides(), random.uniform(0.3, 3.0)) for _ in range(count)]
 
 
-# -- hulls: numbers --
+INTERVALS = [
+    (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
+    (TRIANGLE, (0.0, 1.0), hulls.NEVER),
+    # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
+    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)),
+    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)),
+    (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)),
+    (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
+    (CROSSED, (0.0, 1.0), hulls.NEVER),
+    (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
+    (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
+    (SEGMENT, (2.0, 1.01), hulls.NEVER),
+    (SEGMENT, (0.0, 1.0), hulls.NEVER),
+    (PAIR, (-3.0, -4.0), (0.25, 0.25)),
+    (PAIR, (-1.0, 0.0), hulls.NEVER),
+]
 
 
-@pytest.mark.parametrize(
-    "case, mu",
-    [
-        (TRIANGLE, 0.204859007892633558),  # from the line 1.2 x + y = 1.2: .64/sqrt(2.44)/2
-        (CROSSED, 0.4),
-        (SEGMENT, 0.5),
-        (PAIR, 0.25),  # tan alpha of Eq. 16: .5/2
-    ],
-)
-def test_required_friction(case, mu):
-    assert hull_conditions.required_friction(*case) == pytest.approx(mu, **ROUND)
-
-
-@pytest.mark.parametrize(
-    "case, direction, interval",
-    [
-        (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
-        (TRIANGLE, (0.0, 1.0), hull_conditions.NEVER),
-        # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
-        (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)),
-        (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)),
-        (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)),
-        (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
-        (CROSSED, (0.0, 1.0), hull_conditions.NEVER),
-        (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
-        (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
-        (SEGMENT, (2.0, 1.01), hull_conditions.NEVER),
-        (SEGMENT, (0.0, 1.0), hull_conditions.NEVER),
-        (PAIR, (-3.0, -4.0), (0.25, 0.25)),
-        (PAIR, (-1.0, 0.0), hull_conditions.NEVER),
-    ],
-)
-def test_sliding_interval(case, direction, interval):
-    assert hull_conditions.sliding_interval(*case, direction) == pytest.approx(interval, **ROUND)
-
-
-def test_can_stick_and_can_slide_hold_at_the_ends():
-    assert hull_conditions.can_stick(*CROSSED, 0.4) and not hull_conditions.can_stick(*CROSSED, 0.4 - 1e-9)
-    assert hull_conditions.can_slide(*CROSSED, 0.4, (1.0, 0.0)) and not hull_conditions.can_slide(
-        *CROSSED, 0.4 - 1e-9, (1.0, 0.0)
-    )
-    assert hull_conditions.can_slide(*SEGMENT, 0.5, (1.0, 0.0)) and not hull_conditions.can_slide(
-        *SEGMENT, 0.5 + 1e-9, (1.0, 0.0)
-    )
-
-
-def test_three_spots_are_those_of_the_plane():
+def test_hulls_in_numbers():
+    # from the line 1.2 x + y = 1.2: .64/sqrt(2.44)/2; tan alpha of Eq. 16: .5/2
+    for case, mu in ((TRIANGLE, 0.204859007892633558), (CROSSED, 0.4), (SEGMENT, 0.5), (PAIR, 0.25)):
+        assert hulls.required_friction(*case) == pytest.approx(mu, **ROUND)
+    for case, direction, interval in INTERVALS:
+        assert hulls.sliding_interval(*case, direction) == pytest.approx(interval, **ROUND), (case, direction)
+    # both hold at the ends
+    assert hulls.can_stick(*CROSSED, 0.4) and not hulls.can_stick(*CROSSED, 0.4 - 1e-9)
+    for case, mu, beyond in ((CROSSED, 0.4, 0.4 - 1e-9), (SEGMENT, 0.5, 0.5 + 1e-9)):
+        assert hulls.can_slide(*case, mu, (1.0, 0.0)) and not hulls.can_slide(*case, beyond, (1.0, 0.0))
+    # three spots are those of the plane
     x, h = (0.2, -2.0, 1.5), 4.0
     case = ([(x[0], 0.0)], [(x[1], 0.0), (x[2], 0.0)], h)
-    ours = hull_conditions.sliding_interval(*case, (-1.0, 0.0))
+    ours = hulls.sliding_interval(*case, (-1.0, 0.0))
     assert ours == pytest.approx(theory.sliding_interval(x, h), **ROUND)
     assert conditions.planar_interval(x[:1], x[1:], h) == theory.sliding_interval(x, h) == pytest.approx((-0.325, 0.55), **ROUND)
 
 
-# -- hulls: degenerate places --
-
-LINE = np.array([0.6, 0.8])
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e-6])
-def test_places_in_line(scale):
-    upper, lower = np.outer([0.1, 0.2, 0.35], LINE) * scale, np.outer([0.7, 1.3, 0.9, 1.0], LINE) * scale
-    # P from .1 to .35, Q from .7 to 1.3 along one line; round-off of the products leaves slivers
-    assert hull_conditions.required_friction(upper, lower, scale) == pytest.approx(0.35, rel=1e-12)
-    assert hull_conditions.sliding_interval(upper, lower, scale, LINE) == pytest.approx((0.35, 1.2), rel=1e-12)
-    assert hull_conditions.sliding_interval(upper, lower, scale, (0.6, 0.81)) == hull_conditions.NEVER
-
-
-def test_slivers_that_round_off_leaves_are_no_area():
-    """Along any direction: the sides of a sliver may all seem to have the origin on their left, far off its end."""
-    for angle in np.linspace(0.0, 6.2, 500):
+def test_places_in_line():
+    """P from .1 to .35, Q from .7 to 1.3 along one line: round-off leaves slivers, whose sides may all seem to have the origin on
+    their left, far off its end; they are no area."""
+    for angle, scale in [(angle, 1.0) for angle in np.linspace(0.0, 6.2, 200)] + [(0.927, 1e-6)]:
         path = np.array([math.cos(angle), math.sin(angle)])
-        upper, lower = np.outer([0.1, 0.2, 0.35], path), np.outer([0.7, 1.3, 0.9, 1.0], path)
-        assert hull_conditions.required_friction(upper, lower, 1.0) == pytest.approx(0.35, rel=1e-12)
-        assert hull_conditions.sliding_interval(upper, lower, 1.0, path) == pytest.approx((0.35, 1.2), rel=1e-12)
+        upper, lower = np.outer([0.1, 0.2, 0.35], path) * scale, np.outer([0.7, 1.3, 0.9, 1.0], path) * scale
+        assert hulls.required_friction(upper, lower, scale) == pytest.approx(0.35, rel=1e-12)
+        assert hulls.sliding_interval(upper, lower, scale, path) == pytest.approx((0.35, 1.2), rel=1e-12)
+        assert hulls.sliding_interval(upper, lower, scale, path + 0.006 * path[::-1] * (-1.0, 1.0)) == hulls.NEVER
 
 
 def test_coincident_spots_count_once():
     upper, lower, h = TRIANGLE
-    assert hull_conditions.required_friction(upper * 3, lower * 2, h) == hull_conditions.required_friction(*TRIANGLE)
-    assert hull_conditions.required_friction([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0) == 0.0
-    assert hull_conditions.sliding_interval([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0, (1.0, 0.0)) == (0.0, 0.0)
-    assert (
-        len(hull_conditions.convex_hull([(0.0, 0.0)] * 3)) == 1
-        and len(hull_conditions.convex_hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 2
-    )
+    assert hulls.required_friction(upper * 3, lower * 2, h) == hulls.required_friction(*TRIANGLE)
+    assert hulls.required_friction([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0) == 0.0
+    assert hulls.sliding_interval([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0, (1.0, 0.0)) == (0.0, 0.0)
+    assert len(hulls.convex_hull([(0.0, 0.0)] * 3)) == 1 and len(hulls.convex_hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 2
+    # what is no particle is refused
+    for upper, lower, h, direction in (
+        ([], [(0.0, 0.0)], 1.0, (1, 0)), ([(0.0, 0.0)], np.zeros((0, 2)), 1.0, (1, 0)), ([(0, 0)], [(1, 0)], 0.0, (1, 0)),
+        ([(0, 0)], [(1, 0)], 1.0, (0, 0)), ([(0, 0, 0)], [(1, 0)], 1.0, (1, 0)),
+    ):  # fmt: skip
+        with pytest.raises(ValueError):
+            hulls.sliding_interval(upper, lower, h, direction)
 
 
-@pytest.mark.parametrize(
-    "upper, lower, h, direction",
-    [([], [(0.0, 0.0)], 1.0, (1, 0)), ([(0.0, 0.0)], np.zeros((0, 2)), 1.0, (1, 0)), ([(0, 0)], [(1, 0)], 0.0, (1, 0)),
-     ([(0, 0)], [(1, 0)], 1.0, (0, 0)), ([(0, 0, 0)], [(1, 0)], 1.0, (1, 0))],
-)  # fmt: skip
-def test_what_is_no_particle_is_refused(upper, lower, h, direction):
-    with pytest.raises(ValueError):
-        hull_conditions.sliding_interval(upper, lower, h, direction)
-
-
-# -- hulls: invariance --
-
-
-@pytest.mark.parametrize("case", random_cases(1, 20))
-def test_answers_do_not_depend_on_frame_order_or_unit(case):
-    upper, lower, h = case
-    random = np.random.default_rng(2)
-    angle, shift, e = 0.7, np.array([3.0, -5.0]), np.array([0.8, -0.6])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    mirror = np.array([-1.0, 1.0])
-    mu, interval = hull_conditions.required_friction(*case), hull_conditions.sliding_interval(*case, e)
-    for other, path in (
-        ((upper + shift, lower + shift, h), e),
-        ((upper @ turn.T, lower @ turn.T, h), turn @ e),
-        ((upper * mirror, lower * mirror, h), e * mirror),
-        ((random.permutation(upper), random.permutation(lower), h), e),
-        ((upper * 1e-6, lower * 1e-6, h * 1e-6), e),
-        ((lower, upper, h), -e),  # turned upside down, the upper side drags the other way
-    ):
-        # the shift is eight times the particle: it takes a digit
-        assert hull_conditions.required_friction(*other) == pytest.approx(mu, rel=1e-11, abs=1e-14)
-        assert hull_conditions.sliding_interval(*other, path) == pytest.approx(interval, rel=1e-11, abs=1e-13)
-
-
-def test_required_friction_is_the_nearest_point_of_the_interval_over_all_directions():
-    angles = np.linspace(0.0, 2.0 * math.pi, 7200, endpoint=False)
-    ends = [hull_conditions.sliding_interval(*TRIANGLE, (math.cos(a), math.sin(a)))[0] for a in angles]
-    nearest = min(t for t in ends if t > 0.0)  # each line is met twice, once backwards
-    # a minimum met within half a step of 8.7e-4: relative error below its square
-    assert nearest == pytest.approx(hull_conditions.required_friction(*TRIANGLE), rel=2e-7)
-
-
-# -- hulls against cones --
-
-
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("seed", range(6))
 def test_hulls_do_not_contradict_linear_programs_on_sticking(seed):
     for upper, lower, h in random_cases(10 + seed, 50):
-        mu = hull_conditions.required_friction(upper, lower, h)
-        held = friction_cones.between_plates(upper, lower, h, 1.0, 1.0)
+        mu = hulls.required_friction(upper, lower, h)
+        held = cones.between_plates(upper, lower, h, 1.0, 1.0)
         # the inscribed pyramid of mu/cos(pi/K) contains the cone of mu; that of a smaller mu lies within it
-        assert friction_cones.can_balance(held, mu / math.cos(math.pi / K) * (1.0 + SOLVER) + SOLVER, K)
+        assert cones.can_balance(held, mu / math.cos(math.pi / K) * (1.0 + SOLVER) + SOLVER, K)
         if mu > SOLVER:
-            assert not friction_cones.can_balance(held, mu * (1.0 - SOLVER) - SOLVER, K)
+            assert not cones.can_balance(held, mu * (1.0 - SOLVER) - SOLVER, K)
 
 
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("seed", range(6))
 def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
     random = np.random.default_rng(20 + seed)
@@ -189,10 +112,10 @@ def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
         middle = lower.mean(axis=0) - upper.mean(axis=0)
         e = middle / np.hypot(*middle) if random.random() < 0.7 else np.array([0.6, 0.8])
         pulls = np.repeat([[*e, 0.0], [*-e, 0.0]], [len(upper), len(lower)], axis=0)
-        low, high = hull_conditions.sliding_interval(upper, lower, h, e)
+        low, high = hulls.sliding_interval(upper, lower, h, e)
 
         def slides(mu, case=(upper, lower, h), pulls=pulls):
-            return friction_cones.can_slide(friction_cones.between_plates(*case, mu, mu), pulls)
+            return cones.can_slide(cones.between_plates(*case, mu, mu), pulls)
 
         width = 1e-4 * (high - low)
         if high > 0.0 and width > 0.0:
@@ -203,90 +126,78 @@ def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
         elif high < low:
             mu = random.uniform(0.0, 2.0)
             # the solver's residual may reach a line that passes the set closely: only clear cases count
-            nearby = [hull_conditions.sliding_interval(upper, lower, h, e + d * np.array([-e[1], e[0]])) for d in (-1e-3, 1e-3)]
-            assert not slides(mu) or min(nearby) != hull_conditions.NEVER
+            nearby = [hulls.sliding_interval(upper, lower, h, e + d * np.array([-e[1], e[0]])) for d in (-1e-3, 1e-3)]
+            assert not slides(mu) or min(nearby) != hulls.NEVER
     assert met > 15  # the test compares something
 
 
-# -- cones --
-
-
 def test_brackets_close_in_like_the_cosine():
-    mu = hull_conditions.required_friction(*TRIANGLE)
-    held = friction_cones.between_plates(*TRIANGLE, 1.0, 1.0)
+    mu = hulls.required_friction(*TRIANGLE)
+    held = cones.between_plates(*TRIANGLE, 1.0, 1.0)
     for edges in (3, 5, 8, 16, 64):
-        lower, upper = friction_cones.required_scale(held, edges)
+        lower, upper = cones.required_scale(held, edges)
         assert lower * (1.0 - SOLVER) <= mu <= upper * (1.0 + SOLVER)
         # the bisection stops at 1e-7 absolute
         assert lower / upper == pytest.approx(math.cos(math.pi / edges), rel=1e-6)
-
-
-def test_frictions_that_differ_scale_together():
-    held = friction_cones.between_plates(*PAIR, 0.5, 0.2)
-    low, high = friction_cones.required_scale(held)
+    # frictions that differ scale together
+    held = cones.between_plates(*PAIR, 0.5, 0.2)
+    low, high = cones.required_scale(held)
     assert low <= 0.25 / 0.2 * (1.0 + SOLVER) and 0.25 / 0.2 <= high * (1.0 + SOLVER)  # the weaker side decides
-    assert friction_cones.required_scale(friction_cones.between_plates(*PAIR, 0.0, 0.2)) == (math.inf, math.inf)
-    assert friction_cones.required_scale(friction_cones.between_plates([(0.0, 0.0)], [(0.0, 0.0)], 1.0, 0.0, 0.0)) == (0.0, 0.0)
+    assert cones.required_scale(cones.between_plates(*PAIR, 0.0, 0.2)) == (math.inf, math.inf)
+    assert cones.required_scale(cones.between_plates([(0.0, 0.0)], [(0.0, 0.0)], 1.0, 0.0, 0.0)) == (0.0, 0.0)
 
 
 def test_a_block_on_a_slope_and_a_wedge():
     slope = math.tan(0.4)
     feet = [(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]
     weight = (math.sin(0.4), 0.0, -math.cos(0.4))
-    held = friction_cones.grasp(feet, [(0.0, 0.0, 1.0)] * 4, 0.5, [True] * 4, math.cos(0.4), weight)
-    low, high = friction_cones.required_scale(held, 64)
+    held = cones.grasp(feet, [(0.0, 0.0, 1.0)] * 4, 0.5, [True] * 4, math.cos(0.4), weight)
+    low, high = cones.required_scale(held, 64)
     assert low * (1.0 - SOLVER) <= slope / 0.5 <= high * (1.0 + SOLVER)
     # a moment of the weight about the lower edge: centre of mass at height z tips it once z tan > 1, whatever the friction
     for z, held_fast in ((0.9 / slope, True), (1.1 / slope, False)):
-        turned = friction_cones.grasp(feet, held.normals, 5.0, held.pressed, held.load, weight, np.cross((0.0, 0.0, z), weight))
-        assert friction_cones.can_balance(turned, 1.0, 64) == held_fast
+        turned = cones.grasp(feet, held.normals, 5.0, held.pressed, held.load, weight, np.cross((0.0, 0.0, z), weight))
+        assert cones.can_balance(turned, 1.0, 64) == held_fast
     # two walls that lean by 2 gamma hold what is between them without weight iff mu >= tan gamma
     gamma = 0.3
     walls = [(math.cos(gamma), 0.0, -math.sin(gamma)), (-math.cos(gamma), 0.0, -math.sin(gamma))]
-    wedge = friction_cones.grasp([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], walls, 1.0, [True, False], axis=(0.0, 0.0, 1.0))
+    wedge = cones.grasp([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], walls, 1.0, [True, False], axis=(0.0, 0.0, 1.0))
     assert wedge.axis is not None
-    pinched = friction_cones.grasp(wedge.points, walls, 1.0, wedge.pressed)
-    low, high = friction_cones.required_scale(pinched, 64)
+    pinched = cones.grasp(wedge.points, walls, 1.0, wedge.pressed)
+    low, high = cones.required_scale(pinched, 64)
     assert low * (1.0 - SOLVER) <= math.tan(gamma) <= high * (1.0 + SOLVER)
 
 
 def test_shift_of_the_reference_point_takes_its_moment_along():
     force, arm = np.array([0.05, 0.1, -0.3]), np.array([0.2, -0.3, 0.1])
-    held = friction_cones.between_plates(*TRIANGLE, 0.5, 0.5)
-    first = friction_cones.grasp(held.points, held.normals, held.mu, held.pressed, 1.0, force, (0.0, 0.02, 0.03))
-    moved = friction_cones.grasp(
-        held.points - arm, held.normals, held.mu, held.pressed, 1.0, force, first.moment - np.cross(arm, force)
-    )
+    held = cones.between_plates(*TRIANGLE, 0.5, 0.5)
+    first = cones.grasp(held.points, held.normals, held.mu, held.pressed, 1.0, force, (0.0, 0.02, 0.03))
+    moved = cones.grasp(held.points - arm, held.normals, held.mu, held.pressed, 1.0, force, first.moment - np.cross(arm, force))
     # both bisect to 1e-7
-    assert friction_cones.required_scale(first) == pytest.approx(friction_cones.required_scale(moved), abs=1e-6)
-    assert math.isfinite(friction_cones.required_scale(first)[1])
-
-
-@pytest.mark.parametrize("change", [{"load": 0.0}, {"mu": -0.1}, {"normals": [(0.0, 0.0, 2.0)]}, {"pressed": [True, True]}])
-def test_what_is_no_grasp_is_refused(change):
+    assert cones.required_scale(first) == pytest.approx(cones.required_scale(moved), abs=1e-6)
+    assert math.isfinite(cones.required_scale(first)[1])
+    # what is no grasp is refused
     good = {"points": [(0.0, 0.0, 0.0)], "normals": [(0.0, 0.0, 1.0)], "mu": 0.1, "pressed": [True], "load": 1.0}
-    with pytest.raises(ValueError):
-        friction_cones.grasp(**(good | change))
+    for change in ({"load": 0.0}, {"mu": -0.1}, {"normals": [(0.0, 0.0, 2.0)]}, {"pressed": [True, True]}):
+        with pytest.raises(ValueError):
+            cones.grasp(**(good | change))
     with pytest.raises(ValueError, match="edges"):
-        friction_cones.required_scale(friction_cones.grasp(**good), 2)
+        cones.required_scale(cones.grasp(**good), 2)
 
 
-# -- the plane, with weight --
+@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 40), marks=pytest.mark.full(kind="slow"))])
+def test_plane_with_weight_against_linear_programs(seeds):
+    for random in map(np.random.default_rng, 100 + np.array(seeds)):
+        upper, lower = (random.uniform(-1.0, 1.0, random.integers(1, 4)) + random.uniform(-0.7, 0.7) for _ in range(2))
+        h, mus, w = random.uniform(0.5, 2.0), random.uniform(0.05, 1.0, 2), random.choice([0.0, 0.3, 1.0])
+        scale = conditions.required_scale(upper, lower, h, *mus, w)
+        sides = [np.column_stack([x, np.zeros(len(x))]) for x in (upper, lower)]
+        held = cones.between_plates(*sides, h, *mus, w, axis=(1.0, 0.0, 0.0))
+        assert cones.required_scale(held) == pytest.approx((scale, scale), rel=SOLVER, abs=SOLVER)
+        assert cones.can_balance(held) == (scale <= 1.0) or scale == pytest.approx(1.0, rel=SOLVER)
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_plane_with_weight_against_linear_programs(seed):
-    random = np.random.default_rng(100 + seed)
-    upper, lower = (random.uniform(-1.0, 1.0, random.integers(1, 4)) + random.uniform(-0.7, 0.7) for _ in range(2))
-    h, mus, w = random.uniform(0.5, 2.0), random.uniform(0.05, 1.0, 2), random.choice([0.0, 0.3, 1.0])
-    scale = conditions.required_scale(upper, lower, h, *mus, w)
-    sides = [np.column_stack([x, np.zeros(len(x))]) for x in (upper, lower)]
-    held = friction_cones.between_plates(*sides, h, *mus, w, axis=(1.0, 0.0, 0.0))
-    assert friction_cones.required_scale(held) == pytest.approx((scale, scale), rel=SOLVER, abs=SOLVER)
-    assert friction_cones.can_balance(held) == (scale <= 1.0) or scale == pytest.approx(1.0, rel=SOLVER)
-
-
-def test_weight_moves_the_interval():
+def test_the_plane_in_numbers():
     upper, lower, h = (0.2,), (-2.0, 1.5), 4.0
     assert conditions.planar_interval(upper, lower, h, 0.5) == pytest.approx(((0.2 - 2.25) / 4.0, 3.2 / 4.0), **ROUND)
     # at the ends the lower resultant stands on a spot
@@ -296,9 +207,7 @@ def test_weight_moves_the_interval():
     for bad in (((), lower, h), (upper, (), h), (upper, lower, 0.0), (upper, lower, h, -0.1)):
         with pytest.raises(ValueError):
             conditions.planar_interval(*bad)
-
-
-def test_eq_20_names_the_side_that_slides():
+    # Eq. 20 names the side that slides
     spots = ((0.2,), (-2.0, 1.5), 4.0)
     assert conditions.sliding_sides(*spots, 0.3, 0.3) == ("upper", "lower")
     assert conditions.sliding_sides(*spots, 0.3, 0.25) == ("lower",)
@@ -308,17 +217,12 @@ def test_eq_20_names_the_side_that_slides():
     # mirrored, the particle is dragged against what was its far side: t_max = .325
     mirrored = ((-0.2,), (2.0, -1.5), 4.0)
     assert conditions.sliding_sides(*mirrored, 0.32, 0.32) and not conditions.sliding_sides(*mirrored, 0.33, 0.33)
-
-
-def test_two_contacts_stick_from_the_friction_angle():
+    # two contacts stick from the friction angle
     alpha = theory.two_spot_friction(0.2, -0.4, 2.0)
     assert conditions.required_scale((0.2,), (-0.4,), 2.0, alpha, alpha) == pytest.approx(1.0, rel=1e-14)
     assert conditions.required_scale((0.2,), (-0.4,), 2.0, 0.0, 1.0) == math.inf
     assert conditions.required_scale((0.2,), (0.2,), 2.0, 0.0, 0.0) == 0.0
-
-
-def test_a_steady_drag_ends_sliding_or_tipping():
-    spots = ((0.2,), (-2.0, 1.5), 4.0)
+    # a steady drag ends sliding or tipping
     assert conditions.dragged_friction(*spots, 0.3) == (0.3, "sliding")
     friction, state = conditions.dragged_friction(*spots, 0.9)
     assert state == "rolling" and friction == pytest.approx(0.55, rel=1e-14)
@@ -328,13 +232,8 @@ def test_a_steady_drag_ends_sliding_or_tipping():
     assert conditions.dragged_friction((0.0,), (-1.0, 1.0), 2.0, 0.5) == (0.5, "sliding")
 
 
-# -- normal forces with tilt and weight --
-
-E1 = theory.e_star(80e9, 0.3, 120e9, 0.2)
-E2 = theory.e_star(60e9, 0.35, 120e9, 0.2)
-R = (2e-6, 1e-6, 1.5e-6)
-X = (0.2e-6, -2e-6, 1.5e-6)
-CLOSING = 10e-9
+E1, E2 = theory.e_star(80e9, 0.3, 120e9, 0.2), theory.e_star(60e9, 0.35, 120e9, 0.2)
+R, X, CLOSING = (2e-6, 1e-6, 1.5e-6), (0.2e-6, -2e-6, 1.5e-6), 10e-9
 
 # weight, N: (N_1, N_2, N_3); mpmath, 30 digits, Newton on Eqs. 1, 5 and 6 in w and phi
 HEAVY = {
@@ -345,27 +244,19 @@ HEAVY = {
 }
 
 
-@pytest.mark.parametrize("weight", HEAVY)
-def test_normal_forces_with_tilt_and_weight(weight):
-    assert conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) == pytest.approx(HEAVY[weight], rel=1e-12, abs=0.0)
-
-
-def test_weightless_normal_forces_are_the_smooth_tilted_state():
-    ours = conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, 0.0)
-    assert ours == pytest.approx(theory.tilted_state(X, E1, E2, R, CLOSING, 0.0)[2], rel=1e-13)
-
-
-def test_a_particle_that_need_not_tilt_follows_eq_9():
-    radii, x = (2e-6, 1e-6, 1e-6), (0.0, -1e-6, 1e-6)
-    weight = 2e-5
+def test_normal_forces_with_tilt_and_weight():
+    ours = {weight: conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight) for weight in HEAVY}
+    for weight, forces in HEAVY.items():
+        assert ours[weight] == pytest.approx(forces, rel=1e-12, abs=0.0)
+    assert ours[0.0] == pytest.approx(theory.tilted_state(X, E1, E2, R, CLOSING, 0.0)[2], rel=1e-13)
+    # a particle that need not tilt follows Eq. 9
+    radii, x, weight = (2e-6, 1e-6, 1e-6), (0.0, -1e-6, 1e-6), 2e-5
     m = theory.weight_number(weight, E1, radii[0], CLOSING)
     delta = theory.upper_fraction(theory.compliance_ratio(E1, radii[0], E2, *radii[1:]), m)
     upper, left, right = conditions.tilted_normal_forces(x, E1, E2, radii, CLOSING, weight)
     assert upper == pytest.approx(theory.hertz_force(E1, radii[0], delta * CLOSING), rel=1e-12)
     assert left == pytest.approx(right, rel=1e-14) and left + right - upper == pytest.approx(weight, rel=1e-13)
-
-
-def test_series_in_the_weight_is_of_second_order():
+    # the series in the weight is of second order
     particle = (X, E1, E2, R, CLOSING)
     exact, series = conditions.tilted_normal_forces, conditions.tilted_force_series
     errors = [abs(series(*particle, weight) - exact(*particle, weight)[0]) for weight in (2e-6, 4e-6)]
@@ -393,13 +284,9 @@ def test_a_spot_that_lifts_off_is_reported():
     assert force * beyond[0] - left * beyond[1] - right * beyond[2] == pytest.approx(0.0, abs=1e-13 * right * 1e-6)
 
 
-# -- imports --
-
-
-@pytest.mark.parametrize("module", [conditions, hull_conditions, friction_cones])
-def test_theory_imports_nothing_of_ours(module):
-    nodes = list(ast.walk(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))))
-    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    relative = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.level}
-    names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
-    assert not relative and not [name for name in names if "thirdbody" in name]
+def test_theory_imports_nothing_of_ours():
+    for module in (conditions, hulls, cones):
+        nodes = list(ast.walk(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))))
+        names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+        names |= {"thirdbody." * bool(node.level) + str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
+        assert not [name for name in names if "thirdbody" in name]
