@@ -1,7 +1,5 @@
 """Surfaces of rough plates in the file of a run, in pyvista, and in pictures."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -26,7 +24,7 @@ COUNT, AMPLITUDE = 12, 2e-6
 
 
 @pytest.fixture(scope="module")
-def surfaces() -> dict[str, Surface]:
+def surfaces():
     size = tuple(float(length) for length in clump_layer(COUNT)[-1])
     lower = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), AMPLITUDE), size, size[0] / 4, curvature=False, copies=(3, 1))
     return {"lower": lower, "upper": Surface(sine_heights(phases((32, 48), (2, 0), 0.0), AMPLITUDE), size, size[0] / 2)}
@@ -37,7 +35,7 @@ def rough(surfaces, tmp_path_factory):
     return write_layer(tmp_path_factory.mktemp("rough") / "run.vtkhdf", COUNT, surfaces=surfaces)
 
 
-def assert_same(stored: dict[str, Surface], given: dict[str, Surface]) -> None:
+def assert_same(stored, given):
     assert stored.keys() == given.keys()
     for side, surface in given.items():
         np.testing.assert_array_equal(stored[side].heights, surface.heights)
@@ -45,50 +43,43 @@ def assert_same(stored: dict[str, Surface], given: dict[str, Surface]) -> None:
             assert getattr(stored[side], name) == getattr(surface, name), name
 
 
-def test_a_run_stores_its_surfaces_once_and_gives_them_back(rough, surfaces):
+def test_a_run_stores_its_surfaces_once_and_gives_them_back(rough, surfaces, tmp_path):
     with open_run(rough) as run:
         assert_same(run.surfaces, surfaces)
         assert run.surface("lower") is run.surfaces["lower"]
         with pytest.raises(ValueError, match="'middle' is not one of 'lower', 'upper'"):
             run.surface("middle")
-
-
-def test_a_run_between_flat_plates_has_no_trace_of_them(tmp_path):
-    path = write_layer(tmp_path / "run.vtkhdf", COUNT)
-    with open_run(path) as run:
-        assert run.surfaces == {} and run.surface("lower") is None
-        assert run.to_pyvista().keys() == ["spheres", "clumps", "contacts", "plates"]
-    with h5py.File(path) as file:
-        assert "surfaces" not in file
-
-
-def test_surfaces_stay_when_a_run_is_resumed(surfaces, tmp_path):
-    path = write_layer(tmp_path / "run.vtkhdf", COUNT, surfaces=surfaces)
+    path = tmp_path / "run.vtkhdf"
+    path.write_bytes(rough.read_bytes())
     with TrajectoryWriter.resume(path, 1), open_run(path) as run:
         assert run.frames == 1
         assert_same(run.surfaces, surfaces)
+    # a run between flat plates has no trace of them
+    with open_run(write_layer(tmp_path / "flat.vtkhdf", COUNT)) as run:
+        assert run.surfaces == {} and run.surface("lower") is None
+        assert run.to_pyvista().keys() == ["spheres", "clumps", "contacts", "plates"]
+    with h5py.File(tmp_path / "flat.vtkhdf") as file:
+        assert "surfaces" not in file
 
 
-def vandalise(file: h5py.File, what: str) -> None:
-    if what == "name":
-        file["surfaces"].move("lower", "middle")
-    elif what == "size":
-        file["surfaces/lower"].attrs["size"] = np.array([1.0, np.nan])
-    elif what == "attribute":
-        del file["surfaces/lower"].attrs["copies"]
-    else:
+def test_a_damaged_surface_is_one_clear_fault(rough, tmp_path):
+    def huge(file):
         del file["surfaces/lower"]
-        huge = file["surfaces"].create_dataset("lower", (10**6, 10**6), np.float64, chunks=(1000, 1000))
-        huge.attrs.update({"size": np.ones(2), "copies": np.ones(2), "shortest": 1.0, "curvature": 1})
+        data = file["surfaces"].create_dataset("lower", (10**6, 10**6), np.float64, chunks=(1000, 1000))
+        data.attrs.update({"size": np.ones(2), "copies": np.ones(2), "shortest": 1.0, "curvature": 1})
 
-
-@pytest.mark.parametrize("what", ["name", "size", "attribute", "huge"])
-def test_a_damaged_surface_is_one_clear_fault(surfaces, tmp_path, what):
-    path = write_layer(tmp_path / "run.vtkhdf", COUNT, surfaces=surfaces)
-    with h5py.File(path, "r+") as file:
-        vandalise(file, what)
-    with pytest.raises(InputError, match="not a run of thirdbody, or damaged"):
-        open_run(path)
+    path = tmp_path / "run.vtkhdf"
+    for spoil in (
+        lambda file: file["surfaces"].move("lower", "middle"),
+        lambda file: file["surfaces/lower"].attrs.update({"size": np.array([1.0, np.nan])}),
+        lambda file: file["surfaces/lower"].attrs.pop("copies"),
+        huge,
+    ):
+        path.write_bytes(rough.read_bytes())
+        with h5py.File(path, "r+") as file:
+            spoil(file)
+        with pytest.raises(InputError, match="not a run of thirdbody, or damaged"):
+            open_run(path)
 
 
 def test_pyvista_gets_the_surfaces_where_the_plates_are(rough, surfaces):
@@ -106,7 +97,10 @@ def test_pyvista_gets_the_surfaces_where_the_plates_are(rough, surfaces):
 
 def test_a_drawn_surface_is_the_spline_moved_with_its_plate(rough, surfaces):
     with open_run(rough) as run:
-        data = read_picture_data(run, -1, "state")
+        first, data = (read_picture_data(run, frame, "state") for frame in (0, -1))
+    # the upper plate is drawn clear of the bodies
+    plane, over = first.plate_height_over(first.low, first.high), first.surfaces["upper"].heights(*first.centers.T[:2])
+    assert np.all(first.centers[:, 2] + first.radii <= plane - over + 1e-15)
     lower, upper = data.surfaces["lower"], data.surfaces["upper"]
     x = upper.position[0] + surfaces["upper"].spacing[0] * np.arange(48)
     np.testing.assert_allclose(upper.heights(x, 0.0 * x), surfaces["upper"].heights[0], atol=1e-12 * AMPLITUDE)
@@ -124,14 +118,7 @@ def test_a_drawn_surface_is_the_spline_moved_with_its_plate(rough, surfaces):
     assert walls.bounds[4] == pytest.approx(-1e-5) and walls.n_cells == 2 * (mesh.dimensions[0] + mesh.dimensions[1]) - 4
 
 
-def test_the_upper_plate_is_drawn_clear_of_the_bodies(rough):
-    with open_run(rough) as run:
-        data = read_picture_data(run, 0, "state")
-    plane = data.plate_height_over(data.low, data.high)
-    upper = data.surfaces["upper"].heights(data.centers[:, 0], data.centers[:, 1])
-    assert np.all(data.centers[:, 2] + data.radii <= plane - upper + 1e-15)
-
-
+@pytest.mark.full(kind="slow")
 def test_a_picture_shows_the_heights(rough, tmp_path):
     skip_unless_drawable()
     picture = render(rough, tmp_path / "a.png", size=(400, 225), view="top")
@@ -139,7 +126,7 @@ def test_a_picture_shows_the_heights(rough, tmp_path):
     assert np.ptp(grey) > 60.0
 
 
-def packed(text: str, kind: str) -> np.ndarray:
+def packed(text, kind):
     return np.frombuffer(base64.b64decode(text), kind)
 
 
@@ -150,10 +137,8 @@ def test_a_page_holds_heights_of_both_plates_and_the_contacts(rough, tmp_path):
         picture = read_picture_data(run, 0, "state")
     middle, extent = 0.5 * (picture.low + picture.high), picture.high - picture.low
     scale, half = 100.0 / extent[:2].max(), np.array(data["half"])
-    for side, plane, sign in (
-        ("lower", picture.low[2], 1.0),
-        ("upper", picture.plate_height_over(picture.low, picture.high), -1.0),
-    ):
+    upper_plane = picture.plate_height_over(picture.low, picture.high)
+    for side, plane, sign in (("lower", picture.low[2], 1.0), ("upper", upper_plane, -1.0)):
         grid, surface = data["surfaces"][side], picture.surfaces[side]
         x, y = (at + np.linspace(-h, h, n) / scale for at, h, n in zip(middle, half, grid["n"], strict=False))
         z = plane - middle[2] + sign * surface.heights(*np.meshgrid(x, y))

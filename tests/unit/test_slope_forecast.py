@@ -1,7 +1,6 @@
 """The forecast on slopes: against another linear programme, the hulls of parallel planes, closed forms, labels of a run."""
 
-from __future__ import annotations
-
+import itertools
 import json
 import math
 
@@ -29,7 +28,7 @@ def support(points, slopes, friction, above, weight=0.0) -> Support:
 def test_it_agrees_with_another_programme_on_random_slopes():
     """Its load is a vertical force, that of the other one of normal forces: without weight both are mere scales."""
     rng, found = np.random.default_rng(0), []
-    for _ in range(24):
+    for _ in range(16):
         above = np.arange(6) < 3 if rng.random() < 0.5 else np.arange(3) < rng.integers(1, 3)
         points = np.column_stack([rng.normal(size=(len(above), 2)), np.where(above, 0.8, -0.8)])
         body = support(points, 0.3 * rng.normal(size=(len(above), 2)), rng.uniform(0.1, 0.8), above)
@@ -38,12 +37,12 @@ def test_it_agrees_with_another_programme_on_random_slopes():
         found.append(can_stick(body))
         # polygons of both are turned against each other: a body between them may be report by one and not by the other
         assert not (inner and found[-1] == IMPOSSIBLE) and not (not outer and found[-1] == POSSIBLE)
-    assert 3 <= found.count(POSSIBLE) <= 21
+    assert 2 <= found.count(POSSIBLE) <= 14
 
 
 def test_between_planes_it_is_the_hulls():
     rng, verdicts = np.random.default_rng(1), []
-    for _ in range(24):
+    for _ in range(12):
         upper, lower, height = 0.3 * rng.normal(size=(1, 2)), 2.0 * rng.normal(size=(3, 2)), 2.0
         points = np.vstack([np.column_stack([side, np.full(len(side), z)]) for side, z in ((upper, 1.0), (lower, -1.0))])
         required = hull_conditions.required_friction(upper, lower, height)
@@ -58,28 +57,26 @@ def test_between_planes_it_is_the_hulls():
     assert {POSSIBLE, IMPOSSIBLE} == set(verdicts)
 
 
-@pytest.mark.parametrize("slope", [-0.2, 0.0, 0.15])
-@pytest.mark.parametrize("lean", [0.1, 0.3])
-def test_two_spots_stick_if_their_line_lies_in_both_cones(slope, lean):
+def test_two_spots_stick_if_their_line_lies_in_both_cones():
     """Eqs. 16 and 19 on slopes: the line of both spots leans by `lean`; the cone of the lower one by its plate's slope."""
-    points = [(lean, 0.0, 1.0), (-lean, 0.0, -1.0)]
-    angles = [abs(math.atan(lean)), abs(math.atan(lean) + math.atan(slope))]
-    required = math.tan(max(angles))
-    for factor, verdict in ((0.997, IMPOSSIBLE), (1.003, POSSIBLE)):
-        assert can_stick(support(points, [(0.0, 0.0), (slope, 0.0)], factor * required, [True, False])) == verdict
+    for lean, slope in itertools.product((0.1, 0.3), (-0.2, 0.0, 0.15)):
+        points = [(lean, 0.0, 1.0), (-lean, 0.0, -1.0)]
+        required = math.tan(max(abs(math.atan(lean)), abs(math.atan(lean) + math.atan(slope))))
+        for factor, verdict in ((0.997, IMPOSSIBLE), (1.003, POSSIBLE)):
+            assert can_stick(support(points, [(0.0, 0.0), (slope, 0.0)], factor * required, [True, False])) == verdict
 
 
-@pytest.mark.parametrize("slope", [-0.1, 0.0, 0.2])
-def test_the_slope_of_a_plate_adds_to_its_friction(slope):
+def test_the_slope_of_a_plate_adds_to_its_friction():
     """A spot that climbs a plate of this slope, on two feet that stick: its force leans by atan(mu) + atan(slope)."""
     mu, height = 0.3, 1.0
-    reach = height * math.tan(math.atan(mu) + math.atan(slope))
-    for factor, verdict in ((0.999, IMPOSSIBLE), (1.001, POSSIBLE)):
-        points = [(0.0, 0.0, 0.5 * height), (factor * reach, 0.0, -0.5 * height), (-factor * reach, 0.0, -0.5 * height)]
-        body = support(points, [(slope, 0.0), (0.0, 0.0), (0.0, 0.0)], mu, [True, False, False])
-        body.friction[1:] = 1.0
-        assert can_slide(body, ALONG_X, True, np.full(3, RIGID)) == verdict
-        assert can_slide(body, ALONG_X, False, np.full(3, RIGID)) == IMPOSSIBLE  # the feet grip more
+    for slope in (-0.1, 0.0, 0.2):
+        reach = height * math.tan(math.atan(mu) + math.atan(slope))
+        for factor, verdict in ((0.999, IMPOSSIBLE), (1.001, POSSIBLE)):
+            points = [(0.0, 0.0, 0.5 * height), (factor * reach, 0.0, -0.5 * height), (-factor * reach, 0.0, -0.5 * height)]
+            body = support(points, [(slope, 0.0), (0.0, 0.0), (0.0, 0.0)], mu, [True, False, False])
+            body.friction[1:] = 1.0
+            assert can_slide(body, ALONG_X, True, np.full(3, RIGID)) == verdict
+            assert can_slide(body, ALONG_X, False, np.full(3, RIGID)) == IMPOSSIBLE  # the feet grip more
 
 
 def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
@@ -99,29 +96,30 @@ def test_weight_is_balanced_too():
         assert can_stick(support(points, np.zeros((2, 2)), 0.6, [True, False], weight=1.0)) == verdict
 
 
-@pytest.fixture(scope="module")
-def rough_run(tmp_path_factory):
-    given = scene(**ROUGH | {"debris.0.count": 20, "debris.0.spheres": [3, 6], "solver.settle": "40 us"})
-    folder = tmp_path_factory.mktemp("slopes") / "run"
-    thirdbody.run(given, folder, 1, False)
-    return folder
-
-
-def test_what_sticks_can_stick(rough_run, capsys):
-    """Bodies at rest under load are in balance with forces inside their cones, so the programme has to find some."""
-    slopes_report(rough_run, 1, json=True)
+def stick_report(run, capsys):
+    slopes_report(run, 1, json=True)
     report = json.loads(capsys.readouterr().out)
-    assert report["supported"] == len(report["bodies"]) > 10 and "outcome" not in report
-    possible, impossible, undecided = report["stick"]["sticking"]
-    assert possible > 10 and impossible == undecided == 0
-    slopes_report(rough_run, None, json=True)  # at the start of the drag the upper plate rests on few bodies, or none
-    assert "outcome" in json.loads(capsys.readouterr().out)
-    slopes_report(rough_run, -1, json=False)
+    assert report["supported"] == len(report["bodies"])
+    return report
+
+
+def test_what_sticks_can_stick(shared_run, capsys, command):
+    """Bodies at rest under load are in balance with forces inside their cones, so the programme has to find some."""
+    run = shared_run("rough")
+    assert stick_report(run, capsys)["stick"]["sticking"] == [8, 0, 0]  # possible, impossible, undecided
+    slopes_report(run, -1, json=False)
     assert "can slide along the drag" in " ".join(capsys.readouterr().out.split())
+    for arguments, code, words in ((("-o", "x.png"), 2, "--slopes"), (("--frame", "99"), 3, "no frame 99")):
+        report = command("states", str(run), "--slopes", *arguments)
+        assert report.code == code and words in report.err
 
 
-def test_what_there_is_not_is_refused(rough_run, command):
-    report = command("states", str(rough_run), "--slopes", "-o", "x.png")
-    assert report.code == 2 and "--slopes" in report.err
-    report = command("states", str(rough_run), "--slopes", "--frame", "99")
-    assert report.code == 3 and "no frame 99" in report.err
+@pytest.mark.full(kind="slow")
+def test_clumps_that_stick_can_stick(tmp_path, capsys):
+    given = scene(**ROUGH | {"debris.0.count": 20, "debris.0.spheres": [3, 6], "solver.settle": "40 us"})
+    thirdbody.run(given, tmp_path / "run", 1, False)
+    report = stick_report(tmp_path / "run", capsys)
+    possible, impossible, undecided = report["stick"]["sticking"]
+    assert possible > 10 and impossible == undecided == 0 and "outcome" not in report
+    slopes_report(tmp_path / "run", None, json=True)  # at the start of the drag the upper plate rests on few bodies, or none
+    assert "outcome" in json.loads(capsys.readouterr().out)

@@ -1,23 +1,23 @@
 """Surfaces as data: random ones with their spectrum, waves and grooves, scans made periodic, the spline, the statistics."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from scipy.ndimage import map_coordinates
 
+from thirdbody.assembly.simulation import build
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
 from thirdbody.report.surface_report import law_text
+from thirdbody.runner.checkpoint import prints_of
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.height_map import HeightMap
 from thirdbody.surfaces.levelling import fill_missing, levelled
 from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
-from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.self_affine import Spectrum, _uniform, self_affine
 from thirdbody.surfaces.spectrum import radial_spectrum
 from thirdbody.surfaces.statistics import surface_statistics, with_spectrum
 from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
@@ -27,8 +27,8 @@ ROUGH = Spectrum(0.2e-6, 0.8, 20e-6, 4e-6)
 STEEL = {"youngs_modulus": 210e9, "poisson_ratio": 0.3, "density": 7850.0}
 
 
-def scene(lower: dict, upper: dict | None = None, **domain: object) -> Scene:
-    plates: dict = {"lower": {"material": "steel", "surface": lower}}
+def scene(lower, upper=None, **domain):
+    plates = {"lower": {"material": "steel", "surface": lower}}
     if upper:
         plates["upper"] = {"material": "steel", "load": 1e-3, "surface": upper}
     return Scene.of({
@@ -38,27 +38,35 @@ def scene(lower: dict, upper: dict | None = None, **domain: object) -> Scene:
     })  # fmt: skip
 
 
-def random_heights(per_wave: int = grid.POINTS_PER_WAVE, short: float = 4e-6, seed: int = 1, stream: int = 0) -> np.ndarray:
-    shape = grid.grid_counts(SIZE, (4e-6 / per_wave,) * 2)
-    return self_affine(shape, SIZE, ROUGH._replace(short=short), seed, stream)
+def random_heights(per_wave=grid.POINTS_PER_WAVE, short=4e-6, seed=1, stream=0):
+    return self_affine(grid.grid_counts(SIZE, (4e-6 / per_wave,) * 2), SIZE, ROUGH._replace(short=short), seed, stream)
+
+
+def spacing_of(heights):
+    return SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0]
+
+
+def faults_of(*surfaces, **domain):
+    with pytest.raises(InputError) as error:
+        scene(*surfaces, **domain)
+    return error.value
 
 
 def test_a_random_surface_has_its_rms_height_and_spectrum():
     heights = random_heights()
-    spacing = (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0])
+    spacing = spacing_of(heights)
     assert np.sqrt(np.mean(heights**2)) == pytest.approx(0.2e-6, rel=1e-12)
     assert abs(heights.mean()) < 1e-12 * 0.2e-6
     law = with_spectrum(surface_statistics(heights, spacing), heights, spacing).law
     # rings of a factor 2^(1/4): the knee and the end are known to one of them
     assert law.hurst == pytest.approx(0.8, abs=0.05) and law.rolls_off
     assert law.long == pytest.approx(20e-6, rel=0.19) and law.short == pytest.approx(4e-6, rel=0.42)
-
-
-def test_the_exponent_of_a_narrow_band_is_reported_as_uncertain():
+    # Parseval
+    spectrum = radial_spectrum(heights, spacing, periodic=True)
+    assert np.sum(spectrum.power * spectrum.waves) / (SIZE[0] * SIZE[1]) == pytest.approx(0.04e-12, rel=1e-9)
     for short, narrow in ((4e-6, False), (10e-6, True)):
         heights = random_heights(short=short)
-        spacing = (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0])
-        text = law_text(with_spectrum(surface_statistics(heights, spacing), heights, spacing))
+        text = law_text(with_spectrum(surface_statistics(heights, spacing_of(heights)), heights, spacing_of(heights)))
         assert text.startswith("Hurst exponent") and ("uncertain" in text) is narrow, text
 
 
@@ -88,11 +96,7 @@ def test_seeds_and_plates_differ():
     assert np.abs(np.corrcoef(fields)[np.triu_indices(3, 1)]).max() < 0.5
     both = plate_surfaces(scene(*({"rms": 2e-7, "long": 2e-5, "short": 4e-6},) * 2))
     assert np.abs(np.corrcoef(both["lower"].heights.ravel(), both["upper"].heights.ravel()))[0, 1] < 0.5
-
-
-def test_the_first_phases_are_those_of_pcg64():
-    from thirdbody.surfaces.self_affine import _uniform
-
+    # those of PCG64
     assert _uniform(3, 1, 0).tolist() == [0.6990345474368357, 0.17433552137309583, 0.6451185321972944]
 
 
@@ -120,12 +124,6 @@ def test_a_sine_has_the_statistics_of_a_sine():
     assert with_spectrum(statistics, surface.heights, surface.spacing).law is None
 
 
-def test_parseval_holds_for_the_spectrum():
-    heights = random_heights()
-    spectrum = radial_spectrum(heights, (SIZE[0] / heights.shape[1], SIZE[1] / heights.shape[0]), periodic=True)
-    assert np.sum(spectrum.power * spectrum.waves) / (SIZE[0] * SIZE[1]) == pytest.approx(0.04e-12, rel=1e-9)
-
-
 def test_a_wave_in_any_direction_has_whole_numbers_in_the_domain():
     nearest = grid.whole_waves(SIZE, 10e-6, math.radians(40.0))
     assert nearest.along == (8, 5)
@@ -151,14 +149,13 @@ def test_a_groove_has_straight_flanks_and_continuous_curvature():
     assert v.min() == pytest.approx(-3e-6 + 0.6e-6 / 3.0, rel=1e-9)  # a V: the bottom is rounded by corner slope/3
 
 
-def scan(shape: tuple[int, int] = (240, 300), step: float = 0.5e-6) -> HeightMap:
+def scan():
     """A part of a larger random surface, tilted, so that it is not periodic."""
-    size = (400 * step, 320 * step)
-    heights = self_affine((320, 400), size, ROUGH, 3, 0)[: shape[0], : shape[1]]
-    return HeightMap(heights + np.linspace(0.0, 5e-6, shape[1]), (step, step), "scan.npz")
+    heights = self_affine((320, 400), (200e-6, 160e-6), ROUGH, 3, 0)[:240, :300]
+    return HeightMap(heights + np.linspace(0.0, 5e-6, 300), (0.5e-6, 0.5e-6), "scan.npz")
 
 
-@pytest.mark.parametrize("join", ["blend", "mirror"])
+@pytest.mark.parametrize("join", ["blend", pytest.param("mirror", marks=pytest.mark.full(kind="slow"))])
 def test_a_scan_becomes_a_smooth_periodic_surface(join):
     original = scan()
     surface = periodic_scan(original, (200e-6, 100e-6), ScanOptions(short=4e-6, join=join))
@@ -227,37 +224,28 @@ FAULTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", FAULTS)
+@each(FAULTS)
 def test_faults_of_a_surface_name_what_is_allowed(case):
     surface, domain, text = FAULTS[case]
-    with pytest.raises(InputError) as error:
-        scene(surface, **domain)
-    assert text in str(error.value) and "plates.lower.surface" in str(error.value)
+    error = str(faults_of(surface, **domain))
+    assert text in error and "plates.lower.surface" in error
 
 
 def test_all_faults_of_both_plates_come_at_once():
-    with pytest.raises(InputError) as error:
-        scene(
-            {"rms": -1e-7, "long": 9e-6, "shrt": 4e-6}, {"wave": [{"amplitude": 1e-7, "wavelength": 20e-6}, {"amplitude": 1.0}]}
-        )
-    keys = {fault.key for fault in error.value.faults}
+    upper = {"wave": [{"amplitude": 1e-7, "wavelength": 20e-6}, {"amplitude": 1.0}]}
+    keys = {fault.key for fault in faults_of({"rms": -1e-7, "long": 9e-6, "shrt": 4e-6}, upper).faults}
     assert keys == {"plates.lower.surface.rms", "plates.lower.surface.shrt", "plates.upper.surface.wave[1].wavelength"}
 
 
-def test_a_scene_with_surfaces_is_saved_and_read_again(tmp_path: Path):
+def test_a_scene_with_surfaces_is_saved_and_read_again(tmp_path):
     groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}
-    given = scene(
-        {"wave": [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]},
-        {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}},
-    )
+    wave = [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]
+    given = scene({"wave": wave}, {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}})
     given.save(tmp_path / "scene.toml")
     assert Scene.load(tmp_path / "scene.toml") == given
 
 
 def test_a_scan_that_changed_stops_a_resumed_run():
-    from thirdbody.assembly.simulation import build
-    from thirdbody.runner.checkpoint import prints_of
-
     waves = [{"amplitude": amplitude, "wavelength": 20e-6} for amplitude in (1e-7, 1.001e-7)]
     prints = [prints_of(build(scene({"wave": wave}))) for wave in waves]
     different = {key for key in prints[0] if prints[0][key] != prints[1][key]}
