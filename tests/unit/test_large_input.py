@@ -1,7 +1,5 @@
 """What is too large is told by its headers or counts, before it takes memory or time."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 
@@ -16,31 +14,21 @@ from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 
 TAIL = """
-[domain]
-size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[solver]
-duration = "2 us"
-[output]
-every = "0.5 us"
-"""
+[domain]\nsize = ["80 um", "60 um"]\n[plates.lower]\nmaterial = "steel"
+[solver]\nduration = "2 us"\n[output]\nevery = "0.5 us"\n"""
 BALL = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "1 um"\ncount = 1\n'
 
 
-def packed(rows: int) -> bytes:
+def packed(rows):
     """An archive of so many equal spheres of one body: a thousandth of what it unpacks to."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, width, dtype, value in (("center", 3, "<f8", 1e-6), ("radius", 1, "<f8", 1e-6), ("clump", 1, "<i8", 0)):
+        for name, width, dtype in (("center", 3, "<f8"), ("radius", 1, "<f8"), ("clump", 1, "<i8")):
             header = io.BytesIO()
             shape = (rows, width) if width > 1 else (rows,)
             np.lib.format.write_array_header_1_0(header, {"descr": dtype, "fortran_order": False, "shape": shape})
             with archive.open(f"{name}.npy", "w") as array:
-                array.write(header.getvalue())
-                piece = np.full(width * 100_000, value, dtype).tobytes()
-                for _ in range(rows // 100_000):
-                    array.write(piece)
+                array.write(header.getvalue() + bytes(8 * width * rows))
     return file.getvalue()
 
 
@@ -72,18 +60,12 @@ def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
     assert len(report.value.faults) == 11 and report.value.faults[-1].message == "and 19990 more faults"
 
 
-@pytest.mark.parametrize(
-    ("head", "debris", "message"),
-    [
+def test_a_scene_of_too_many_tables_is_reported_by_their_number_alone():
+    for head, debris, message in (
         (STEEL + "".join(f"[materials.m{k}]\n" for k in range(1000)), BALL, "materials: 1001 materials, at most 1000 are read"),
         (STEEL, BALL * 1001, "debris: 1001 debris tables, at most 1000 are read"),
-    ],
-)
-def test_a_scene_of_too_many_tables_is_reported_by_their_number_alone(head, debris, message):
-    with pytest.raises(InputError) as report:
-        Scene.parse(head + debris + TAIL)
-    assert len(report.value.faults) == 1 and message in str(report.value)
-
-
-def test_as_many_tables_as_allowed_are_read():
+    ):
+        with pytest.raises(InputError) as report:
+            Scene.parse(head + debris + TAIL)
+        assert len(report.value.faults) == 1 and message in str(report.value)
     assert len(Scene.parse(STEEL + BALL * 1000 + TAIL).debris) == 1000

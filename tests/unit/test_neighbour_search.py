@@ -1,7 +1,5 @@
 """The search against all pairs, one by one: every pair within reach and skin once, sorted, in grids of few and of many cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,8 +12,7 @@ LARGEST = 0.5
 REACH = 2.0 * LARGEST + SKIN
 
 
-def spheres(n: int, box: tuple[float, float, float], seed: int, each: int = 1) -> tuple[np.ndarray, Spheres]:
-    """A table of n spheres of many sizes, `each` to a body; some meet only one plate."""
+def spheres(n, box, seed, each=1):
     rng = np.random.default_rng(seed)
     S = np.zeros((n, sphere.WIDTH))
     S[:, : sphere.RADIUS] = rng.uniform(0.0, 1.0, (n, 3)) * box
@@ -25,7 +22,7 @@ def spheres(n: int, box: tuple[float, float, float], seed: int, each: int = 1) -
     return S, Spheres(np.arange(n) // each, side)
 
 
-def found(S: np.ndarray, of: Spheres, box: tuple[float, float, float], periodic: tuple[bool, bool], room: int) -> np.ndarray:
+def found(S, of, box, periodic, room):
     """The pairs (k, 2) of the search in cells that are as small as they may be, behind three slots that are there already."""
     low, count = np.zeros(3), np.maximum((np.array(box) / REACH).astype(np.int64), 1)
     own, partner = np.full(room, -7, np.int32), np.full(room, -7, np.int32)
@@ -35,8 +32,7 @@ def found(S: np.ndarray, of: Spheres, box: tuple[float, float, float], periodic:
     return np.column_stack((own, partner))[3:n] if n <= room else np.full((n - 3, 2), -1)
 
 
-def expected(S: np.ndarray, of: Spheres, box: tuple[float, float, float], periodic: tuple[bool, bool]) -> np.ndarray:
-    """The same, plainly."""
+def expected(S, of, box, periodic):
     i, j = np.triu_indices(len(S), 1)
     d = S[i, : sphere.RADIUS] - S[j, : sphere.RADIUS]
     for k in (0, 1):
@@ -48,13 +44,13 @@ def expected(S: np.ndarray, of: Spheres, box: tuple[float, float, float], period
 
 
 @pytest.mark.parametrize("periodic", [(True, True), (True, False), (False, False)])
-@pytest.mark.parametrize("cells", [(2, 2, 1), (2, 3, 1), (3, 2, 2), (3, 3, 3), (4, 5, 1), (5, 2, 4)])
-def test_every_pair_is_found_once_and_in_order(cells, periodic):
-    for seed, spheres_per_body in enumerate((1, 1, 3)):
-        box = tuple(1.05 * REACH * n for n in cells)
-        S, of = spheres(60, box, seed, spheres_per_body)
-        pairs = found(S, of, box, periodic, 4000)
-        assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
+def test_every_pair_is_found_once_and_in_order(periodic):
+    for cells in ((2, 2, 1), (2, 3, 1), (3, 2, 2), (3, 3, 3), (4, 5, 1), (5, 2, 4)):
+        for seed, spheres_per_body in enumerate((1, 1, 3)):
+            box = tuple(1.05 * REACH * n for n in cells)
+            S, of = spheres(60, box, seed, spheres_per_body)
+            pairs = found(S, of, box, periodic, 4000)
+            assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
 
 
 def test_one_cell_is_enough_where_nothing_is_periodic():
@@ -69,13 +65,10 @@ def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
     assert np.array_equal(found(S, of, box, (False, False), 4000), expected(S, of, box, (False, False)))
 
 
-@pytest.mark.parametrize("room", [3, 4, 20])
-def test_too_little_space_is_reported(room):
+def test_too_little_space_is_reported_and_no_spheres_have_no_pairs():
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 3)
-    assert len(found(S, of, box, (True, True), room)) == len(expected(S, of, box, (True, True))) > 20
-
-
-def test_no_spheres_no_pairs():
+    for room in (3, 4, 20):
+        assert len(found(S, of, box, (True, True), room)) == len(expected(S, of, box, (True, True))) > 20
     none = Spheres(np.zeros(0, np.int64), np.zeros(0, np.int8))
-    assert found(np.zeros((0, sphere.WIDTH)), none, (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)
+    assert found(np.zeros((0, sphere.WIDTH)), none, box, (True, True), 10).shape == (0, 2)

@@ -1,9 +1,8 @@
 """A contact with a plane, by blocks of the Jacobian and column by column."""
 
-from __future__ import annotations
+import itertools
 
 import numpy as np
-import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit.jacobian import NO_TANGENT, Contact, add_contact
@@ -11,14 +10,12 @@ from thirdbody.kernels.implicit.jacobian import NO_TANGENT, Contact, add_contact
 
 @njit
 def jacobian_of(contact):
-    """The Jacobian (7, 7) of this contact alone."""
     J = np.zeros((7, 7))
     add_contact(contact, False, J)
     return J
 
 
-def random_contact(seed: int, upper: bool, rolling: bool) -> Contact:
-    """A contact with random tangents and forces, in a random frame; without tangents of moments if `rolling`."""
+def random_contact(seed, upper, rolling):
     rng = np.random.default_rng(seed)
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     n, e = axes[0], axes[1]
@@ -31,11 +28,10 @@ def random_contact(seed: int, upper: bool, rolling: bool) -> Contact:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("upper", [False, True])
-@pytest.mark.parametrize("seed", range(5))
-def test_blocks_are_the_columns(seed, upper):
+def test_blocks_are_the_columns():
     """A law with moments takes the columns; with moments of zero stiffness both are the same derivative."""
-    blocks = jacobian_of(random_contact(seed, upper, rolling=False))
-    columns = jacobian_of(random_contact(seed, upper, rolling=True))
-    assert np.count_nonzero(blocks) == (49 if upper else 36)
-    np.testing.assert_allclose(blocks, columns, rtol=0.0, atol=1e-13)  # rounding of products of numbers of order one
+    for seed, upper in itertools.product(range(5), (False, True)):
+        blocks = jacobian_of(random_contact(seed, upper, rolling=False))
+        columns = jacobian_of(random_contact(seed, upper, rolling=True))
+        assert np.count_nonzero(blocks) == (49 if upper else 36)
+        np.testing.assert_allclose(blocks, columns, rtol=0.0, atol=1e-13)  # rounding of products of numbers of order one

@@ -1,7 +1,5 @@
 """What is compiled at the first start of a scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,19 +13,16 @@ SCENES = Path(__file__).parents[2] / "scenes"
 BODIES, ENSEMBLE, ISLANDS = ("bodies", "labels"), ("ensemble", "labels"), ("islands", "bodies", "labels")
 
 
-@pytest.mark.parametrize(
-    ("name", "units"),
-    [
+def test_what_a_scene_is_expected_to_need():
+    for name, units in (
         ("sheared_debris", ISLANDS), ("scanned_debris", ISLANDS), ("million", ENSEMBLE), ("three_spot", BODIES),
         ("grooves", precompile.EXPLICIT), ("dense_layer", precompile.EXPLICIT), ("sticky_submicron", precompile.EXPLICIT),
-    ],
-)  # fmt: skip
-def test_what_a_scene_is_expected_to_need(name, units):
-    assert likely_units(thirdbody.Scene.load(SCENES / f"{name}.toml")) == units
+    ):  # fmt: skip
+        assert likely_units(thirdbody.Scene.load(SCENES / f"{name}.toml")) == units, name
 
 
 @pytest.fixture
-def compiled(monkeypatch, tmp_path) -> list[str]:
+def compiled(monkeypatch, tmp_path):
     """The units that were compiled, in their order, by this process alone and from an empty cache."""
     order: list[str] = []
     monkeypatch.setattr(precompile, "_begun", None)
@@ -44,22 +39,19 @@ def test_every_unit_is_compiled_once(compiled):
     assert compiled == ["islands", "labels", "bodies"]
 
 
-def test_what_was_expected_is_what_is_needed(compiled):
-    precompile.start_compiling(("passes", "step"))
-    precompile.warm_up(("passes", "step"))
-    assert compiled == ["passes", "step"]
-
-
-@pytest.mark.parametrize("needed", [("bodies", "labels"), ("islands", "bodies", "labels", "search")])
-def test_what_is_not_needed_is_dropped(compiled, needed):
-    precompile.start_compiling(("islands", "bodies", "labels"))
+@pytest.mark.parametrize(
+    ("expected", "needed"), [(("passes", "step"), ("passes", "step")), (ISLANDS, BODIES), (ISLANDS, (*ISLANDS, "search"))]
+)
+def test_what_was_expected_is_compiled_where_it_is_needed(compiled, expected, needed):
+    precompile.start_compiling(expected)
     precompile.warm_up(needed)
     assert compiled == list(needed)
 
 
-def test_nothing_is_compiled_where_nothing_is_missing(compiled):
+def test_later_starts_expect_and_compile_nothing(compiled):
     precompile.warm_up(("passes",))
     precompile.start_compiling(("islands",))
+    assert precompile._begun is None
     precompile.warm_up(("passes",))
     assert compiled == ["passes"]
 
@@ -70,10 +62,3 @@ def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
     precompile.warm_up(("passes",))
     precompile.warm_up(("passes",))
     assert compiled == ["passes", "passes"]
-
-
-def test_later_starts_expect_nothing(compiled):
-    """Where another integrator is chosen again and again, what was expected would never be complete."""
-    precompile.warm_up(("passes",))
-    precompile.start_compiling(("islands",))
-    assert precompile._begun is None
