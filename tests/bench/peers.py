@@ -1,7 +1,7 @@
 """Our explicit engine and the C++ engines on the same scenes, in turn.
 
     python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
-    python tests/bench/peers.py --startup | --small | --profile | --guards [--scenes S2000,C2000] [-o FILE]
+    python tests/bench/peers.py --startup | --small [-o FILE]
 
 DIR is a copy of the peers' folder, set up as its README says (`scripts/`, `configs/`, `venv/`); without it ours runs alone, on
 the scenes that it can make itself (S). S64000@2x2 is that scene side by side with copies of itself, which peers do not run.
@@ -18,9 +18,8 @@ energies of S and C agree to per mille, of T, where pinched clumps jump free, to
 translation). Nothing is written while it is timed.
 
 The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
-the time per step of 1 to 1000 bodies; --profile what one core of this machine can do, and for every pass of the step how near it
-comes to that; --guards what the guards of a run cost, by our engine with and without them in turn (`guards.py` tells what is
-taken out). Timings mean something on an idle machine: CPU is the least share of the processor that a run got.
+the time per step of 1 to 1000 bodies. Timings mean something on an idle machine: CPU is the least share of the processor that a
+run got.
 """
 
 from __future__ import annotations
@@ -39,11 +38,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from guards import SCENES as GUARDED
-from guards import measure_guards, print_guards
-from limits import measure_limits, print_limits
 from machine import described, machine
-from ours import REPS, STEPS, WARM, tiles
+from ours import REPS, STEPS, WARM
 from rich.console import Console
 from rich.table import Table
 from screen import screen
@@ -52,7 +48,7 @@ from startup import measure_startup, print_startup
 from theirs import ENGINES, PINNED, Engine, installed, run_peer
 
 OURS = "thirdbody"
-SCENES, PROFILED = "S16000,S64000,C2000,C10000,T2000", "S2000,S16000,C2000,T2000"
+SCENES = "S16000,S64000,C2000,C10000,T2000"
 
 Run = dict[str, Any]
 
@@ -82,19 +78,13 @@ def main() -> None:
     report: dict[str, Any] = {"machine": machine()}
     head = report["machine"]
     console.print(f"{described(head)}, {head['cores']} cores, load {head['load']}")
-    if requested.profile:
-        report["profile"] = part_profile(requested, console)
     if requested.startup:
         report["startup"] = measure_startup(requested.rounds)
         print_startup(report["startup"], console)
     if requested.small:
         report["small"] = measure_small(requested.rounds)
         print_small(report["small"], console)
-    if requested.guards:
-        requested.cores = "1"
-        report["guards"] = measure_guards(cases(requested), requested.rounds, requested.peers)
-        print_guards(report["guards"], console)
-    if not (requested.profile or requested.startup or requested.small or requested.guards):
+    if not (requested.startup or requested.small):
         report |= part_peers(requested, console)
     report["load_at_end"] = machine()["load"]
     if requested.output:
@@ -104,7 +94,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", help=f"default {SCENES}, with --profile {PROFILED}, with --guards {GUARDED}")
+    parser.add_argument("--scenes", default=SCENES, help="default %(default)s")
     parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=5, help="default %(default)s")
     parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS"))
@@ -114,12 +104,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--reps", type=int, default=REPS, help="segments of a run (default %(default)s)")
     parser.add_argument("--startup", action="store_true", help="measure the start instead")
     parser.add_argument("--small", action="store_true", help="measure the cost of a step of few bodies instead")
-    parser.add_argument("--profile", action="store_true", help="measure the machine and the passes of a step instead")
-    parser.add_argument("--guards", action="store_true", help="measure what the guards of a run cost instead")
     parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
     requested = parser.parse_args()
     requested.peers = Path(requested.peers) if requested.peers else None
-    requested.scenes = requested.scenes or (PROFILED if requested.profile else GUARDED if requested.guards else SCENES)
     return requested
 
 
@@ -152,28 +139,6 @@ def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: di
         if case.kind in engine.kinds and case.tiles == "1x1":
             report = run_peer(engine, folder, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
             runs.setdefault(engine.name, []).append(report)
-
-
-def part_profile(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """The limits of the machine, and how near the passes of a step come to them."""
-    from breakdown import print_profile, profile  # the engine, which other parts run in processes of their own
-    from peers_scenes import generated, read, simulation_of, start_of, tiled
-
-    from thirdbody.runner.simulate import set_threads
-
-    limits = measure_limits()
-    print_limits(limits, console)
-    set_threads(1)
-    scenes, requested.cores = {}, "1"
-    for case in cases(requested):
-        print(f"{case.name}: profile", file=sys.stderr, flush=True)
-        copies, folder = tiles(case.tiles), requested.peers and requested.peers / "configs"
-        given = read(folder / f"{case.kind}_{case.number}.npz", copies) if folder else None
-        start = given or start_of(case.kind, tiled(generated(case.number), *copies))
-        report = profile(simulation_of(start), limits, case.warm, case.steps, case.reps)
-        print_profile(case.name, report, console)
-        scenes[case.name] = report
-    return {"limits": limits, "scenes": scenes}
 
 
 def cases(requested: argparse.Namespace) -> list[Case]:
