@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from each import each
 from scipy.integrate import quad
 
 from thirdbody.assembly import upper_plate
@@ -25,6 +26,12 @@ PAIR = Pair(STEEL, STEEL, 0.3, 0.6)
 E_STAR = 210e9 / (2.0 * (1.0 - 0.3**2))
 RADIUS, WORK = 1e-6, 0.05
 PULL_OFF = 1.5 * math.pi * WORK * RADIUS
+
+
+JKR = {
+    "contact": ContactTable(law="hertz_mindlin", level="frictionless"),
+    "effects": Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
+}
 
 
 def law(model="jkr", **options):
@@ -52,9 +59,14 @@ def overlap(a):
     return a * a / RADIUS - math.sqrt(2.0 * math.pi * WORK * a / E_STAR)
 
 
+def power(a):
+    """Force times the derivative of the overlap by the contact radius."""
+    return force(a) * (2.0 * a / RADIUS - 0.5 * math.sqrt(2.0 * math.pi * WORK / (E_STAR * a)))
+
+
 A_TOUCH = (2.0 * math.pi * WORK * RADIUS**2 / E_STAR) ** (1.0 / 3.0)
 A_BREAKS = A_TOUCH / 4.0 ** (2.0 / 3.0)
-LOST = -quad(lambda a: force(a) * (2.0 * a / RADIUS - 0.5 * math.sqrt(2.0 * math.pi * WORK / (E_STAR * a))), A_BREAKS, A_TOUCH)[0]
+LOST = -quad(power, A_BREAKS, A_TOUCH)[0]
 """Energy of the loop between the way in, without force to touch, and the way out along the neck [J]."""
 
 
@@ -71,7 +83,7 @@ def test_the_numbers_of_a_steel_ball():
     assert -0.5 * chosen.reach(PAIR, values, RADIUS) == pytest.approx(-9.21247e-11, rel=3e-6)  # twice the neck that breaks
 
 
-@pytest.mark.parametrize("ratio", [1.00001, 1.01, 1.3, 3.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0), 4.0, 10.0, 300.0])
+@each([1.00001, 1.01, 1.3, 3.0 ** (2.0 / 3.0), 4.0 ** (2.0 / 3.0), 4.0, 10.0, 300.0])
 def test_the_curve(ratio):
     """From the contact radius to the overlap and back. Near the fold an error of 1e-16 of the overlap is one of its root in a."""
     a = ratio * A_BREAKS
@@ -82,12 +94,11 @@ def test_the_curve(ratio):
     assert answer.force == pytest.approx(force(a), rel=1e-12 + 10.0 * noise, abs=1e-14 * PULL_OFF)
 
 
-def test_the_least_force_is_the_pull_off():
-    overlaps = np.linspace(-0.99, 0.0, 20001) * 9.2e-11
-    assert min(at(d)[0].force for d in overlaps) == pytest.approx(-PULL_OFF, rel=1e-7)  # parabola: half the square of the step
-
-
-def test_a_neck_forms_at_touch_and_breaks_apart():
+def test_the_least_force_is_the_pull_off_and_where_necks_form_and_break():
+    overlaps = np.linspace(-0.99, 0.0, 2001) * 9.2e-11
+    # the force is a parabola there: half the square of the step
+    assert min(at(d)[0].force for d in overlaps) == pytest.approx(-PULL_OFF, rel=1e-5)
+    # a neck forms at touch and breaks apart
     breaks = overlap(A_BREAKS)
     for d, before, after in ((-1e-15, 0.0, 0.0), (1e-15, 0.0, 1.0), (0.999 * breaks, 1.0, 1.0), (1.001 * breaks, 1.0, 0.0)):
         answer, memory = at(d, before)
@@ -125,28 +136,23 @@ def test_the_energy_of_pressing_and_pulling():
     assert answer.dissipated == pytest.approx(LOST, rel=1e-8)  # that of the quadrature
     assert at(1e-12, 1.0)[0].dissipated == 0.0
     deep = 40.0 * A_BREAKS
-    work = quad(lambda a: force(a) * (2.0 * a / RADIUS - 0.5 * math.sqrt(2.0 * math.pi * WORK / (E_STAR * a))), A_BREAKS, deep)[0]
+    work = quad(power, A_BREAKS, deep)[0]
     assert at(overlap(deep))[0].stored == pytest.approx(work, rel=1e-9)
     assert abs(at((1.0 - 1e-14) * overlap(A_BREAKS))[0].stored) < 1e-6 * LOST
-
-
-def test_without_adhesion_it_is_hertz():
+    # without adhesion it is Hertz
     d = 1e-9
     answer, _ = at(d, work_of_adhesion=0.0)
     assert answer.force == pytest.approx(4.0 / 3.0 * E_STAR * math.sqrt(RADIUS) * d**1.5, rel=1e-8)  # least work of adhesion
     assert answer.contact_radius == pytest.approx(math.sqrt(RADIUS * d), rel=1e-8)
 
 
-def test_dmt_is_hertz_less_a_constant():
+def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_chooses():
     chosen, p, _ = law("dmt")
     hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     answer = plain(chosen.kernel)(contact(1e-10), hertz, p)
     assert answer.force == pytest.approx(-2.0 * math.pi * WORK * RADIUS, rel=1e-15)
     assert plain(chosen.kernel)(contact(0.0), hertz, p).force == 0.0
-
-
-def test_tabor_number_chooses():
-    """R = mu^3 E*^2 z_0^3/w^2 at mu = 0.1: 43 nm."""
+    # R = mu^3 E*^2 z_0^3/w^2 at mu = 0.1: 43 nm
     divide = 1e-3 * E_STAR**2 * 2e-10**3 / WORK**2
     assert 42e-9 < divide < 43e-9
     for radius, factor in ((0.99 * divide, 2.0), (1.01 * divide, 8.0 / 9.0 * 1.5)):
@@ -157,17 +163,15 @@ def test_tabor_number_chooses():
 @pytest.mark.parametrize(("model", "factor"), [("jkr", 3.0), ("dmt", 0.0)])
 def test_the_load_of_friction(model, factor):
     """JKR: 2 x 3/2 pi w R beyond the force; DMT: Hertz's force, which the stages before give. External: the force alone."""
-    chosen, p, _ = law(model)
-    loaded = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
+    (chosen, p, _), loaded = law(model), Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(factor * math.pi * WORK * RADIUS)
     chosen, p, _ = law(model, friction_load="external")
     left = -2.0 * math.pi * WORK * RADIUS if model == "dmt" else 0.0
     assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(left)
-    apart = Normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert plain(chosen.added_load)(contact(0.0), apart, p) == 0.0
+    assert plain(chosen.added_load)(contact(0.0), Normal(*6 * [0.0]), p) == 0.0
 
 
-@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 1.0), ("implicit", 0.4)])
+@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
 def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
     """From a gap to 0.5 nm deep in both plates and back, at 0.9 mm/s: both necks form, and break at the largest pull.
 
@@ -180,8 +184,7 @@ def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, in
     scene = make.scene(
         [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL, "plate": make.STEEL}, lower="ball", restitution=0.5,
         upper=make.UpperPlate(material="plate", gap=gap, closing=1e-3),
-        contact=ContactTable(law="hertz_mindlin", level="frictionless"),
-        effects=Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
+        **JKR,
         solver=Solver(duration=period, integrator=integrator),
     )  # fmt: skip
     assert scene.pairs[1].between == ("ball", "plate")
@@ -199,17 +202,13 @@ def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, in
     assert lines["adhesion"] == pytest.approx((1.0 + share ** (5.0 / 3.0)) * LOST, rel=1e-8)
 
 
-def impact(make, ratio, step=2.1e-10, start=1e-10, duration=2e-7):
+def impact(make, ratio, step=2.1e-10, start=1e-10):
     """A ball on a plane at `ratio` times the speed below which it sticks; `start` [m] above it, in steps of 11 pm at 1.5."""
     speed = ratio * math.sqrt(2.0 * LOST / make.ball_mass(make.STEEL, RADIUS))
-    scene = make.scene(
-        [make.ball(RADIUS, (5.0, 5.0, RADIUS + start), (0.0, 0.0, -speed))], {"ball": make.STEEL}, lower="ball", time_step=step,
-        contact=ContactTable(law="hertz_mindlin", level="frictionless"),
-        effects=Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
-    )  # fmt: skip
-    simulation = build(scene)
+    balls = [make.ball(RADIUS, (5.0, 5.0, RADIUS + start), (0.0, 0.0, -speed))]
+    simulation = build(make.scene(balls, {"ball": make.STEEL}, lower="ball", time_step=step, **JKR))
     ledger = Ledger(simulation.state)
-    simulation.integrator.advance_to(time=duration)
+    simulation.integrator.advance_to(time=2e-7)
     ledger.watch(simulation.state)
     return float(make.velocity(simulation)[2]) / speed, ledger, simulation
 
@@ -222,7 +221,7 @@ def test_a_ball_sticks_below_a_speed(make):
     assert simulation.state.S[0, 2] < RADIUS + 1e-10 and make.touching(simulation).any()
 
 
-@pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (1.5, 2e-3), (4.0, 1e-3)])
+@pytest.mark.parametrize(("ratio", "bound"), [(1.05, 6e-3), (4.0, 1e-3)])
 def test_the_rebound_above_it(make, ratio, bound):
     """e^2 = 1 - (V_s/V)^2 (Thornton and Ning 1998), wherever in the step the neck forms: jumps count from where they are.
 
@@ -231,9 +230,8 @@ def test_the_rebound_above_it(make, ratio, bound):
     """
     starts = [1e-10 + 3.7e-12 * k for k in range(3)]  # thirds of a step
     expected = math.sqrt(1.0 - ratio**-2)
-    coarse, fine = (
-        max(abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0) for start in starts) for n in (1, 4)
-    )  # fmt: skip
+    miss = lambda n, start: abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0)  # noqa: E731
+    coarse, fine = (max(miss(n, start) for start in starts) for n in (1, 4))
     assert coarse < bound
     assert fine < coarse / 4.0
     _, ledger, simulation = impact(make, ratio)

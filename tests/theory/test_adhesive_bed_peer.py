@@ -1,7 +1,5 @@
 """A bed of 400 adhesive balls, sheared at a constant gap for 20 ns, against LAMMPS from one start: `tests/bench/neck_bed.py`."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from pathlib import Path

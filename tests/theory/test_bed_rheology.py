@@ -1,6 +1,4 @@
-"""A bed of spheres in slow shear, against the literature and against LAMMPS from the same start; the runs with `-m slow`."""
-
-from __future__ import annotations
+"""A bed of spheres in slow shear, against the literature and against LAMMPS from the same start; the runs are behind `full`."""
 
 import json
 from pathlib import Path
@@ -45,8 +43,7 @@ def states(tmp_path_factory):
 
 @pytest.mark.full(kind="slow")
 def test_friction_and_solid_fraction_are_those_of_homogeneous_shear(states):
-    friction, fraction = REFERENCE[CONTACT_FRICTION]
-    slowest = states[-1]
+    (friction, fraction), slowest = REFERENCE[CONTACT_FRICTION], states[-1]
     assert slowest.inertial_number == pytest.approx(0.01, rel=0.5)
     # 1.6 strains of 980 spheres fix the friction to about 0.013; at I = 0.01 it is 0.006 above its limit
     assert slowest.bed_friction == pytest.approx(friction, abs=0.035)
