@@ -69,15 +69,6 @@ def impact_duration(mass: float, radius: float, e: float, speed: float) -> float
     return shape * impact_overlap(mass, radius, e, speed) / speed
 
 
-def damping_with_tension(restitution: float) -> float:
-    """alpha of m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 for a given e, if the contact may pull at the end.
-
-    -sqrt(5) ln e/sqrt(ln^2 e + pi^2) (Antypov and Elliott 2011). With the force clipped at zero e is higher.
-    """
-    log = math.log(restitution)
-    return -math.sqrt(5.0) * log / math.sqrt(log**2 + math.pi**2)
-
-
 def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float:
     """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal.
 
