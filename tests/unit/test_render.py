@@ -1,7 +1,5 @@
 """Pictures show the states in their colours, and what cannot be drawn is told in one sentence."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -29,21 +27,14 @@ def layer(tmp_path_factory):
     return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
 
 
-def read_pixels(path) -> np.ndarray:
-    vtk = pytest.importorskip("vtk")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    reader = vtk.vtkPNGReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    image = reader.GetOutput()
-    width, height, _ = image.GetDimensions()
-    return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)[::-1, :, :3]
+def read_pixels(path):
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("RGB"))
 
 
-def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
+def test_a_picture_shows_every_state_in_its_colour_and_what_it_was_drawn_from(layer, tmp_path):
     skip_unless_drawable()
-    picture = render(layer, tmp_path / "a.png", size=(800, 450))
+    picture = render(layer, tmp_path / "a.png", frame=0, size=(800, 450))
     pixels = read_pixels(picture)
     assert pixels.shape == (450, 800, 3)
     for state in ("sticking", "sliding", "rolling"):
@@ -51,8 +42,14 @@ def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
         assert hue_share(pixels, STATE_COLORS[state]) > 0.005, state
     # Title and facts stand in the upper, the legend in the lower tenth.
     assert pixels[:45].min() < 100 and pixels[-45:].min() < 100
+    with Image.open(picture) as drawn:
+        texts = drawn.text
+    assert (texts["frame"], texts["time"]) == ("0 of 0 to 1", "0.0 s") and texts["scene"] == "scene = 1\n"
+    options = json.loads(texts["options"])
+    assert (options["size"], options["view"], options["zoom"]) == ([800, 450], "iso", None)
 
 
+@pytest.mark.full(kind="slow")
 def test_bodies_smaller_than_a_pixel_are_a_map_of_their_colours(tmp_path):
     """Drawn as spheres, 0.03 and 0.0007 of the whole keep the hues of sliding and rolling: shadows make the rest grey."""
     skip_unless_drawable()
@@ -61,15 +58,7 @@ def test_bodies_smaller_than_a_pixel_are_a_map_of_their_colours(tmp_path):
     assert hue_share(pixels, STATE_COLORS["sliding"]) > 0.05 and hue_share(pixels, STATE_COLORS["rolling"]) > 0.01
 
 
-def test_a_picture_reports_what_it_was_drawn_from(layer, tmp_path):
-    skip_unless_drawable()
-    with Image.open(render(layer, tmp_path / "a.png", frame=0, size=(640, 360), view="top")) as picture:
-        texts = picture.text
-    assert (texts["frame"], texts["time"]) == ("0 of 0 to 1", "0.0 s") and texts["scene"] == "scene = 1\n"
-    options = json.loads(texts["options"])
-    assert (options["size"], options["view"], options["zoom"]) == ([640, 360], "top", None)
-
-
+@pytest.mark.full(kind="slow")
 def test_the_same_picture_is_drawn_into_the_same_bytes(layer, tmp_path):
     """With a close-up beside it, tubes, a colour scale and translucent plates."""
     skip_unless_drawable()
@@ -87,6 +76,7 @@ def test_options_are_those_that_are_documented(layer, tmp_path):
         render(layer, tmp_path / "a.png", colour="state")
 
 
+@pytest.mark.full(kind="slow")
 def test_a_zoomed_picture_and_a_field(layer, tmp_path):
     skip_unless_drawable()
     pixels = read_pixels(render(layer, tmp_path / "b.png", color="friction_work", size=(640, 360), zoom=0.3))
@@ -94,11 +84,7 @@ def test_a_zoomed_picture_and_a_field(layer, tmp_path):
     assert hue_share(pixels, STATE_COLORS["sliding"]) < 0.005
 
 
-def test_another_suffix_is_reported_with_those_that_there_are(layer, tmp_path):
-    with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):
-        render(layer, tmp_path / "a.svg")
-
-
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("view", ["iso", "top"])
 def test_the_word_at_the_arrow_stays_inside_of_wide_pictures(tmp_path, view):
     """With the drag to the left the arrow ends at the left edge, where the word was cut."""
@@ -112,6 +98,7 @@ def test_the_word_at_the_arrow_stays_inside_of_wide_pictures(tmp_path, view):
     assert columns[0] >= 1
 
 
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize(("deep", "view", "close_up"), [(1.0, "side", True), (4.0, "side", False)])
 def test_the_scale_label_stays_clear_of_the_close_up(tmp_path, deep, view, close_up):
     """A deep bed fills its strip: its scale label lay on the frame of the close-up, which showed the whole again."""
@@ -126,7 +113,9 @@ def test_the_scale_label_stays_clear_of_the_close_up(tmp_path, deep, view, close
         assert above.min() > 200  # paper only: no letter comes near
 
 
-@pytest.mark.parametrize("view", ["side", "front", "top"])
+@pytest.mark.parametrize(
+    "view", ["side", *(pytest.param(view, marks=pytest.mark.full(kind="slow")) for view in ("front", "top"))]
+)
 def test_every_view_shows_the_bodies_and_what_forces_they_carry(layer, tmp_path, view):
     skip_unless_drawable()
     plain = read_pixels(render(layer, tmp_path / "a.png", size=(640, 360), view=view))
@@ -139,6 +128,7 @@ def test_every_view_shows_the_bodies_and_what_forces_they_carry(layer, tmp_path,
         assert dark[1] > dark[0] + 0.003  # a hundred tubes of some 3 by 20 pixels, half of them hidden
 
 
+@pytest.mark.full(kind="slow")
 def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(layer, tmp_path):
     skip_unless_drawable()
     (tmp_path / "a.png").mkdir()
@@ -147,40 +137,30 @@ def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(layer, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frame": 2}, "no frame 2"),
-        ({"color": "utilization"}, "did you mean 'utilisation'"),
-        ({"zoom": 0.0}, "zoom"),
-        ({"size": (10, 10)}, "outside 200 to 8192"),
-        ({"view": "tpo"}, "did you mean 'top'"),
-        ({"camera": "follow"}, "needs the body"),
-        ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
-        ({"frames": "0:2"}, "shows one frame"),
-        ({"fps": 0}, "fps"),
-        ({"body": 200}, "no body 200; ids are 0 to 199"),
-        ({"body": 3, "forces": True}, "leave out forces"),
-    ],
-)
-def test_options_that_cannot_be(layer, tmp_path, options, message):
-    with pytest.raises(InputError, match=message):
-        render(layer, tmp_path / "a.png", **options)
+REFUSED = [
+    ({"frame": 2}, "no frame 2"), ({"color": "utilization"}, "did you mean 'utilisation'"), ({"zoom": 0.0}, "zoom"),
+    ({"size": (10, 10)}, "outside 200 to 8192"), ({"view": "tpo"}, "did you mean 'top'"),
+    ({"camera": "follow"}, "needs the body"), ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
+    ({"frames": "0:2"}, "shows one frame"), ({"fps": 0}, "fps"), ({"body": 200}, "no body 200; ids are 0 to 199"),
+    ({"body": 3, "forces": True}, "leave out forces"),
+]  # fmt: skip
 
 
-def test_a_folder_that_is_not_there(layer, tmp_path):
+def test_options_that_cannot_be(layer, tmp_path):
+    for options, message in REFUSED:
+        with pytest.raises(InputError, match=message):
+            render(layer, tmp_path / "a.png", **options)
+    with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):
+        render(layer, tmp_path / "a.svg")
     with pytest.raises(OutputError, match="does not exist"):
         render(layer, tmp_path / "absent" / "a.png")
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux needs these libraries")
 def test_missing_libraries_are_named(layer, tmp_path, monkeypatch):
-    monkeypatch.setattr(render_module, "_loads", lambda library: False)
-    with pytest.raises(MissingLibrary, match="libegl1.*libosmesa6"):
-        render(layer, tmp_path / "a.png")
-
-
-def test_pyvista_is_named_where_it_is_missing(layer, tmp_path, monkeypatch):
+    if sys.platform.startswith("linux"):  # only it needs these
+        with monkeypatch.context() as patch, pytest.raises(MissingLibrary, match="libegl1.*libosmesa6"):
+            patch.setattr(render_module, "_loads", lambda library: False)
+            render(layer, tmp_path / "a.png")
     monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
     monkeypatch.setattr(render_module, "find_spec", lambda name: None)
     with pytest.raises(MissingLibrary, match="pip install pyvista"):
@@ -199,9 +179,7 @@ def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_
     with pytest.raises(MissingLibrary, match="two ended with code -11.*libosmesa6"):
         render(layer, tmp_path / "a.png")
     assert tried == ["one", "two"]
-
-
-def test_a_fault_in_the_drawing_is_not_blamed_on_libraries(layer, tmp_path, monkeypatch):
+    # a fault in the drawing is not blamed on libraries
     fault = subprocess.CompletedProcess([], 1, "", "Traceback ...\nValueError: x")
     monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
     monkeypatch.setattr(render_module, "_start", lambda job, kind, report: fault)
@@ -221,35 +199,21 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
     np.testing.assert_allclose(last.drag, [1.0, 0.0], atol=1e-12)
 
 
-def test_fields_of_bodies_and_contacts(layer):
+def test_fields_reasons_and_counts_in_the_legend(layer):
     with open_run(layer) as run:
-        speed = read_picture_data(run, 0, "speed")
-        utilisation = read_picture_data(run, 0, "utilisation")
-        velocity = run.bodies(0)["velocity"]
-    lengths = np.linalg.norm(velocity, axis=1)
-    assert speed.legend.limits == (lengths.min(), lengths.max())
+        speed, utilisation, reasons = (read_picture_data(run, 0, color) for color in ("speed", "utilisation", "reason"))
+        kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
+        states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
+        lengths = np.linalg.norm(run.bodies(0)["velocity"], axis=1)
+    assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
     # A body takes the larger of its two contacts; the scale holds for the tubes of both.
     assert utilisation.legend.limits == (0.75, 0.75)
-    assert speed.legend.unit == "m/s"
-
-
-def test_reasons_are_categories_with_a_legend_of_those_that_occur(layer):
-    with open_run(layer) as run:
-        picture = read_picture_data(run, 0, "reason")
-        kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
-    words = [words.split("  ")[0] for words, _ in picture.legend.entries]
-    assert words == ["none", "friction limit", "rotation"]
-    assert [tone for _, tone in picture.legend.entries] == list(CATEGORY_COLORS[:3])
-    assert kept.legend.entries == picture.legend.entries
-
-
-def test_the_legend_counts_the_states(layer):
-    with open_run(layer) as run:
-        picture = read_picture_data(run, -1, "state")
-        counts = np.bincount(run.states[-1], minlength=4)
-    numbers = [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in picture.legend.entries]
-    assert numbers == list(counts)
-    assert "10 µs" in picture.facts and "20 µm" in picture.facts and "0.31" in picture.facts
+    # categories with those that occur
+    assert [words.split("  ")[0] for words, _ in reasons.legend.entries] == ["none", "friction limit", "rotation"]
+    assert [tone for _, tone in reasons.legend.entries] == list(CATEGORY_COLORS[:3])
+    assert kept.legend.entries == reasons.legend.entries
+    assert [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in states.legend.entries] == list(counts)
+    assert "10 µs" in states.facts and "20 µm" in states.facts and "0.31" in states.facts
 
 
 def test_the_close_up_holds_about_sixty_bodies(tmp_path):
@@ -261,16 +225,20 @@ def test_the_close_up_holds_about_sixty_bodies(tmp_path):
     assert 40 <= inside <= 80
 
 
-@pytest.mark.parametrize(
-    ("value", "words"), [(1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "-2 nm"), (1500.0, "1.5 km")]
-)
-def test_numbers_with_units(value, words):
-    assert with_unit(value, "m") == words
-
-
-@pytest.mark.parametrize(("longest", "length"), [(1.0, 1.0), (4.9, 2.0), (7.3e-5, 5e-5), (1e-4, 1e-4)])
-def test_round_lengths(longest, length):
-    assert round_length(longest) == pytest.approx(length, rel=1e-12)  # one product of two floats
+def test_numbers_with_units_round_lengths_ticks_and_prefixes():
+    for value, words in ((1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "-2 nm"), (1500.0, "1.5 km")):
+        assert with_unit(value, "m") == words
+    for longest, length in ((1.0, 1.0), (4.9, 2.0), (7.3e-5, 5e-5), (1e-4, 1e-4)):
+        assert round_length(longest) == pytest.approx(length, rel=1e-12)  # one product of two floats
+    for low, high, expected in (
+        (0.0, 1.0, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
+        (3.0, 3.0, [3.0]),
+        (-1.0, 119.0, [0, 20, 40, 60, 80, 100]),
+    ):
+        assert ticks(low, high) == pytest.approx(expected, rel=1e-12, abs=1e-12)  # multiples of a float
+    for size, unit, prefixed in ((3e-5, "m", "µm"), (2e-12, "kg", "ng"), (0.5, "1", ""), (3e9, "Pa", "GPa")):
+        factor, written = prefix_for(size, unit)
+        assert written == prefixed and (unit == "1" or 1.0 <= size * factor < 1000.0)
 
 
 def test_colours():
@@ -298,20 +266,3 @@ def test_states_stay_apart_for_colour_blind_readers():
         apart = np.linalg.norm(lab[:, None] - lab[None], axis=2)[np.triu_indices(len(lab), 1)]
         # Large patches differ to the eye from 2.3 on (Mahy 1994); six times that for bodies of some pixels.
         assert apart.min() > 14.0, name
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [(0.0, 1.0, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]), (3.0, 3.0, [3.0]), (-1.0, 119.0, [0, 20, 40, 60, 80, 100])],
-)
-def test_ticks_are_round_and_inside(low, high, expected):
-    assert ticks(low, high) == pytest.approx(expected, rel=1e-12, abs=1e-12)  # multiples of a float
-
-
-@pytest.mark.parametrize(
-    ("size", "unit", "expected"), [(3e-5, "m", "µm"), (2e-12, "kg", "ng"), (0.5, "1", ""), (3e9, "Pa", "GPa")]
-)
-def test_prefixes(size, unit, expected):
-    factor, written = prefix_for(size, unit)
-    assert written == expected
-    assert unit == "1" or 1.0 <= size * factor < 1000.0

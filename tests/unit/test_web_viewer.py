@@ -1,7 +1,5 @@
 """The page holds all it needs, and a browser shows bodies and legend from the disk."""
 
-from __future__ import annotations
-
 import base64
 import html
 import json
@@ -9,11 +7,11 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from layer import clump_layer, hue_share, write_layer
+from PIL import Image
 from portable import PATIENCE
 
 from thirdbody.palette import STATE_COLORS
@@ -25,6 +23,7 @@ from thirdbody.surfaces.waves import phases, sine_heights
 from thirdbody.trajectory.reader import open_run
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +31,7 @@ def layer(tmp_path_factory):
     return write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
 
 
-def data_of(text: str) -> dict:
+def data_of(text):
     return json.loads(re.search(r"^const data = (.*);$", text, re.MULTILINE).group(1))
 
 
@@ -64,21 +63,24 @@ def test_a_title_cannot_end_the_script_or_bring_its_own(layer, tmp_path):
     assert "friction work, pJ" in text and 'class="bar"' in text
 
 
-def browse(page: Path, *options: str) -> str:
-    assert BROWSER
+def browse(page, *options):
     start = [BROWSER, "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     limits = ["--window-size=800,500", "--virtual-time-budget=8000", "--disable-dev-shm-usage"]
     return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE).stdout
 
 
+def pixels_of(page, picture):
+    browse(page, f"--screenshot={picture}")
+    with Image.open(picture) as image:
+        return np.array(image.convert("RGB"), int)
+
+
 @pytest.mark.full(kind="browser")
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@needs_browser
 @pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
 def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
-    image = pytest.importorskip("PIL.Image")
-    page, picture = render(layer, tmp_path / "a.html", view=view), tmp_path / "a.png"
-    browse(page, f"--screenshot={picture}")
-    pixels = np.array(image.open(picture).convert("RGB"))
+    page = render(layer, tmp_path / "a.html", view=view)
+    pixels = pixels_of(page, tmp_path / "a.png")
     stage, foot = pixels[80:420], pixels[420:]
     for state in ("sticking", "sliding", "rolling"):
         assert hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
@@ -90,17 +92,14 @@ def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
 
 
 @pytest.mark.full(kind="browser")
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@needs_browser
 def test_a_browser_shows_heights_of_a_rough_plate(tmp_path):
-    image = pytest.importorskip("PIL.Image")
     size = tuple(float(length) for length in clump_layer(12)[-1])
     rough = Surface(sine_heights(phases((64, 96), (3, 1), 0.3), 2e-6), size, size[0] / 4)
     spread = []
     for name, surfaces in (("flat", {}), ("rough", {"lower": rough})):
         run = write_layer(tmp_path / f"{name}.vtkhdf", 12, surfaces=surfaces)
-        page, picture = render(run, tmp_path / f"{name}.html", view="top"), tmp_path / f"{name}.png"
-        browse(page, f"--screenshot={picture}")
-        pixels = np.array(image.open(picture).convert("RGB"), int)[80:420]
+        pixels = pixels_of(render(run, tmp_path / f"{name}.html", view="top"), tmp_path / f"{name}.png")[80:420]
         grey = np.ptp(pixels, axis=2) < 40  # plates, not bodies in the colours of states
         spread.append(np.ptp(np.percentile(pixels[grey & (pixels.min(axis=2) < 250)], [10, 90])))
     assert spread[1] > 1.5 * spread[0]  # dark valleys and light crests
