@@ -1,16 +1,18 @@
-"""A bed at the speed of a given inertial number: the estimate before the run, both speeds and times, and what is refused."""
+"""The same drive at another speed: the same path in another time; a bed at the speed of a given inertial number."""
 
-from __future__ import annotations
-
+import itertools
 import json
 import math
 
 import numpy as np
 import pytest
+from each import each
 from steel import STEEL
 
 from thirdbody.assembly.bed import Bed
+from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.report.scene_check import Check, check_report
 from thirdbody.runner.prepare import prepare
@@ -18,9 +20,103 @@ from thirdbody.runner.resume import resume
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, run
 from thirdbody.scene.model import Scene
+from thirdbody.scene.speed_scale import at_speed
 from thirdbody.trajectory.reader import open_run
 
-# 60 balls of 10 um on 1000 um2: 52 um at a solid fraction of 0.6, 5.2 layers
+TEXT = (
+    STEEL
+    + """\
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+positions = [["50 um", "50 um", "5 um"]]
+[domain]
+size = ["100 um", "100 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+{upper}
+[solver]
+{length}
+settle = "3 us"
+time_step = "1 ns"
+[output]
+every = "{every}"
+"""
+)
+SETTLED = 3e-6
+TIMES = [0.0, 1e-7, 0.5e-6, 1e-6, 1.7e-6, 2.5e-6, 4e-6]
+MOTIONS = {
+    "velocity": '{velocity = "1 m/s"}',
+    "reversal": '[{velocity = "1 m/s", duration = "1 us"}, {velocity = "-2 m/s"}]',
+    "ramp": '{ramp = "2 m/s", duration = "1 us"}',
+    "pause": '[{ramp = "2 m/s", duration = "0.5 us"}, {pause = "0.5 us"}, {velocity = "1 m/s"}]',
+    "sine": '{stroke = "1 um", frequency = "300 kHz"}',
+    "triangle": '[{stroke = "1 um", frequency = "500 kHz", shape = "triangle", cycles = 1.5}, {velocity = "1 m/s"}]',
+    "table": '[{table = "path.csv"}, {velocity = "-1 m/s"}]',
+}
+LOADS = ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}')
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a reader of the scene above; its tables lie beside it."""
+    (tmp_path / "path.csv").write_text("time (us), displacement (um)\n0, 0\n1, 0.5\n2, -0.5\n")
+    (tmp_path / "load.csv").write_text("time (us), load (mN)\n0, 2\n1, 3\n2, 1\n")
+
+    def scene(upper, length='duration = "4 us"', every="1 us"):
+        return Scene.parse(TEXT.format(upper=upper, length=length, every=every), folder=tmp_path)
+
+    return scene
+
+
+def test_the_plate_takes_the_same_path_in_another_time(read):
+    for motion, axis, factor in itertools.product(MOTIONS.values(), "xy", (1.0 / 3.0, 84.0)):
+        given = read(f'load = "2 mN"\nmotion = {{{axis} = {motion}}}')
+        before, after = schedule(given, SETTLED), schedule(at_speed(given, factor), SETTLED)
+        for t in TIMES:
+            there = before.displacement_at(SETTLED + t)
+            # sums and products of a few numbers near 1 um: rounding only, of the time since the start, too
+            bound = pytest.approx(there, rel=1e-9, abs=1e-6 * 1e-9 * (1.0 + factor))
+            assert after.displacement_at(SETTLED + t / factor) == bound, (motion, axis, factor)
+        assert after.top_speed() == pytest.approx(factor * before.top_speed(), rel=1e-12)
+
+
+def test_a_load_stays_at_its_place_on_the_path(read):
+    for loading in LOADS:
+        given, factor = read(f'load = "2 mN"\nloading = {loading}\nmotion = {{x = {{velocity = "1 m/s"}}}}'), 7.0
+        before, after = schedule(given, SETTLED).load, schedule(at_speed(given, factor), SETTLED).load
+        for t in TIMES:
+            assert at_time(after, SETTLED + t / factor) == pytest.approx(at_time(before, SETTLED + t), rel=1e-9)
+
+
+def test_lengths_in_time_are_divided_and_distances_stay(read):
+    moving = 'load = "2 mN"\nmotion = {x = {velocity = "1 m/s"}}'
+    timed = at_speed(read(moving), 4.0)
+    assert (timed.solver.duration, timed.output.every) == (1e-6, 0.25e-6)
+    spaced = at_speed(read(moving, 'distance = "4 um"', "1 um"), 4.0)
+    assert (spaced.solver.distance, spaced.solver.duration, spaced.output.every) == (4e-6, None, 1e-6)
+    assert at_speed(read('gap = "20 um"\nclosing = "1 m/s"'), 3.0).plates.upper.closing == 3.0
+    assert timed.solver.settle == spaced.solver.settle == SETTLED and timed.solver.time_step == 1e-9
+
+
+def test_the_scene_of_another_speed_is_a_scene(read):
+    given = read(f'load = "2 mN"\nmotion = {{x = {MOTIONS["table"]}, y = {MOTIONS["triangle"]}}}')
+    scaled = at_speed(given, 2.5)
+    again = Scene.parse(scaled.to_toml(), folder=given.beside(""))
+    assert again == scaled and again.plates.upper.motion.x[0].speed == 2.5
+    assert at_speed(given, 1.0) == given
+    assert scaled.fault(("solver",), "x") == given.fault(("solver",), "x")
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.inf, math.nan])
+def test_a_factor_is_positive(read, factor):
+    with pytest.raises(ValueError, match="must be greater than 0"):
+        at_speed(read('load = "2 mN"'), factor)
+
+
 BED = (
     STEEL
     + """\
@@ -47,6 +143,7 @@ inertial_number = 0.05
 every = "0.05 um"
 """
 )
+# 60 balls of 10 um on 1000 um2: 52 um at a solid fraction of 0.6, 5.2 layers
 HEIGHT = 60 * math.pi / 6.0 * 1e-15 / 0.6 / 1000e-12
 INERTIAL_TIME = 10e-6 * math.sqrt(7850.0 / 2.5e6)
 
@@ -82,13 +179,10 @@ def test_the_speed_is_that_of_the_wanted_inertial_number_and_never_above():
     assert scale.requested == 1e-3 and scale.computed == built.schedule.top_speed() == scale.factor * 1e-3
     assert scale.factor == float(f"{scale.factor:.1e}")  # two digits
     assert 0.05 / 1.1 < scale.inertial_number == scale.factor * number <= 0.05
+    lowered = build(scene(plates__upper__motion__x__velocity="100 m/s")).speed_scale
+    assert lowered.factor < 1.0 and 0.05 / 1.1 < lowered.inertial_number <= 0.05
     assert built.planned_distance == 0.2e-6
     assert built.scene_time(built.planned_time) - built.settle == pytest.approx(0.2e-6 / 1e-3, rel=1e-9)
-
-
-def test_a_speed_above_it_is_lowered():
-    scale = build(scene(plates__upper__motion__x__velocity="100 m/s")).speed_scale
-    assert scale.factor < 1.0 and 0.05 / 1.1 < scale.inertial_number <= 0.05
 
 
 def test_a_stroke_keeps_its_length_and_changes_its_frequency():
@@ -118,6 +212,8 @@ def test_a_fast_bed_gives_a_warning_with_the_remedy():
     fast = build(scene(solver__inertial_number=None, plates__upper__motion__x__velocity="10 m/s"))
     warning = next(text for text in fast.warnings if "not quasi-static: its inertial number" in text)
     assert "solver.inertial_number = 0.001 would run at 93" in warning and "times as many steps" in warning
+    # an unscaled speed is computed bit for bit as it was given
+    assert fast.scene is fast.requested and fast.time_scale == 1.0 and fast.scene_time(1.0) == 1.0
     slow = build(scene(solver__inertial_number=None))
     assert not any("inertial number" in text for text in slow.warnings) and slow.speed_scale is None
 
@@ -135,21 +231,10 @@ def test_a_run_keeps_both_times(finished):
     assert Scene.parse(finished.scene_text) == scene()
 
 
-def test_a_run_without_the_key_has_none_of_it(tmp_path):
-    # absent costs nothing, and an unscaled speed is computed bit for bit as it was given
-    plain = build(scene(solver__inertial_number=None, plates__upper__motion__x__velocity="2 m/s"))
-    assert plain.scene is plain.requested and plain.time_scale == 1.0 and plain.scene_time(1.0) == 1.0
-
-
 def test_a_run_goes_on_with_the_same_bits(finished, tmp_path):
-    count = [0]
-
-    def stop():
-        count[0] += 1
-        return count[0] > 40
-
+    watches = iter(range(40))
     with pytest.raises(Interrupted):
-        execute(prepare(scene()), tmp_path / "run", 1, stop=stop, times=WallTimes(every=math.inf))
+        execute(prepare(scene()), tmp_path / "run", 1, stop=lambda: next(watches, None) is None, times=WallTimes(every=math.inf))
     with open_run(tmp_path / "run") as part:
         assert part.frames < finished.frames
     with resume(tmp_path / "run", 1, False) as whole:
@@ -158,15 +243,15 @@ def test_a_run_goes_on_with_the_same_bits(finished, tmp_path):
             assert np.array_equal(whole.series[name], values, equal_nan=True), name
 
 
-GAP = {"plates.upper.pressure": None, "plates.upper.gap": "80 um"}
-EACH = {"plates.upper.pressure": None, "plates.upper.support": "load_per_particle", "plates.upper.load": "1 mN"}
+NO_PRESSURE = {"plates.upper.pressure": None}
+EACH = {"plates.upper.support": "load_per_particle", "plates.upper.load": "1 mN"}
 REFUSED = {
     "no motion": ({"plates.upper.motion": None, "solver.duration": "1 us", "output.every": "1 us"}, "here it rests"),
     "motion of no speed": ({"plates.upper.motion.x": {"ramp": "0 m/s", "duration": "1 us"}}, "here it rests"),
     "implicit": ({"solver.integrator": "implicit"}, "the implicit integrator takes slow motion as it is"),
     "no contact": ({"contact.debris_contact": "none"}, "whose bodies meet each other"),
-    "gap": (GAP, "needs a pressure"),
-    "patches": (EACH, "each patch of support = 'load_per_particle' has a mass"),
+    "gap": (NO_PRESSURE | {"plates.upper.gap": "80 um"}, "needs a pressure"),
+    "patches": (NO_PRESSURE | EACH, "each patch of support = 'load_per_particle' has a mass"),
     "two layers": ({"debris.0.count": 24}, "this debris fills 2.1"),
     "no load": ({"plates.upper.loading": {"load": "0 N", "duration": "1 us"}}, "needs a load at all times"),
     "drag in time": ({"effects.damping": {"rate": "1e4 1/s"}}, "would change what damping does, which acts in time"),
@@ -175,8 +260,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("settings", "words"), REFUSED.values(), ids=REFUSED)
-def test_a_speed_that_would_change_the_result_is_refused(settings, words):
+@each(REFUSED)
+def test_a_speed_that_would_change_the_result_is_refused(case):
+    settings, words = REFUSED[case]
     with pytest.raises(InputError) as error:
         build(scene().with_settings(settings))
     (fault,) = error.value.faults
@@ -184,7 +270,7 @@ def test_a_speed_that_would_change_the_result_is_refused(settings, words):
     assert error.value.exit_code == 3
 
 
-@pytest.mark.parametrize("number", [0.0, -1e-3, 1e-9, 0.5, "1 mm/s", True])
-def test_the_number_has_a_range(number):
-    with pytest.raises(InputError, match="inertial_number"):
-        scene(solver__inertial_number=number)
+def test_the_number_has_a_range():
+    for number in (0.0, -1e-3, 1e-9, 0.5, "1 mm/s", True):
+        with pytest.raises(InputError, match="inertial_number"):
+            scene(solver__inertial_number=number)
