@@ -1,13 +1,12 @@
 """Velocity accommodation: closed forms for one body and for a bed, the sum for any bodies, and runs of balls and flakes."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import ensembles
 import numpy as np
 import pytest
 from balls import BALLS, edited
+from each import each
 
 import thirdbody
 from thirdbody.engine.contact_rows import AllRows
@@ -21,24 +20,23 @@ from thirdbody.trajectory.accommodation import accommodation, parts_of, plate_sp
 from thirdbody.trajectory.accommodation_fractions import accommodation_fractions, accommodation_text, short_accommodation_text
 from thirdbody.trajectory.names import ACCOMMODATION
 
-V, R = 0.5, 5e-6  # m/s, m
+R = 5e-6  # m
+V = 0.5  # m/s
 DRAG = np.array([1.0, 0.0, 0.0])
 CODES = {LOWER: -1, UPPER: -1 - BASINS, DEBRIS: 0}
-"""Partner codes (`kernels.predicates`) of the lower plate, the first patch and a sphere."""
-
 TOP, BOTTOM = (UPPER, (0.0, 0.0, R)), (LOWER, (0.0, 0.0, -R))
 
 
-def state_of(bodies, contacts, meet=True):
+def kinematics_of(bodies, contacts, meet=True):
     """A state of `bodies` (velocity, spin) along x and about y, and of `contacts` (body, (side, point), normal force)."""
-    body, place, force = zip(*contacts, strict=True)
+    own, place, force = zip(*contacts, strict=True)
     side, point = zip(*place, strict=True)
     velocity, spin = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
     velocity[:, 0], spin[:, 1] = np.array(bodies).T
-    H, R = np.zeros((len(body), contact_state.MIN_WIDTH)), np.zeros((len(body), record.WIDTH))
+    H, records = np.zeros((len(own), contact_state.MIN_WIDTH)), np.zeros((len(own), record.WIDTH))
     H[:, contact_state.SLIP] = 1e-300  # closed
-    R[:, record.NORMAL_FORCE], R[:, record.POINT3] = force, point
-    slots = SimpleNamespace(partner=np.array([CODES[each] for each in side]), own=np.array(body), rows=AllRows(H, R))
+    records[:, record.NORMAL_FORCE], records[:, record.POINT3] = force, point
+    slots = SimpleNamespace(partner=np.array([CODES[each] for each in side]), own=np.array(own), rows=AllRows(H, records))
     upper = SimpleNamespace(schedule=Schedule(x=(Segment(0.0, motion.POLYNOMIAL, 0.0, V),)))
     world = SimpleNamespace(upper=upper, lower=0, debris_meets=meet)
     rows = SimpleNamespace(velocity=velocity, spin=spin)
@@ -46,7 +44,7 @@ def state_of(bodies, contacts, meet=True):
 
 
 def parts(*arguments, **keys):
-    return list(parts_of(accommodation(DRAG, state_of(*arguments, **keys))).values())
+    return list(parts_of(accommodation(DRAG, kinematics_of(*arguments, **keys))).values())
 
 
 # velocity and spin of a body between two plates, and the upper slip, lower slip and rolling that follow [V]
@@ -60,7 +58,7 @@ ONE_BODY = {
 }
 
 
-@pytest.mark.parametrize("name", ONE_BODY)
+@each(ONE_BODY)
 def test_one_body_between_the_plates(name):
     velocity, spin, expected = ONE_BODY[name]
     found = parts([(velocity * V, spin * V)], [(0, TOP, 1e-4), (0, BOTTOM, 1e-4)])
@@ -80,10 +78,8 @@ def test_the_parts_add_up_to_the_speed_of_the_plate_for_any_bodies():
     rng = np.random.default_rng(1)
     for meet in (True, False):
         count = 40
-        contacts = [
-            (int(rng.integers(count)), (int(rng.integers(3)), tuple(rng.normal(0.0, R, 3))), rng.exponential(1e-4))
-            for _ in range(90)
-        ]
+        places = [(int(rng.integers(3)), tuple(rng.normal(0.0, R, 3))) for _ in range(90)]
+        contacts = [(int(rng.integers(count)), place, rng.exponential(1e-4)) for place in places]
         found = parts(rng.normal(0.0, [V, V / R], (count, 2)), contacts, meet)
         assert sum(found) == pytest.approx(V, rel=1e-12)  # rounding of some hundred terms of the size of V
         assert meet or found[3] == 0.0
@@ -116,10 +112,8 @@ def test_a_plate_that_turns_still_has_the_speed_with_which_it_came():
 
 def test_shares_in_words_leave_nothings_out():
     fractions = {"upper_slip": 0.321, "lower_slip": -0.02, "rolling": 0.699, "shear": 0.0}
-    assert (
-        accommodation_text(fractions).replace("\u00a0", " ")
-        == "70 % rolling, 32 % slip at the upper plate, \u22122 % slip at the lower plate"
-    )
+    text = "70 % rolling, 32 % slip at the upper plate, \u22122 % slip at the lower plate"
+    assert accommodation_text(fractions).replace("\u00a0", " ") == text
     assert short_accommodation_text(fractions).replace("\u00a0", " ") == "70 % rolling, 30 % slip"
 
 
@@ -160,12 +154,8 @@ def test_flakes_only_slip(tmp_path):
 
 
 def test_a_plate_at_rest_has_no_parts(tmp_path):
-    changes = (
-        ('motion = {x = {velocity = "0.5 m/s"}}\n', ""),
-        ('distance = "0.1 um"', 'duration = "0.1 us"'),
-        ("0.05 um", "1 us"),
-    )
-    with thirdbody.run(Scene.parse(edited(BALLS, *changes)), out=tmp_path / "rest", progress=False) as run:
+    text = edited(BALLS, ('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"', 'duration = "0.1 us"'))
+    with thirdbody.run(Scene.parse(edited(text, ("0.05 um", "1 us"))), out=tmp_path / "rest", progress=False) as run:
         assert not set(ACCOMMODATION) & set(run.series) and "accommodation" not in run.summary()
 
 

@@ -1,4 +1,4 @@
-"""Mass properties of unions of spheres against closed forms, counting and themselves in other frames."""
+"""Unions of spheres: mass properties against closed forms and counting; asperities stand out, angular bodies are sharp."""
 
 import math
 
@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 
 import thirdbody.bodies.clump as module
-from thirdbody.bodies.clump import clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.bodies.asperities import Asperities, sphere_points, summit_radii, touched, with_asperities
+from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.bodies.irregular_clumps import irregular, population
 from thirdbody.bodies.union_moments import quadrature
 from thirdbody.errors import InputError
-
-
-def random_rotation(rng):
-    q = rng.normal(size=4)
-    return matrix_from_quaternion(q / np.linalg.norm(q))
 
 
 def lumps(rng, n):
@@ -28,10 +25,7 @@ def lumps(rng, n):
 
 
 def revolved_pair(d, r1, r2):
-    """Volume, axial and transverse inertia of two spheres at 0 and d on an axis: integrals of a profile.
-
-    The squared profile is a parabola on either side of the plane of intersection: polynomials are exact.
-    """
+    """Volume, axial and transverse inertia of two spheres at 0 and d on an axis: integrals of a profile, a parabola squared."""
     x = np.polynomial.Polynomial([0.0, 1.0])
     cut = (d * d + r1 * r1 - r2 * r2) / (2.0 * d)
     parts = [(r1**2 - x**2, -r1, cut), (r2**2 - (x - d) ** 2, cut, d + r2)]
@@ -56,18 +50,18 @@ def test_sphere_is_exact():
     assert body.diameter == pytest.approx(1.0, rel=1e-15)
 
 
-@pytest.mark.parametrize("d, r1, r2", [(1.0, 1.0, 1.0), (1.2, 1.0, 0.6), (0.5, 1.0, 0.51), (1.99, 1.0, 1.0)])
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, 0.6, 0.64)])
-def test_two_overlapping_spheres(d, r1, r2, axis):
-    body = clump([np.zeros(3), d * np.array(axis)], [r1, r2])
-    volume, axial, transverse = revolved_pair(d, r1, r2)
-    # lens of two spheres, e.g. Weisstein, "Sphere-Sphere Intersection", Eq. 16
-    lens = math.pi * (r1 + r2 - d) ** 2 * (d * d + 2 * d * (r1 + r2) - 3 * (r1 - r2) ** 2) / (12 * d)
-    assert volume == pytest.approx(4.0 / 3.0 * math.pi * (r1**3 + r2**3) - lens, rel=1e-12)
-    # The stated error is that of the order before the last; the result itself is far better (1e-9).
-    assert body.error < 1e-5
-    assert body.volume == pytest.approx(volume, rel=min(body.error, 1e-9))
-    assert body.inertia == pytest.approx([axial, transverse, transverse], rel=min(body.error, 1e-9))
+def test_two_overlapping_spheres(axis):
+    for d, r1, r2 in ((1.0, 1.0, 1.0), (1.2, 1.0, 0.6), (0.5, 1.0, 0.51), (1.99, 1.0, 1.0)):
+        body = clump([np.zeros(3), d * np.array(axis)], [r1, r2])
+        volume, axial, transverse = revolved_pair(d, r1, r2)
+        # lens of two spheres, e.g. Weisstein, "Sphere-Sphere Intersection", Eq. 16
+        lens = math.pi * (r1 + r2 - d) ** 2 * (d * d + 2 * d * (r1 + r2) - 3 * (r1 - r2) ** 2) / (12 * d)
+        assert volume == pytest.approx(4.0 / 3.0 * math.pi * (r1**3 + r2**3) - lens, rel=1e-12)
+        # The stated error is that of the order before the last; the result itself is far better (1e-9).
+        assert body.error < 1e-5
+        assert body.volume == pytest.approx(volume, rel=min(body.error, 1e-9))
+        assert body.inertia == pytest.approx([axial, transverse, transverse], rel=min(body.error, 1e-9))
 
 
 def test_tangent_spheres_add_up():
@@ -111,15 +105,15 @@ def test_against_counting_points():
     assert tensor == pytest.approx(np.diag(body.inertia), rel=tolerance, abs=tolerance * body.inertia[0])
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_frame_does_not_matter(seed):
-    rng = np.random.default_rng(seed)
-    centers, radii = lumps(rng, 5)
-    body = clump(centers, radii)
-    turned = clump(centers @ random_rotation(rng).T + rng.normal(size=3), radii)
-    assert max(body.error, turned.error) < 1e-5
-    assert turned.volume == pytest.approx(body.volume, rel=body.error + turned.error)
-    assert turned.inertia == pytest.approx(body.inertia, rel=body.error + turned.error)
+def test_the_frame_does_not_matter():
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        centers, radii = lumps(rng, 5)
+        body, q = clump(centers, radii), rng.normal(size=4)
+        turned = clump(centers @ matrix_from_quaternion(q / np.linalg.norm(q)).T + rng.normal(size=3), radii)
+        assert max(body.error, turned.error) < 1e-5
+        assert turned.volume == pytest.approx(body.volume, rel=body.error + turned.error)
+        assert turned.inertia == pytest.approx(body.inertia, rel=body.error + turned.error)
 
 
 def test_the_error_estimate_is_honest(monkeypatch):
@@ -161,27 +155,18 @@ def test_size_scales_out():
     assert small.centers * 1e6 == pytest.approx(large.centers, abs=1e-9)
 
 
-def test_parts_are_refused_by_name():
-    centers = [[0, 0, 0], [5, 0, 0], [1.5, 0, 0], [6.5, 0, 0]]
-    with pytest.raises(InputError) as caught:
-        clump(centers, [1.0, 1.0, 1.0, 1.0])
-    assert [fault.key for fault in caught.value.faults] == ["spheres[1]", "spheres[3]"]
-    assert "not connected" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "centers, radii, key",
-    [
-        ([[0, 0, 0]], [0.0], "spheres[0].radius"),
-        ([[0, 0, 0], [0, math.nan, 0]], [1.0, 1.0], "spheres[1].center"),
-        ([[0, 0, 0]], [1.0, 1.0], ""),
-        (np.zeros((0, 3)), [], ""),
-    ],
-)
-def test_wrong_spheres_are_refused(centers, radii, key):
-    with pytest.raises(InputError) as caught:
-        clump(centers, radii)
-    assert caught.value.faults[0].key == key
+def test_parts_and_wrong_spheres_are_refused_by_name():
+    apart, wrong = [[0, 0, 0], [5, 0, 0], [1.5, 0, 0], [6.5, 0, 0]], [[0, 0, 0], [0, math.nan, 0]]
+    rows = (apart, [1.0] * 4, ["spheres[1]", "spheres[3]"]), (wrong, [1.0, 1.0], ["spheres[1].center"])
+    rows += ([[0, 0, 0]], [0.0], ["spheres[0].radius"]), ([[0, 0, 0]], [1.0, 1.0], [""]), (np.zeros((0, 3)), [], [""])
+    for centers, radii, keys in rows:
+        with pytest.raises(InputError) as caught:
+            clump(centers, radii)
+        assert [fault.key for fault in caught.value.faults][: len(keys)] == keys
+        assert centers is not apart or "not connected" in str(caught.value)
+    centers = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]])
+    with pytest.raises(InputError, match=r"spheres\[1\]"):  # among many
+        module.clumps(centers, np.ones((2, 2)))
 
 
 def test_many_at_once_are_each_as_one_alone():
@@ -198,7 +183,106 @@ def test_many_at_once_are_each_as_one_alone():
         assert body.error == pytest.approx(alone.error, rel=1e-6)  # a difference of close numbers
 
 
-def test_a_body_in_parts_is_reported_among_many():
-    centers = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]])
-    with pytest.raises(InputError, match=r"spheres\[1\]"):
-        module.clumps(centers, np.ones((2, 2)))
+SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
+BALL = clump(np.zeros((1, 3)), [2.0])
+
+
+def body(seed: int, n: int = 6) -> Clump:
+    return irregular(np.random.default_rng(seed), n, [1.0, 0.8, 0.6], 1e-5)
+
+
+def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius():
+    for n, count, fraction in ((1, 3, 0.1), (6, 3, 0.1), (8, 12, 0.05), (4, 1, 0.5)):
+        bare = body(1, n)
+        rough = with_asperities(np.random.default_rng(2), bare, count, fraction)
+        assert rough.diameter == pytest.approx(bare.diameter, rel=1e-12, abs=0.0)  # scaled to it: rounding of a cube root
+        assert rough.radii[n:] == pytest.approx(0.5 * fraction * bare.diameter, rel=1e-12, abs=0.0)  # the iteration's end, 1e-14
+        assert set(range(n, n + count)) <= set(touched(rough, sphere_points(20000)).tolist())
+        # centres on the surface of the union: none inside another sphere, one sphere's surface at each
+        gaps = np.linalg.norm(rough.centers[n:, None] - rough.centers[:n], axis=2) - rough.radii[:n]
+        assert gaps.min(axis=1) == pytest.approx(np.zeros(count), abs=1e-12 * bare.diameter)  # rounding of coordinates
+
+
+def test_mass_properties_are_those_of_the_union():
+    """One small ball on a large one, against the closed forms of the lens (two caps) and its moments about the axis."""
+    rough = with_asperities(np.random.default_rng(0), BALL, 1, 0.3)
+    big, small = rough.radii
+    x = big - small**2 / (2.0 * big)  # plane where they meet: the small centre lies on the large surface
+
+    def solid(radius: float, low: float, high: float) -> tuple[float, float]:
+        """Volume and axial moment of the part of a ball between two heights from its centre."""
+        disc = np.polynomial.Polynomial([radius**2, 0.0, -1.0])
+        volume, axial = (math.pi * disc).integ(), (0.5 * math.pi * disc**2).integ()
+        return volume(high) - volume(low), axial(high) - axial(low)
+
+    parts = solid(big, -big, x), solid(small, x - big, small)
+    volume, axial = (a + b for a, b in zip(*parts, strict=True))
+    assert rough.volume == pytest.approx(volume, rel=10.0 * rough.error + 1e-12)  # its own bound; rounding
+    assert rough.inertia[0] == pytest.approx(axial, rel=10.0 * rough.error + 1e-12)
+
+
+def test_places_are_spread():
+    """Best of 12 candidates: three places on a ball lie farther apart than three by chance."""
+    nearest = []
+    for seed in range(40):
+        rough = with_asperities(np.random.default_rng(seed), BALL, 3, 0.1)
+        places = rough.centers[1:] - rough.centers[0]
+        places /= np.linalg.norm(places, axis=1)[:, None]
+        nearest.append(np.degrees(np.arccos((places @ places.T)[np.triu_indices(3, 1)])).min())
+    # uniform chance gives 51 degrees on average, the best possible is 120; the least of 40 by chance falls below 10
+    assert np.mean(nearest) > 75.0 and min(nearest) > 40.0
+
+
+def test_the_body_below_is_the_one_without_and_no_body_depends_on_others():
+    bare = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], **SIZE)
+    rough = population(1, 0, 4, (4, 6), [1, 0.8, 0.6], asperities=Asperities(3, radius=5e-7), **SIZE)
+    for a, b in zip(bare, rough, strict=True):
+        n = len(a.radii)
+        assert len(b.radii) == n + 3 and b.diameter == pytest.approx(a.diameter, rel=1e-12, abs=0.0)
+        assert b.radii[n:] == pytest.approx(5e-7, rel=1e-12, abs=0.0)  # a length stays that length
+        assert b.radii[:n] / b.radii[0] == pytest.approx(a.radii / a.radii[0], rel=1e-14)  # one factor for all
+    few = population(1, 0, 2, (4, 6), [1, 0.8, 0.6], asperities=Asperities(3, radius=5e-7), **SIZE)
+    for a, b in zip(few, rough, strict=False):
+        assert np.array_equal(a.centers, b.centers)
+
+
+def test_impossible_asperities_and_angularity_are_refused():
+    for wrong in (Asperities(3), Asperities(0, 1e-7), Asperities(3, 1e-5), Asperities(3, None, 0.6)):
+        with pytest.raises(InputError, match="asperities"):
+            population(1, 0, 1, (4, 6), [1, 1, 1], asperities=wrong, **SIZE)
+    for angularity in (-0.1, 1.1, math.nan):
+        with pytest.raises(InputError, match="angularity"):
+            irregular(np.random.default_rng(0), 6, [1, 1, 1], 1.0, angularity)
+
+
+def test_no_angularity_is_the_body_as_ever():
+    """Shapes of seeds that people have published: radii of the first version, over the diameter, to its printed digits."""
+    radii = population(1, 0, 1, (5, 5), [1, 0.8, 0.6], distribution="constant", value=1e-5)[0].radii / 1e-5
+    assert radii == pytest.approx([0.29637645, 0.36562493, 0.30504432, 0.24325043, 0.27823506], abs=5e-9)
+    plain, none = body(3), irregular(np.random.default_rng(3), 6, [1.0, 0.8, 0.6], 1e-5, angularity=0.0)
+    assert np.array_equal(plain.centers, none.centers) and np.array_equal(plain.radii, none.radii)
+
+
+def sharpness(angularity: float, n: int, aspect) -> tuple[float, float]:
+    """Mean radius where a plane touches over the equivalent radius, and shortest over longest extent."""
+    made = [irregular(np.random.default_rng(k), n, aspect, 2.0, angularity) for k in range(20)]
+    spans = [np.sort(np.ptp(np.stack([b.centers + s * b.radii[:, None] for s in (1, -1)]), axis=(0, 1))) for b in made]
+    return float(np.mean([summit_radii(b).mean() for b in made])), float(np.mean([s[0] / s[2] for s in spans]))
+
+
+SLOW = pytest.mark.full(kind="slow")
+EQUAL = [pytest.param(8, [1, 1, 1], 0.65, marks=SLOW), pytest.param(12, [1, 1, 1], 0.6, marks=SLOW)]
+
+
+@pytest.mark.parametrize("n, aspect, last", [(8, [1, 0.8, 0.6], 0.8), *EQUAL])
+def test_summits_get_sharper_with_angularity_and_the_aspect_stays(n, aspect, last):
+    values, spans = zip(*(sharpness(a, n, aspect) for a in (0.0, 0.5, 1.0)), strict=True)
+    assert values[0] > values[1] > values[2]
+    # Corners that planes touch alone would be about (1 - c)/(1 + c) < 0.4 of the core; some planes still meet the core.
+    assert values[2] < last * values[0]
+    assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_aspect_shows
+
+
+def test_few_spheres_draw_apart_only():
+    plain, sharp = (sharpness(a, 3, [1, 1, 1])[0] for a in (0.0, 1.0))
+    assert 0.85 * plain < sharp < plain
