@@ -72,9 +72,7 @@ def test_what_hulls_refuse_has_an_answer():
     assert forecast_of([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)
     assert forecast_of([(0.1, 0.1)], [(0, 0), (1, 0), (0, 1)], 2.0, (0, 0)) == (0.0, math.inf, -math.inf)
     assert forecast_of([(0.1, 0.1)], [(0.1, 0.1)], 2.0, (1, 0)) == (0.0, 0.0, 0.0)
-
-
-def test_rows_beyond_the_counts_and_further_columns_are_not_read():
+    # rows beyond the counts and further columns are not read
     upper, lower = np.full((5, 3), np.nan), np.full((6, 3), np.nan)
     upper[0, :2] = (1.2, 0.4)
     lower[:3, :2] = [(-1, 0), (1, 0), (0, 1.2)]

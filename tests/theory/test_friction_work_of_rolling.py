@@ -1,7 +1,5 @@
 """Friction work of single bodies that roll slowly, by the implicit integrator at default settings, against fine steps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +17,12 @@ SLOW = {
     "plates.upper.motion.x.velocity": "1 mm/s",
 }
 ROLLING = 3
+full = pytest.mark.full(kind="slow")
 PATH = 0.3e-6
 """Some ten critical displacements, m: most bodies turn onto other spots within it."""
 
 
-def friction_work(path: float = PATH, **settings: str) -> tuple[np.ndarray, np.ndarray]:
+def friction_work(path=PATH, **settings):
     """Friction work of every body in the drag, J, and its label at the end."""
     chosen = SLOW | {name.replace("__", "."): value for name, value in settings.items()}
     built = prepare(thirdbody.Scene.load(SCENE).with_settings(chosen))
@@ -33,18 +32,18 @@ def friction_work(path: float = PATH, **settings: str) -> tuple[np.ndarray, np.n
     return built.state.bodies.friction_work - before, built.integrator.label()[:, 0]
 
 
-def fine_work(path: float = PATH, **settings: str) -> np.ndarray:
+def fine_work(path=PATH, **settings):
     """The same friction work at a five hundredth of the tolerance, whose steps go 0.5 nm at most."""
     return friction_work(path, solver__tolerance="1e-6", solver__largest_step="0.5 nm", **settings)[0]
 
 
-def errors_of_rolling(path: float = PATH, **settings: str) -> np.ndarray:
+def errors_of_rolling(path=PATH, **settings):
     """Relative error of the friction work of the bodies that roll at the end, at default settings."""
     work, labels = friction_work(path, **settings)
     return np.abs(work / fine_work(path, **settings) - 1.0)[labels == ROLLING]
 
 
-@pytest.mark.parametrize("level", ["mindlin", "mdr"])
+@pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=full)])
 def test_friction_work_of_bodies_that_roll(level):
     """A body that rolls rubs where its load goes from spot to spot: a thousandth of the work of one that slides. Steps that only
     the error of the place chooses get it wrong by a quarter in the median, by more than a half at worst."""
@@ -56,7 +55,7 @@ def test_friction_work_of_bodies_that_roll(level):
     assert np.max(errors) < 0.1
 
 
-@pytest.mark.full(kind="slow")
+@full
 @pytest.mark.parametrize("path", [PATH, 2e-6])
 def test_friction_work_of_many_bodies_that_roll(path):
     """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""
@@ -66,6 +65,7 @@ def test_friction_work_of_many_bodies_that_roll(path):
     assert np.quantile(errors, 0.8) < 0.1
 
 
+@full
 def test_error_of_friction_work_falls_with_the_tolerance():
     """The tolerance holds for the friction work too."""
     fine, medians = fine_work(), []
