@@ -1,12 +1,11 @@
 """Runs without inertia (`solver.inertia = false`): no flight, no energy made, and a number that says when they are too fast."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 import thirdbody
 from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
@@ -24,14 +23,12 @@ MICRO, LOAD, SIZE = 5e-6, 1e-4, 2e-4
 
 
 def one(make, body, speed=1e-3, **keys):
-    """One body under a patch with 0.1 mN, without inertia unless asked for."""
     keys = {"friction": 0.3, "restitution": 0.3, "size": SIZE, "integrator": "implicit", "inertia": False} | keys
     motion = keys.pop("motion", Motion(x=[ConstantVelocity(velocity=speed)]))
     return make.under_patches([body], {"ball": make.STEEL}, LOAD, motion, **keys)
 
 
 def ensemble(count, speed, **settings):
-    """Irregular steel particles that roll and tip, without inertia."""
     scene = Scene.load(SCENES / "sheared_debris.toml")
     return build(scene.with_settings({
         "debris.0.count": str(count), "contact.debris_contact": "none", "solver.integrator": "implicit",
@@ -114,12 +111,11 @@ def test_made_energy_stops_an_implicit_run(tmp_path):
 def test_a_sound_run_is_far_from_the_guard():
     simulation = ensemble(12, 1e-3, **{"solver.inertia": "true", "solver.distance": "1 um"})
     simulation.integrator.advance_to(distance=1e-6)
-    simulation.integrator.refuse_created_energy()
-    simulation.integrator.totals[7, run_totals.NUMERICAL_LOSS] = (
-        -1.5 * CREATED_ENERGY_GUARD * simulation.integrator.totals[7, run_totals.PLATE_WORK_SIZE]
-    )
+    one = simulation.integrator
+    one.refuse_created_energy()
+    one.totals[7, run_totals.NUMERICAL_LOSS] = -1.5 * CREATED_ENERGY_GUARD * one.totals[7, run_totals.PLATE_WORK_SIZE]
     with pytest.raises(GuardStop, match=f"body {simulation.state.order[7]} at"):
-        simulation.integrator.refuse_created_energy()
+        one.refuse_created_energy()
 
 
 def created(bodies, common, **rows):
@@ -138,7 +134,7 @@ def test_energy_created_in_a_weak_impact_stops_no_run():
     assert (fractions < 1e-2 * CREATED_ENERGY_GUARD).all() and abs(whole) < 1e-5
 
 
-@pytest.mark.parametrize("scale", [1e-30, 1e-11])
+@each([1e-30, 1e-11])
 def test_energy_created_by_one_body_is_refused_at_every_scale(scale):
     """The scale is that of the run: neither idle neighbours nor weak loads hide a body that creates what others exchange."""
     alone, _ = created(1, 0.0, b0=(-0.13 * scale, scale))
@@ -163,9 +159,6 @@ def test_inertial_number_of_a_ball(make):
     mass = 4.0 / 3.0 * math.pi * MICRO**3 * make.STEEL.density
     assert found.number == pytest.approx(0.1 * math.sqrt(2.0 * mass / (LOAD * 2.0 * MICRO)), rel=1e-12)
     assert found.speed == pytest.approx(0.1)
-
-
-def test_a_stroke_shorter_than_the_body_is_the_length_that_counts(make):
     speed, length = 0.1, 1e-6
     stroke = Motion(x=[Stroke(stroke=length, frequency=speed / (math.pi * length))])
     whole, short = inertial_number(ball(make, speed).state), inertial_number(ball(make, 0.0, motion=stroke).state)

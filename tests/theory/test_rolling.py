@@ -1,17 +1,16 @@
 """A ball that slides and a ball that rolls: down a slope and between two plates."""
 
-from __future__ import annotations
-
 import math
 
 import closed_forms
 import numpy as np
 import pytest
+from slow import slow
 from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.kernels.columns import record
-from thirdbody.scene.model import ConstantVelocity, Motion, UpperPlate
+from thirdbody.scene.model import ConstantVelocity, Motion
 
 RADIUS = 1e-3
 SLOPE = (5.0, 0.0, -5.0)
@@ -19,14 +18,13 @@ RUN = 5.0005e-3
 
 
 def slope_ball(make, friction):
-    """A steel ball after `RUN` seconds on a slope of 45 degrees that it touched at time zero."""
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS))]
     simulation = build(make.scene(one, {"ball": make.STEEL}, lower="ball", friction=friction, restitution=0.3, gravity=SLOPE))
     simulation.integrator.advance_to(time=RUN)
     return simulation
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.28])
+@pytest.mark.parametrize("friction", [0.0, 0.2, slow(0.1), slow(0.28)])
 def test_ball_slides_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
     speed, spin = closed_forms.sliding_sphere(friction, 5.0, 5.0, RADIUS, simulation.state.time)
@@ -35,9 +33,15 @@ def test_ball_slides_down_a_slope(make, friction):
     assert make.velocity(simulation)[0] == pytest.approx(speed, rel=1e-4)
     assert make.spin(simulation)[1] == pytest.approx(spin, rel=2e-4, abs=1e-12)
     assert make.label(simulation) == "sliding"
+    contact, weight, g, nu = make.contact(simulation), 5.0 * make.ball_mass(make.STEEL, RADIUS), make.STEEL.shear(), 0.3
+    # the bounce has died out: 1e-8 of the weight is left after 5 ms
+    assert contact[record.NORMAL_FORCE] == pytest.approx(weight, rel=1e-6)
+    assert contact[record.OVERLAP] == pytest.approx(theory.hertz_overlap(theory.e_star(g, nu, g, nu), RADIUS, weight), rel=1e-6)
+    assert contact[record.CONTACT_RADIUS] == pytest.approx(math.sqrt(RADIUS * contact[record.OVERLAP]), rel=1e-9)
+    assert contact[record.FRICTION_LIMIT] == pytest.approx(friction * weight, rel=1e-6)
 
 
-@pytest.mark.parametrize("friction", [0.29, 0.4, 1.0])
+@pytest.mark.parametrize("friction", [0.29, slow(0.4), slow(1.0)])
 def test_ball_rolls_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
     assert closed_forms.slope_sphere_rolls(friction, 5.0, 5.0)
@@ -50,75 +54,54 @@ def test_ball_rolls_down_a_slope(make, friction):
     assert make.label(simulation) == "rolling"
 
 
-def test_settled_weight_is_carried_by_hertz_contact(make):
-    simulation = slope_ball(make, 0.2)
-    weight = 5.0 * make.ball_mass(make.STEEL, RADIUS)
-    g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
-    e = theory.e_star(g, nu, g, nu)
-    contact = make.contact(simulation)
-    # the bounce has died out: 1e-8 of the weight is left after 5 ms
-    assert contact[record.NORMAL_FORCE] == pytest.approx(weight, rel=1e-6)
-    assert contact[record.OVERLAP] == pytest.approx(theory.hertz_overlap(e, RADIUS, weight), rel=1e-6)
-    assert contact[record.CONTACT_RADIUS] == pytest.approx(math.sqrt(RADIUS * contact[record.OVERLAP]), rel=1e-9)
-    assert contact[record.FRICTION_LIMIT] == pytest.approx(0.2 * weight, rel=1e-6)
+SPEED, LOAD, FRICTION = 10.0, 1.0, 0.3
 
 
-@pytest.fixture(scope="module")
-def pinched(make):
-    """(slip time, plate speed, history): a ball pressed between plates, the upper one suddenly at V.
+@pytest.fixture(scope="module", params=["explicit", "implicit"])
+def pinched(make, request):
+    """(integrator, labels, columns): a ball pressed between plates, the upper one suddenly at V.
 
-    History rows: time since the start over the slip time, v/V, omega R'/V, |T| over mu N at the lower and upper plate; R' is
-    the distance from the centre to the contact planes.
+    Columns: time since the start over the slip time, v/V, omega R'/V, |T| over mu N at the lower and upper plate; R' is the
+    distance from the centre to the contact planes.
     """
-    speed, load, friction = 10.0, 1.0, 0.3
-    upper = UpperPlate(material="ball", load=load, motion=Motion(x=[ConstantVelocity(velocity=speed)]))
-    one = [make.ball(RADIUS, (5.0, 5.0, RADIUS))]
-    tables = make.scene(one, {"ball": make.STEEL}, lower="ball", upper=upper, friction=friction, restitution=0.3)
-    # by explicit steps: the implicit ones are tested against the same forms elsewhere
-    simulation = build(tables.with_settings({"solver.integrator": "explicit"}))
-    slip_time = closed_forms.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), friction, load, speed)
+    one, drag = make.ball(RADIUS, (5.0, 5.0, RADIUS)), Motion(x=[ConstantVelocity(velocity=SPEED)])
+    keys = {"friction": FRICTION, "restitution": 0.3, "integrator": request.param}
+    simulation = make.under_patches([one], {"ball": make.STEEL}, LOAD, drag, **keys)
+    slip_time = closed_forms.pinched_sphere_slip_time(make.ball_mass(make.STEEL, RADIUS), FRICTION, LOAD, SPEED)
     simulation.integrator.advance_to(time=simulation.settle)
-    start, labels = simulation.state.time, [make.label(simulation)]
-    rows = []
+    start, labels, rows = simulation.state.time, [make.label(simulation)], []
     for part in np.arange(0.05, 2.01, 0.05):
         simulation.integrator.advance_to(time=start + part * slip_time)
         R = simulation.state.slots.R
         arm = RADIUS - 0.5 * R[0, record.OVERLAP]
-        forces = np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1) / (friction * load)
+        forces = np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1) / (FRICTION * LOAD)
         moved = (simulation.state.time - start) / slip_time
-        rows.append((moved, make.velocity(simulation)[0] / speed, make.spin(simulation)[1] * arm / speed, *forces))
+        rows.append((moved, make.velocity(simulation)[0] / SPEED, make.spin(simulation)[1] * arm / SPEED, *forces))
         labels.append(make.label(simulation))
-    return np.array(rows), labels
+    return request.param, labels, np.array(rows).T
 
 
-def test_pinched_ball_is_dragged_evenly_until_it_rolls(pinched):
-    time, v, omega, below, above = pinched[0].T
-    slipping = (time > 0.1) & (time < 0.99)
-    # mu N above, 3/7 mu N below, constant: v = V/2 at the slip time; elastic deflection lags by .1 % of V
+def test_pinched_ball_slips_as_long_as_momentum_says(pinched):
+    """mu N above and 3/7 mu N below speed it up evenly, until v = V/2 after 7 m V/(20 mu N)."""
+    integrator, _, (time, v, omega, below, above) = pinched
+    slipping = (time > (0.1 if integrator == "explicit" else 0.2)) & (time < 0.96)
+    # the elastic deflection lags by .1 % of V
     assert v[slipping] == pytest.approx(0.5 * time[slipping], abs=1e-3)
     assert omega[slipping] == pytest.approx(0.5 * time[slipping], abs=1e-3)
     assert above[slipping] == pytest.approx(1.0, rel=1e-6)
     assert below[slipping] == pytest.approx(3.0 / 7.0, rel=1e-3)
-
-
-def test_slip_ends_at_the_predicted_time(pinched):
-    time, v, *_ = pinched[0].T
-    slope, offset = np.polyfit(time[2:18], v[2:18], 1)
+    slope, offset = np.polyfit(time[slipping], v[slipping], 1)
     # the straight part meets v = V/2 where slip ends; the lag of the first contact period is some 1e-3 of the slip time
-    assert (0.5 - offset) / slope == pytest.approx(1.0, abs=2e-3)
+    assert (0.5 - offset) / slope == pytest.approx(1.0, abs=2e-3 if integrator == "explicit" else 1e-3)
 
 
-def test_pinched_ball_ends_rolling_without_force(pinched, make):
-    time, v, omega, below, above = pinched[0].T
-    after = time > 1.3
-    # the tangential springs ring down within a few of their periods, 1/30 of the slip time each
-    half, _ = closed_forms.pinched_sphere_rolling(1.0, 1.0)
-    assert v[after] == pytest.approx(half, abs=1e-9)
-    assert omega[after] == pytest.approx(half, abs=1e-9)
-    assert np.all(below[after] < 1e-9) and np.all(above[after] < 1e-9)
-
-
-def test_pinched_ball_is_labelled(pinched):
-    rows, labels = pinched
-    assert labels[0] == "sticking"
-    assert set(np.array(labels[1:])[rows[:, 0] > 0.3]) == {"rolling"}
+def test_pinched_ball_ends_rolling_without_force(pinched):
+    integrator, labels, (time, v, omega, below, above) = pinched
+    after, (half, _) = time > 1.3, closed_forms.pinched_sphere_rolling(1.0, 1.0)
+    # explicit: the tangential springs ring down within a few of their periods, 1/30 of the slip time each; implicit: dashpots and
+    # BDF2 damp them, at steps of about their period
+    left = 1e-9 if integrator == "explicit" else 1e-6
+    assert v[after] == pytest.approx(half, abs=left)
+    assert omega[after] == pytest.approx(half, abs=left)
+    assert max(below[after].max(), above[after].max()) < (1e-9 if integrator == "explicit" else 1e-5)
+    assert labels[0] == "sticking" and set(np.array(labels[1:])[time > 0.3]) == {"rolling"}

@@ -3,8 +3,7 @@
 Forces at a place are those of the engine, evaluated in a step of zero length, in which nothing moves and nothing slides.
 """
 
-from __future__ import annotations
-
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -24,9 +23,7 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rough_plates import RoughPlates
 from thirdbody.kernels.surface_minima import update
 
-SIZE, CELLS, WAVES, SLOPE = 10.0, 80, 2, 0.16
-"""Period of the surface [m], cells along x, waves along x, and their steepest slope."""
-
+SIZE, CELLS, WAVES, SLOPE = 10.0, 80, 2, 0.16  # period of the surface [m], cells along x, waves along x, and their steepest slope
 Q_X = 2.0 * math.pi * WAVES / SIZE
 AMPLITUDE = SLOPE / Q_X
 RADIUS = 4.4 / Q_X
@@ -83,8 +80,6 @@ def force_at(simulation: Simulation, centre) -> tuple[np.ndarray, np.ndarray, fl
 
 
 class Profile:
-    """Height and derivatives along x of the spline that the plate is."""
-
     def __init__(self, heights) -> None:
         x = np.linspace(0.0, SIZE, CELLS + 1)
         self.spline = make_interp_spline(x, heights(np.append(x[:-1], 0.0), 0.0), k=3, bc_type="periodic")
@@ -101,26 +96,13 @@ def wavy(lifted_ball) -> Simulation:
     return lifted_ball(crests, RADIUS)
 
 
-@pytest.fixture(scope="module")
-def profile() -> Profile:
-    return Profile(crests)
-
-
 def test_a_field_of_zeros_is_a_flat_plate_bit_for_bit(make):
     """A ball that falls, bounces with friction and rolls on."""
 
     def states(surface) -> list[np.ndarray]:
         with rough_plates(surface):
-            simulation = make.ball_on_plane(
-                make.STEEL,
-                1.0,
-                (0.5, -0.2, -1.0),
-                (0.3, 2.0, 0.1),
-                friction=0.3,
-                restitution=0.6,
-                gravity=(0.0, 0.0, -9.81),
-                size=SIZE,
-            )
+            keys = {"friction": 0.3, "restitution": 0.6, "gravity": (0.0, 0.0, -9.81), "size": SIZE}
+            simulation = make.ball_on_plane(make.STEEL, 1.0, (0.5, -0.2, -1.0), (0.3, 2.0, 0.1), **keys)
         seen = []
         for _ in range(8):
             simulation.integrator.advance_to(time=simulation.state.time + 2e-4)
@@ -177,15 +159,13 @@ def loop_work(simulation: Simulation, profile: Profile) -> tuple[float, float, f
     return whole, plain, *energies
 
 
-def test_a_closed_path_makes_no_energy(wavy, profile):
+def test_a_closed_path_makes_no_energy(lifted_ball, wavy):
     """Without the gradient force it makes what the energies at both ends differ by: .55 of what was pressed in."""
+    profile = Profile(crests)
     whole, plain, pressed, released = loop_work(wavy, profile)
     assert abs(whole) < 1e-5 * pressed
     assert plain == pytest.approx(pressed - released, rel=1e-5)
     assert (released - pressed) / pressed == pytest.approx(0.55, abs=0.01)
-
-
-def test_the_radius_of_the_sphere_alone_is_conservative_too(lifted_ball, profile):
     whole, plain, pressed, released = loop_work(lifted_ball(crests, RADIUS, curved=False), profile)
     assert abs(whole) < 1e-5 * pressed and whole == plain
     assert released == pytest.approx(pressed, rel=1e-9)
@@ -193,7 +173,7 @@ def test_the_radius_of_the_sphere_alone_is_conservative_too(lifted_ball, profile
 
 def test_a_ball_without_friction_is_pulled_over_whole_waves_for_nothing(lifted_ball):
     """Under a constant load the mean of the pull over a period is zero: the surface is no ratchet, in either direction."""
-    simulation, load = lifted_ball(two_waves, RADIUS), 0.0
+    simulation = lifted_ball(two_waves, RADIUS)
     load = force_at(simulation, (0.0, 5.0, float(two_waves(0.0, 0.0)) + RADIUS - DEPTH))[0][2]
 
     def height(x: float) -> float:
@@ -212,9 +192,8 @@ def test_a_ball_without_friction_is_pulled_over_whole_waves_for_nothing(lifted_b
 
 def test_a_sphere_in_a_groove_has_two_contacts(lifted_ball):
     """Walls at 45 degrees, a ball that falls in and comes to rest: N = W / (2 cos th) each."""
-    simulation = lifted_ball(
-        lambda x, y: np.abs(x - 0.5 * SIZE), 1.0, cells=(256, 4), gravity=(0.0, 0.0, -1e5), restitution=0.2, time_step="auto"
-    )
+    keys = {"gravity": (0.0, 0.0, -1e5), "restitution": 0.2, "time_step": "auto"}
+    simulation = lifted_ball(lambda x, y: np.abs(x - 0.5 * SIZE), 1.0, cells=(256, 4), **keys)
     state = simulation.state
     put(simulation, (5.0, 5.0, math.sqrt(2.0) * 1.0005))
     simulation.integrator.start()
@@ -230,11 +209,8 @@ def test_a_sphere_in_a_groove_has_two_contacts(lifted_ball):
 def test_the_path_of_a_rigid_sphere_is_the_dilation_of_the_field(lifted_ball):
     """ISO 16610-41: the lowest centre above x is max over u of h(u) + sqrt(R^2 - (u - x)^2)."""
     rng = np.random.default_rng(3)
-    waves = [(rng.integers(-5, 6, 2), rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.05, 0.15)) for _ in range(12)]
-
-    def heights(x, y):
-        return sum(a * np.cos(2.0 * math.pi / SIZE * (k[0] * x + k[1] * y) + p) for k, p, a in waves)
-
+    rows = [(rng.integers(-5, 6, 2), rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.05, 0.15)) for _ in range(12)]
+    heights = functools.partial(waves, rows=rows)
     simulation, radius = lifted_ball(heights, 1.0, cells=(160, 160)), 1.0
     state, fine = simulation.state, np.linspace(-radius, radius, 801)
     search(state)
@@ -252,33 +228,33 @@ def test_the_path_of_a_rigid_sphere_is_the_dilation_of_the_field(lifted_ball):
         assert brentq(lambda z, x=x, y=y: gap(x, y, z), top - 0.01, top + 0.01, xtol=1e-9) == pytest.approx(top, abs=2e-5)
 
 
+def waves(x, y, rows):
+    return sum(a * np.cos(2.0 * math.pi / SIZE * (k[0] * x + k[1] * y) + p) for k, p, a in rows)
+
+
 SHARP = [((3, 1), 0.7, 0.12), ((-2, 4), 2.1, 0.1), ((5, -3), 4.0, 0.08), ((1, 5), 5.5, 0.08)]
+"""Waves whose valleys are sharper than a ball of radius 1."""
 
 
-def sharp(x, y):
-    """Waves whose valleys are sharper than a ball of radius 1."""
-    return sum(a * np.cos(2.0 * math.pi / SIZE * (k[0] * x + k[1] * y) + p) for k, p, a in SHARP)
-
-
-def touching(simulation: Simulation, within: float) -> list[float]:
-    """Distances of all minima that are nearer than `within`, sorted."""
+def touching(simulation):
     distances = simulation.state.slots.Q[:, surface_contact.DISTANCE]
-    return sorted(distances[distances < within])
+    return sorted(distances[distances < 1.0])
 
 
 def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
     """A ball hops and slides along valleys sharper than itself, and comes to rest in one: at every step, all that touches."""
-    simulation = lifted_ball(sharp, 1.0, cells=(120, 120), gravity=(0.0, 0.0, -1e3), restitution=0.5)
+    keys = {"cells": (120, 120), "gravity": (0.0, 0.0, -1e3), "restitution": 0.5}
+    simulation = lifted_ball(functools.partial(waves, rows=SHARP), 1.0, **keys)
     state, numbers, wrong = simulation.state, [], 0
     put(simulation, (5.0, 5.0, 1.5))
     state.bodies.velocity[0] = 20.0, 7.0, 0.0
     simulation.integrator.start()
     for _ in range(1500):
         simulation.integrator.advance_to(time=state.time + 4e-4)
-        followed, rows = touching(simulation, 1.0), state.slots.Q.copy()
+        followed, rows = touching(simulation), state.slots.Q.copy()
         state.slots.Q[:, surface_contact.SEARCHED] = np.inf
         update_minima(state)
-        searched = touching(simulation, 1.0)
+        searched = touching(simulation)
         state.slots.Q[:] = rows
         numbers.append(len(searched))
         wrong += len(followed) != len(searched) or not np.allclose(followed, searched, rtol=1e-12)
@@ -289,9 +265,8 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
 
 def test_a_shift_by_a_period_changes_no_bit(lifted_ball):
     """Of periods and places that are sums of few powers of two: others differ by the rounding of the shift."""
-    simulation = lifted_ball(
-        lambda x, y: 0.2 * np.cos(math.pi * x) + 0.1 * np.sin(0.75 * math.pi * y), 0.5, size=8.0, cells=(64, 64)
-    )
+    heights = lambda x, y: 0.2 * np.cos(math.pi * x) + 0.1 * np.sin(0.75 * math.pi * y)  # noqa: E731
+    simulation = lifted_ball(heights, 0.5, size=8.0, cells=(64, 64))
     rows = []
     for shift in (0.0, 8.0, -24.0):
         put(simulation, (5.0 + 0.015625 + shift, 3.0 - 0.03125 - shift, 0.5625))

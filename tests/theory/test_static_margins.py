@@ -15,19 +15,14 @@ SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def report(simulation, number=0):
-    """State, reason and margins of a body, by name."""
     row = simulation.integrator.label()[number]
     margins = dict(zip(LABELLER.margins, row[2:].tolist(), strict=False))
     return LABELLER.states[int(row[0])], LABELLER.reasons[int(row[1])], margins
 
 
-@pytest.fixture(scope="module")
-def impact(make):
-    """A ball that touches a plate at time zero with a speed; no gravity, so only inertia balances the contact."""
-    return make.ball_on_plane(make.STEEL, RADIUS, (0.0, 0.0, -SPEED), restitution=0.6)
-
-
-def test_a_ball_in_an_impact_is_unbalanced_until_it_flies(make, impact):
+def test_a_ball_in_an_impact_is_unbalanced_until_it_flies_and_by_moments_if_oblique(make):
+    """No gravity, so only inertia balances the contact."""
+    impact = make.ball_on_plane(make.STEEL, RADIUS, (0.0, 0.0, -SPEED), restitution=0.6)
     make.advance(impact, 10)
     state, reason, margins = report(impact)
     assert (state, reason) == ("sticking", "unbalanced")
@@ -40,9 +35,6 @@ def test_a_ball_in_an_impact_is_unbalanced_until_it_flies(make, impact):
     state, reason, margins = report(impact)
     assert (state, reason) == ("free", "none")  # without a contact there is no condition to violate
     assert set(margins.values()) == {1.0}
-
-
-def test_an_oblique_impact_violates_the_balance_of_moments(make):
     simulation = make.ball_on_plane(make.STEEL, RADIUS, (SPEED, 0.0, -SPEED), friction=0.3)
     make.advance(simulation, 10)
     _, reason, margins = report(simulation)
