@@ -1,11 +1,10 @@
 """Plastic flow against Thornton and Ning: restitution, the cycle of press and release, work per body and in the ledger."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
+from each import each
 from scipy.integrate import quad
 from thirdbody_effects import elastic_plastic as plastic
 
@@ -36,7 +35,6 @@ numbers = plastic.YieldParameters(modulus, pressure, first)
 
 
 def law(overlap, history=(0.0, 0.0)):
-    """Result and history of a contact of unit radius at this overlap."""
     return plain(plastic.elastic_plastic)(Contact(overlap, 1.0, *8 * [0.0]), numbers, history)
 
 
@@ -59,14 +57,13 @@ def restitution(ratio):
     return math.sqrt(6.0 * math.sqrt(3.0) / 5.0) * math.sqrt(1.0 - y * y / 6.0) * (y / root) ** 0.25
 
 
-@pytest.mark.parametrize("ratio", RESTITUTION)
+@each(RESTITUTION)
 def test_restitution_of_the_law(ratio):
     """Elastic energy at the largest overlap over that of the impact, from forces by quadrature; table: six digits."""
     assert restitution(ratio) == pytest.approx(RESTITUTION[ratio], abs=5e-7)
     energy = ratio**2 * 0.4 * at_yield * first
-    more = (
-        (-at_yield + math.sqrt(at_yield**2 + 2.0 * math.pi * pressure * (energy - 0.4 * at_yield * first))) / math.pi / pressure
-    )
+    root = math.sqrt(at_yield**2 + 2.0 * math.pi * pressure * (energy - 0.4 * at_yield * first))
+    more = (root - at_yield) / math.pi / pressure
     result, history = law(first + more)
     # quadrature: 1e-10; the force has a corner at first yield
     released = quad(lambda x: law(x, history)[0].force, 0.0, first + more, epsabs=0.0, epsrel=1e-11, limit=400)[0]
@@ -99,9 +96,7 @@ def test_press_release_and_press_again():
     assert law(2.0 * m, history)[1] == law(2.0 * m)[1]
     cut = sum(law(b, law(a)[1])[0].dissipated for a, b in zip(overlaps, overlaps[1:], strict=False))
     assert cut == pytest.approx(history[1], rel=1e-12)
-
-
-def test_below_first_yield_it_is_hertz():
+    # below first yield it is Hertz
     for x in first * np.array([1e-12, 0.1, 0.5, 0.999]):
         found, history = law(x)
         assert found.force == pytest.approx(4.0 / 3.0 * modulus * x**1.5, rel=1e-14)
@@ -122,7 +117,7 @@ def impact(make, ratio, count, **keys):
     return make.velocity(simulation)[2] / speed, ledger, simulation
 
 
-@pytest.mark.parametrize("ratio", RESTITUTION)
+@pytest.mark.parametrize("ratio", [1.0, 5.0, 100.0])
 def test_restitution_of_an_impact(make, ratio):
     """Order two: what is missed is the largest overlap between two steps. |error| n^2 < 1 for n from 100 to 1600 steps."""
     count = 400
@@ -145,10 +140,11 @@ def test_two_balls_share_the_work(make):
     assert work[0] == work[1] and work.sum() + make.kinetic(simulation) == pytest.approx(energy, rel=1e-4)  # of 500 steps
 
 
-@pytest.mark.parametrize("level", ["mdr", "exact"])
-def test_levels_that_assume_hertz_refuse_it(make, level):
-    with pytest.raises(InputError, match=f"'{level}' assumes the normal law 'hertz', not 'elastic_plastic'; take another level"):
-        impact(make, 2.0, 100, contact=ContactTable(law="three_spot", level=level))
+def test_levels_that_assume_hertz_refuse_it(make):
+    for level in ("mdr", "exact"):
+        message = f"'{level}' assumes the normal law 'hertz', not 'elastic_plastic'; take another level"
+        with pytest.raises(InputError, match=message):
+            impact(make, 2.0, 100, contact=ContactTable(law="three_spot", level=level))
 
 
 def test_the_bound_of_the_time_step_is_for_unloading(make):
@@ -164,8 +160,7 @@ def test_the_bound_of_the_time_step_is_for_unloading(make):
 def test_the_level_without_it_keeps_hertz(make):
     simulation = make.ball_on_plane(BALL, RADIUS, (0.0, 0.0, -1.0))
     assert [law.name for law in simulation.choice.chain.laws][0] == "hertz"
-    scene = simulation.scene.with_settings({"effects.elastic_plastic": {"yield_ratio": 2.8}})
-    named = build(scene)
+    named = build(simulation.scene.with_settings({"effects.elastic_plastic": {"yield_ratio": 2.8}}))
     assert [law.name for law in named.choice.chain.laws if law.stage == "normal"] == ["elastic_plastic"]
     # `check` tells first yield of either: of the pressure where contacts are computed as elastic, and where they flow
     for built, ratio in ((simulation, 1.6), (named, 2.8)):
@@ -173,7 +168,6 @@ def test_the_level_without_it_keeps_hertz(make):
         e = 2.0 * BALL.shear() / (1.0 - BALL.poisson_ratio)
         force = math.pi**3 * RADIUS**2 * (ratio * YIELD) ** 3 / (6.0 * e**2)
         speed = yield_speed(e, BALL.density) * (ratio / 1.6) ** 2.5
-        assert (
-            f"from {pretty(force, 'force')} on a sphere" in reason and f"at {pretty(speed, 'velocity')} in its impact" in reason
-        )
+        assert f"from {pretty(force, 'force')} on a sphere" in reason
+        assert f"at {pretty(speed, 'velocity')} in its impact" in reason
         assert ("contacts flow" in reason) == (built is named)
