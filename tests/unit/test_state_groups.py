@@ -1,7 +1,5 @@
 """Who rolls and who slides by population, material and size: in tables, summary, page and pictures, by name."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -40,7 +38,7 @@ SIZE = 1e-6 * np.concatenate([np.linspace(4.0, 5.0, SOFT), np.linspace(6.0, 7.0,
 NAMES = ["soft debris", "hard grains", "dust"]
 
 
-def write(folder: Path, frames: int = 3, **header) -> Path:
+def write(folder, **header):
     """Three populations of two materials; only soft and hard bodies touch the upper plate, hard ones press twice as hard."""
     folder.mkdir()
     bodies = len(POPULATION)
@@ -52,7 +50,7 @@ def write(folder: Path, frames: int = 3, **header) -> Path:
     force = np.where(POPULATION[touching] == 1, 2.0, 1.0)
     places = 1e-5 * np.column_stack([np.arange(bodies), np.ones(bodies), np.ones(bodies)])
     with TrajectoryWriter(folder / "run.vtkhdf", head, static) as writer:
-        for number in range(frames):
+        for number in range(3):
             contacts = {"points": places[touching], "body": touching, "partner": np.full(len(touching), -2)}
             contacts |= {"side": np.ones(len(touching), np.uint8), "normal_force": force, "utilisation": np.ones(len(touching))}
             labels = {"state": STATE, "state_reason": np.zeros(bodies, np.uint8)}
@@ -64,7 +62,7 @@ def write(folder: Path, frames: int = 3, **header) -> Path:
 
 
 @pytest.fixture
-def folder(tmp_path) -> Path:
+def folder(tmp_path):
     return write(tmp_path / "run", populations=NAMES)
 
 
@@ -117,14 +115,11 @@ def test_page_pictures_and_tables_name_them(folder, tmp_path):
         assert (row["population_name"], row["material_name"]) == ("dust", "alumina")
 
 
-def test_runs_of_earlier_versions_are_named_from_their_scene(tmp_path):
+def test_runs_of_earlier_versions_and_damaged_ones(folder, tmp_path):
     with thirdbody.open(write(tmp_path / "old")) as run:
         assert run.population_names == ["bronze (irregular)", "alumina (spheres)", "alumina (spheres) 2"]
     with thirdbody.open(write(tmp_path / "none", scene_text="[nonsense")) as run:  # no names at all: numbers, and no failure
         assert [row["name"] for row in states_by_group(run)["population"]] == ["0", "1", "2"]
-
-
-def test_contacts_of_bodies_that_are_not_there_are_reported_as_damage(folder):
     with h5py.File(folder / "run.vtkhdf", "r+") as file:
         file["VTKHDF/contacts/PointData/body"][...] = 10**6
     with thirdbody.open(folder) as run, pytest.raises(InputError, match="damaged at bodies and contacts"):

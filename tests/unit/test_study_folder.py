@@ -1,9 +1,5 @@
 """`cost --overwrite` replaces what a study writes, when the new study is complete, and nothing else."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from thirdbody.errors import OutputError
@@ -16,18 +12,18 @@ NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "variants/mdr_8/run.
          "variants/costliest/exact/scene.toml", "variants/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip
 
 
-def write(folder: Path, text: str, names=NAMES) -> None:
+def write(folder, text, names=NAMES):
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
 
 
-def contents(folder: Path) -> dict[str, str]:
+def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @pytest.fixture
-def old(tmp_path: Path) -> Path:
+def old(tmp_path):
     write(tmp_path / "study", "old")
     return tmp_path / "study"
 
@@ -41,13 +37,13 @@ def test_a_complete_study_replaces_the_older_one(old):
     assert sorted(path.name for path in old.iterdir()) == ["effects.json", "scene.toml", "variants"]
 
 
-@pytest.mark.parametrize("error", [OutputError("the disk is full"), KeyboardInterrupt()])
-def test_a_study_that_fails_leaves_the_older_one(old, error):
+def test_a_study_that_fails_leaves_the_older_one(old):
     before = contents(old)
-    with pytest.raises(type(error)), new_study_folder(old, overwrite=True) as place:
-        write(place, "new", NAMES[:5])
-        raise error
-    assert contents(old) == before and not (old / ".replacement").exists()
+    for error in (OutputError("the disk is full"), KeyboardInterrupt()):
+        with pytest.raises(type(error)), new_study_folder(old, overwrite=True) as place:
+            write(place, "new", NAMES[:5])
+            raise error
+        assert contents(old) == before and not (old / ".replacement").exists()
 
 
 def test_what_a_killed_study_left_is_removed(old):
@@ -59,16 +55,16 @@ def test_what_a_killed_study_left_is_removed(old):
     assert set(contents(old).values()) == {"new"} and len(contents(old)) == len(NAMES)
 
 
-@pytest.mark.parametrize(
-    "name", ["notes.md", "paper/draft.tex", "variants/notes.md", "variants/mdr_8/page.pdf", ".replacement/mine", "cost.csv"]
-)
-def test_other_files_are_named_and_stay(old, name):
-    write(old, "mine", [name])
-    before = contents(old)
-    named = "paper" if name.startswith("paper") else name
-    with pytest.raises(OutputError, match=rf"holds other files than those of a study \({named}\)"):
-        cost_command(StudySource(old / "scene.toml", {}, old, []), StudyOptions(3), True, False, print)
-    assert contents(old) == before
+def test_other_files_are_named_and_stay(tmp_path):
+    others = ("notes.md", "paper/draft.tex", "variants/notes.md", "variants/mdr_8/page.pdf", ".replacement/mine", "cost.csv")
+    for number, name in enumerate(others):
+        old = tmp_path / str(number)
+        write(old, "old")
+        write(old, "mine", [name])
+        before, named = contents(old), "paper" if name.startswith("paper") else name
+        with pytest.raises(OutputError, match=rf"holds other files than those of a study \({named}\)"):
+            cost_command(StudySource(old / "scene.toml", {}, old, []), StudyOptions(3), True, False, print)
+        assert contents(old) == before
 
 
 def test_links_are_no_files_of_a_study(old, tmp_path):
@@ -80,11 +76,11 @@ def test_links_are_no_files_of_a_study(old, tmp_path):
     assert (tmp_path / "elsewhere" / "run.vtkhdf").read_text() == "mine"
 
 
-@pytest.mark.parametrize("effects", [False, True])
-def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch, effects):
+def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch):
     """Refused before anything is computed."""
     monkeypatch.setattr(command, "study", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "scene.toml").write_text("mine")
-    with pytest.raises(OutputError, match="is not the folder of a study"):
-        cost_command(StudySource(tmp_path / "scene.toml", {}, tmp_path, []), StudyOptions(3, effects), True, False, print)
-    assert contents(tmp_path) == {"scene.toml": "mine"}
+    for effects in (False, True):
+        with pytest.raises(OutputError, match="is not the folder of a study"):
+            cost_command(StudySource(tmp_path / "scene.toml", {}, tmp_path, []), StudyOptions(3, effects), True, False, print)
+        assert contents(tmp_path) == {"scene.toml": "mine"}

@@ -1,7 +1,5 @@
 """Schedules of motion against closed forms, and foundations against a hand calculation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -38,39 +36,33 @@ every = "1 us"
 )
 
 
-def ball(radius: str, x: str) -> str:
+def ball(radius, x):
     return f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "{radius}"\npositions = [["{x}", "50 um", "{radius}"]]\n'
 
 
 THREE = ball("5 um", "20 um") + ball("5.01 um", "50 um") + ball("5.03 um", "80 um")
 
 
-def scene(upper: str, solver: str = 'duration = "1 us"', debris: str = THREE) -> Scene:
+def scene(upper, solver='duration = "1 us"', debris=THREE):
     return Scene.parse(PLATES.format(upper=upper, solver=solver, debris=debris))
 
 
-def moved(text: str, start: float = 0.0) -> Schedule:
+def moved(text, start=0.0):
     return schedule(scene(f'load = "1 mN"\nmotion = {{x = {text}}}'), start)
 
 
 def test_stages_follow_each_other():
     first = '{ramp = "2 m/s", duration = "2 us"}, {velocity = "2 m/s", duration = "1 us"}'
-    made = moved(f'[{first}, {{pause = "3 us"}}, {{velocity = "-1 m/s"}}]')
-    # ramp: v t/2 = 2 um; then 2 um at 2 m/s; rest; back at 1 m/s
-    places = {1e-6: 0.5e-6, 2e-6: 2e-6, 3e-6: 4e-6, 5e-6: 4e-6, 6e-6: 4e-6, 8e-6: 2e-6}
-    for t, x in places.items():
-        assert made.displacement_at(t)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
-
-
-def test_a_ramp_goes_on_from_the_velocity_before():
-    made = moved('[{velocity = "2 m/s", duration = "1 us"}, {ramp = "1 m/s", duration = "2 us"}]')
-    # 2 um at 2 m/s, then 1.5 m/s on average for 2 us, then 1 m/s for ever
-    for t, x in {1e-6: 2e-6, 3e-6: 5e-6, 4e-6: 6e-6}.items():
-        assert made.displacement_at(t)[0] == pytest.approx(x, rel=1e-12)
-
-
-def test_motion_starts_after_settling():
-    made = moved('{velocity = "1 m/s"}', start=5e-6)
+    for text, places in (
+        # ramp: v t/2 = 2 um; then 2 um at 2 m/s; rest; back at 1 m/s
+        (f'[{first}, {{pause = "3 us"}}, {{velocity = "-1 m/s"}}]', {1: 0.5e-6, 2: 2e-6, 3: 4e-6, 5: 4e-6, 6: 4e-6, 8: 2e-6}),
+        # a ramp goes on from the velocity before: 2 um at 2 m/s, then 1.5 m/s on average for 2 us, then 1 m/s for ever
+        ('[{velocity = "2 m/s", duration = "1 us"}, {ramp = "1 m/s", duration = "2 us"}]', {1: 2e-6, 3: 5e-6, 4: 6e-6}),
+    ):
+        made = moved(text)
+        for t, x in places.items():
+            assert made.displacement_at(t * 1e-6)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
+    made = moved('{velocity = "1 m/s"}', start=5e-6)  # after settling
     assert made.displacement_at(4e-6) == (0.0, 0.0)
     assert made.displacement_at(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
     assert made.direction() == (1.0, 0.0)
@@ -86,6 +78,10 @@ def test_strokes_are_peak_to_peak():
     # a sine's largest speed is pi s f, a triangle's speed is 2 s f
     assert sine.top_speed() == pytest.approx(math.pi * 2.0, rel=1e-12)
     assert triangle.top_speed() == pytest.approx(4.0, rel=1e-12)
+    for kind in (POLYNOMIAL, SINE, TRIANGLE):  # rates are slopes
+        segment, h = Segment(0.0, kind, 1.0, 2.0, 3.0), 1e-6
+        slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
+        assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
 
 
 def test_path_and_its_inverse():
@@ -112,14 +108,6 @@ def test_the_engine_follows_the_schedule():
     assert built.state.distance == pytest.approx(built.schedule.path(0.1e-6, built.state.time), rel=1e-3)
 
 
-def test_segments_rates_are_slopes():
-    for kind in (POLYNOMIAL, SINE, TRIANGLE):
-        segment = Segment(0.0, kind, 1.0, 2.0, 3.0)
-        h = 1e-6
-        slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
-        assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
-
-
 def test_a_closing_gap_presses():
     debris = ball("5 um", "50 um")
     built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', debris), discover())
@@ -129,7 +117,7 @@ def test_a_closing_gap_presses():
     assert built.state.A[run_totals.PLATE_WORK] > 0.0
 
 
-def settled(upper: str, time: float = 40e-6):
+def settled(upper, time=40e-6):
     built = build(scene(upper, f'duration = "{time} s"'), discover())
     built.integrator.advance_to(time=time)
     slots = built.state.slots
@@ -140,7 +128,7 @@ def settled(upper: str, time: float = 40e-6):
     return built, force
 
 
-def shared(tops, stiffness: float, load: float) -> np.ndarray:
+def shared(tops, stiffness, load):
     """Loads by hand: spring and two Hertz contacts in series under each body, a common plate that carries `load`."""
     e_star, radii = 210e9 / (2.0 * (1.0 - 0.3**2)), 0.5 * np.asarray(tops)
 
@@ -173,10 +161,13 @@ def test_a_foundation_shares_the_load_by_its_springs():
 
 def test_a_stiff_foundation_is_a_rigid_plate():
     _, stiff = settled('support = "foundation"\nstiffness = "1e6 N/m"\nload = "10 uN"')
-    _, rigid = settled('support = "rigid"\nload = "10 uN"')
+    built, rigid = settled('support = "rigid"\nload = "10 uN"')
     # the tallest carries it all: 40 nm more than the overlap under 10 uN
     assert rigid == pytest.approx([0.0, 0.0, 10e-6], rel=1e-3)
     assert stiff == pytest.approx(rigid, rel=0.01, abs=1e-9)
+    assert built.state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(10e-6, rel=0.01)
+    assert built.upper.loaded == 1 and built.state.A[run_totals.PLATE_WORK] > 0.0
+    assert not any("rests on about 1 of 3" in warning for warning in built.warnings)  # three bodies are no larger layer
 
 
 def test_a_soft_foundation_with_preload_loads_each():
@@ -190,14 +181,6 @@ def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
     assert "load 10 uN and 3 uN of preload on each patch (9 uN more in all)" in capsys.readouterr().out
     _, force = settled(upper)
     assert force.sum() == pytest.approx(19e-6, rel=1e-3)  # as above: e^-8
-
-
-def test_a_rigid_plate_reaches_its_load_and_does_work():
-    built, force = settled('support = "rigid"\nload = "20 uN"')
-    assert built.state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(20e-6, rel=0.01)
-    assert built.upper.loaded == 1
-    assert any("rests on about 1 of 3" in warning for warning in built.warnings) is False  # three bodies are no larger layer
-    assert built.state.A[run_totals.PLATE_WORK] > 0.0
 
 
 def test_a_reversal_clears_the_windows_of_the_labels():
@@ -241,16 +224,15 @@ def test_without_friction_a_dragged_ball_slips_throughout():
     assert built.state.slots.histories.slip[upper] == pytest.approx(0.5e-6, rel=2e-3)
 
 
-@pytest.mark.parametrize("shape", [SINE, TRIANGLE])
-def test_a_million_cycles_are_counted_at_once(shape):
+def test_a_million_cycles_are_counted_at_once():
     """Whole cycles are not summed up chord by chord: a sine stroke of length b covers 2 b a cycle."""
-    rate = 2.0 * math.pi * 5.0 if shape == SINE else 5.0
-    axis = Schedule(x=(Segment(1.0, shape, 0.0, 5e-5, rate),))
-    assert axis.path(0.0, 1.0 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
-    assert axis.path(1.03, 1.03 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
-    assert axis.time_of(1e6 * 1e-4, 0.0) == pytest.approx(1.0 + 2e5, rel=1e-6)
-    # and a part of a cycle behind them: half a stroke at its middle
-    assert axis.time_of(1e3 * 1e-4 + 2.5e-5, 0.0) == pytest.approx(1.0 + 200.0 + 0.05, abs=2e-4)
+    for shape, rate in ((SINE, 2.0 * math.pi * 5.0), (TRIANGLE, 5.0)):
+        axis = Schedule(x=(Segment(1.0, shape, 0.0, 5e-5, rate),))
+        assert axis.path(0.0, 1.0 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+        assert axis.path(1.03, 1.03 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+        assert axis.time_of(1e6 * 1e-4, 0.0) == pytest.approx(1.0 + 2e5, rel=1e-6)
+        # and a part of a cycle behind them: half a stroke at its middle
+        assert axis.time_of(1e3 * 1e-4 + 2.5e-5, 0.0) == pytest.approx(1.0 + 200.0 + 0.05, abs=2e-4)
 
 
 def test_a_ramp_across_a_stroke_repeats_nothing():
