@@ -1,14 +1,16 @@
 """Dense beds, against all pairs with all images and a count of random points; and both kinds of bed in a scene."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
+from each import each
 from steel import STEEL
 
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.irregular_clumps import population
 from thirdbody.errors import InputError
@@ -39,17 +41,14 @@ def least_gap(spheres, ids, size, periodic):
     return gap[ids[:, None] != all_ids].min()
 
 
-@pytest.mark.parametrize("periodic", [True, False])
-@pytest.mark.parametrize("fraction", [0.3, 0.5])
+CASES = [(0.3, True), pytest.param(0.5, True, marks=pytest.mark.full(kind="slow")), (0.3, False), (0.5, False)]
+
+
+@pytest.mark.parametrize("fraction, periodic", CASES)
 def test_a_bed_has_no_overlap_and_the_fraction_it_says(bodies, periodic, fraction):
     bed = pack(bodies, fraction, SIZE, periodic, np.random.default_rng(1))
-    spheres = np.vstack(
-        [
-            np.column_stack((b.centers @ matrix_from_quaternion(q).T + x, b.radii))
-            for b, x, q in zip(bodies, bed.positions, bed.quaternions, strict=True)
-        ]
-    )
-    ids = np.repeat(np.arange(len(bodies)), [len(b.radii) for b in bodies])
+    centres, radii, ids = spheres_of(bodies, bed.positions, bed.quaternions)
+    spheres = np.column_stack((centres, radii))
     assert least_gap(spheres, ids, SIZE, periodic) >= 5e-4 * (1.0 - 1e-6)  # as promised, to rounding
     low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
     assert low[2] == pytest.approx(0.0, abs=1e-12 * bed.height)
@@ -73,22 +72,18 @@ def test_beds_are_reproducible(bodies):
     assert not np.array_equal(first.positions, other.positions)
 
 
-def test_a_bed_that_jams_reports_how_far_it_came():
+def test_a_bed_that_jams_reports_how_far_it_came_and_one_lower_than_a_sphere_is_refused():
     # Balls of one size, flat floor and top: random close packing ends at 0.64 (O'Hern et al. 2003), less beside a plate.
     balls = [clump([[0, 0, 0]], [0.5])] * 40
     with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:
         pack(balls, 0.7, (3.0, 3.0), True, np.random.default_rng(0))
     assert caught.value.faults[0].key == "solid_fraction"
-
-
-def test_a_bed_lower_than_a_sphere_is_refused():
     with pytest.raises(InputError, match="lower than its largest sphere"):
-        pack([clump([[0, 0, 0]], [0.5])] * 2, 0.5, (3.0, 3.0), True, np.random.default_rng(0))
+        pack(balls[:2], 0.5, (3.0, 3.0), True, np.random.default_rng(0))
 
 
-TEXT = (
-    STEEL
-    + """\
+TEXT = """\
+{steel}\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -110,11 +105,10 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
-)
 
 
 def built(first, second, side="25 um"):
-    scene = Scene.parse(TEXT.format(first=first, second=second, side=side))
+    scene = Scene.parse(TEXT.format(steel=STEEL, first=first, second=second, side=side))
     warnings: list[str] = []
     return populate(scene, warnings), warnings
 
@@ -138,15 +132,14 @@ def test_a_height_means_a_fraction():
     assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6
 
 
-@pytest.mark.parametrize(("key", "height"), [("", None), ('\nheight = "60 um"', 60e-6), ("\nsolid_fraction = 0.1", None)])
-def test_dilute_debris_fills_its_height(key, height):
-    placed, warnings = built(f'placement = "dilute"{key}', 'placement = "dilute"')
-    volume = sum(body.volume for body in placed.clumps)
-    height = height or volume / 625e-12 / (0.1 if key else 0.05)
-    tops = placed.positions[:, 2].max()
-    # 60 bodies: the highest lies in the uppermost tenth but with a probability of 0.9^60 = 0.002
-    assert 0.85 * height < tops < height
-    assert "dilute: 60 bodies fill" in warnings[0]
+def test_dilute_debris_fills_its_height():
+    for key, height in (("", None), ('\nheight = "60 um"', 60e-6), ("\nsolid_fraction = 0.1", None)):
+        placed, warnings = built(f'placement = "dilute"{key}', 'placement = "dilute"')
+        volume = sum(body.volume for body in placed.clumps)
+        height = height or volume / 625e-12 / (0.1 if key else 0.05)
+        # 60 bodies: the highest lies in the uppermost tenth but with a probability of 0.9^60 = 0.002
+        assert 0.85 * height < placed.positions[:, 2].max() < height
+        assert "dilute: 60 bodies fill" in warnings[0]
 
 
 def test_dilute_debris_lies_clear_of_a_layer():
@@ -155,30 +148,29 @@ def test_dilute_debris_lies_clear_of_a_layer():
     assert placed.positions[:30, 2].max() > 20e-6 > placed.positions[30:, 2].max()
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "message"),
-    [
-        ('placement = "dense"', 'placement = "layer"', r'21:1: debris\[1\].placement: "layer" and the "dense" of debris\[0\]'),
-        ('placement = "dilute"', 'placement = "dense"', r'15:1: debris\[0\].placement: "dilute" and the "dense" of debris\[1\]'),
-        ('height = "9 um"', "", r"15:1: debris\[0\].height: needs placement = 'dilute' or 'dense'"),
-        ("", 'placement = "dense"\nheight = "9 um"\nsolid_fraction = 0.3', r"debris\[1\].solid_fraction: give only one"),
-        (
-            'placement = "dense"\nheight = "30 um"',
-            'placement = "dense"\nsolid_fraction = 0.3',
-            r"23:1: debris\[1\].solid_fraction: all \"dense\" bodies share one volume; debris\[0\] gives a different height",
-        ),
-        ('placement = "dense"\nheight = "4 um"', 'placement = "dense"', r"14:1: debris\[0\].count: .* this height 1.36 times"),
-        ('placement = "dense"\nheight = "6.2 um"', 'placement = "dense"', r"16:1: debris\[0\].height: .* would fill 1.\d+ times"),
-        ('placement = "dilute"\nheight = "9 um"', 'placement = "dilute"', r"16:1: debris\[0\].height: no space for body"),
-    ],
-)
-def test_faults_of_beds(first, second, message):
-    with pytest.raises(InputError, match=message):
-        built(first, second)
+DENSE, DILUTE = 'placement = "dense"', 'placement = "dilute"'
+FAULTS = [
+    (DENSE, 'placement = "layer"', r'21:1: debris\[1\].placement: "layer" and the "dense" of debris\[0\]'),
+    (DILUTE, DENSE, r'15:1: debris\[0\].placement: "dilute" and the "dense" of debris\[1\]'),
+    ('height = "9 um"', "", r"15:1: debris\[0\].height: needs placement = 'dilute' or 'dense'"),
+    ("", DENSE + '\nheight = "9 um"\nsolid_fraction = 0.3', r"debris\[1\].solid_fraction: give only one"),
+    (DENSE + '\nheight = "30 um"', DENSE + "\nsolid_fraction = 0.3",
+     r"23:1: debris\[1\].solid_fraction: all \"dense\" bodies share one volume; debris\[0\] gives a different height"),
+    (DENSE + '\nheight = "4 um"', DENSE, r"14:1: debris\[0\].count: .* this height 1.36 times"),
+    (DENSE + '\nheight = "6.2 um"', DENSE, r"16:1: debris\[0\].height: .* would fill 1.\d+ times"),
+    (DILUTE + '\nheight = "9 um"', DILUTE, r"16:1: debris\[0\].height: no space for body"),
+    # of the packing, at the key that asks for it
+    (DENSE + "\nsolid_fraction = 0.6", DENSE, r"16:1: debris\[0\].solid_fraction: the bed would be", "60 um"),
+    (DENSE, DENSE, r"15:1: debris\[0\].placement: the bed would be", "60 um"),
+]  # fmt: skip
 
 
-def test_faults_of_the_packing_are_reported_at_the_key_that_asks_for_it():
-    with pytest.raises(InputError, match=r"16:1: debris\[0\].solid_fraction: the bed would be"):
-        built('placement = "dense"\nsolid_fraction = 0.6', 'placement = "dense"', side="60 um")
-    with pytest.raises(InputError, match=r"15:1: debris\[0\].placement: the bed would be"):
-        built('placement = "dense"', 'placement = "dense"', side="60 um")
+@each(FAULTS)
+def test_faults_of_beds(row):
+    first, second, message, *side = row
+    try:
+        built(first, second, *side)
+    except InputError as error:
+        assert re.search(message, str(error)), error
+    else:
+        raise AssertionError("accepted")

@@ -1,15 +1,16 @@
-"""What the name of compiled code depends on: every source, every function and every value that a law can reach."""
+"""What the name of compiled code depends on: all that a law can reach; the collector of cycles rests while it is compiled."""
 
-from __future__ import annotations
-
+import gc
 import importlib
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from thirdbody.jit.gc_pause import paused
 from thirdbody.laws.codegen.dependencies import source_files, sources
 
 
@@ -101,28 +102,6 @@ KERNELS = (
     "by_name", "by_module", "by_value", "by_table", "by_class", "by_default", "by_tuple", "by_attribute", "by_cell", "by_plain",
     "untouched",
 )  # fmt: skip
-
-
-def digests(folder: Path, changes: dict[str, str]) -> dict[str, str]:
-    """Digests of all kernels in a process of its own, in an installation of which some files are changed."""
-    for name, text in (PARTS | changes).items():
-        path = folder / "site-packages" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    arguments = [sys.executable, "-c", READ, str(folder / "site-packages"), *KERNELS]
-    done = subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(line.split() for line in done.stdout.splitlines())
-
-
-@pytest.fixture(scope="module")
-def before(tmp_path_factory) -> dict[str, str]:
-    return digests(tmp_path_factory.mktemp("before"), {})
-
-
-def test_digests_are_the_same_in_another_process(before, tmp_path):
-    assert digests(tmp_path, {}) == before
-
-
 CHANGES = {
     "helper_b.py": (PARTS["helper_b.py"].replace("1.0", "1.5"), {"by_name", "by_module"}),
     "strength.txt": ("2.5", {"by_value", "by_default", "by_tuple", "by_cell", "by_plain"}),
@@ -131,12 +110,30 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("name", CHANGES)
-def test_a_change_in_what_a_kernel_reaches_is_noticed(name, before, tmp_path):
-    text, touched = CHANGES[name]
-    after = digests(tmp_path, {name: text})
-    changed = {kernel for kernel in KERNELS if after[kernel] != before[kernel]}
-    assert touched <= changed and "untouched" not in changed
+def digests(folder: Path, changes: dict[str, str], apart=False) -> dict[str, str]:
+    """Digests of all kernels in an installation of which some files are changed, also in a process of its own."""
+    for name, text in (PARTS | changes).items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    if apart:
+        done = subprocess.run([sys.executable, "-c", READ, str(folder), *KERNELS], check=True, stdout=subprocess.PIPE, text=True)
+        return dict(line.split() for line in done.stdout.splitlines())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(folder))
+        law = importlib.import_module("law")
+        found = {name: sources([getattr(law, name)]) for name in KERNELS}
+    unload("law", "helper_a", "helper_b")
+    return found
+
+
+def test_a_change_in_what_a_kernel_reaches_is_noticed_also_by_another_process(tmp_path):
+    before = digests(tmp_path / "site-packages", {})
+    assert digests(tmp_path / "apart" / "site-packages", {}, apart=True) == before
+    for number, (name, (text, touched)) in enumerate(CHANGES.items()):
+        after = digests(tmp_path / str(number) / "site-packages", {name: text})
+        changed = {kernel for kernel in KERNELS if after[kernel] != before[kernel]}
+        assert touched <= changed and "untouched" not in changed, name
 
 
 def test_two_names_that_change_places_are_noticed(tmp_path):
@@ -166,3 +163,37 @@ def test_arrays_differ_by_shape_kind_and_every_number():
         return kernel
 
     assert len({sources([with_table(table)]) for table in tables}) == len(tables)
+
+
+class Cycle:
+    """Only the collector can take it apart."""
+
+    def __init__(self) -> None:
+        self.own = self
+
+
+def test_nothing_is_collected_within_and_all_of_it_after():
+    with paused("a test"):  # the first time keeps what it finds
+        assert not gc.isenabled()
+    kept = gc.get_freeze_count()
+    with paused("a test"):
+        dropped = weakref.ref(Cycle())
+        with paused("another one within it"):
+            pass
+        assert not gc.isenabled() and dropped() is not None
+    assert gc.isenabled() and gc.get_freeze_count() == kept
+    gc.collect()
+    assert dropped() is None
+
+
+def test_a_fault_within_does_not_leave_it_off_and_one_who_wants_no_collector_gets_none():
+    with pytest.raises(ValueError, match="within"), paused("a test"):
+        raise ValueError("within")
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with paused("a test"):
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

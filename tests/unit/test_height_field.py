@@ -1,21 +1,27 @@
-"""Height fields: the spline against scipy's, closest points against fine grids, derivatives against differences."""
+"""Height fields: the spline against scipy's, closest points against fine grids, derivatives against differences; what kernels may
+assume of any first body: overlap, normal, effective radius, velocity."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
 import pytest
+from each import each
 from numba import njit
 from scipy import ndimage
 
-from thirdbody.kernels import closest_point, height_field, nearby_minima
+from thirdbody.kernels import closest_point, first_body, height_field, nearby_minima
+from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.columns import patch, sphere, surface_contact
+from thirdbody.kernels.predicates import BASINS
 
+# the engine's functions have no wrappers for Python
 PERIOD, CELLS = (2e-5, 1.6e-5), (128, 96)
 CENTRE, RADIUS = (5e-6, 6e-6, 1.2e-6), 1e-6
 
 
 @njit
 def jet_at(field, x, y):
-    """The engine's functions have no wrappers for Python."""
     return height_field.jet_at(field, x, y)
 
 
@@ -72,15 +78,25 @@ def test_heights_are_those_of_scipy_in_every_period(field, coefficients):
     assert np.abs(heights - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize(("name", "along_x", "along_y"), [
-    ("h", "x", "y"), ("x", "xx", "xy"), ("y", "xy", "yy"), ("xx", "xxx", "xxy"), ("xy", "xxy", "xyy"), ("yy", "xyy", "yyy"),
-])  # fmt: skip
-def test_derivatives_are_limits_of_differences(field, name, along_x, along_y):
+DERIVATIVES = {"h": ("x", "y"), "x": ("xx", "xy"), "y": ("xy", "yy")}
+DERIVATIVES |= {"xx": ("xxx", "xxy"), "xy": ("xxy", "xyy"), "yy": ("xyy", "yyy")}
+    "h": ("x", "y"),
+    "x": ("xx", "xy"),
+    "y": ("xy", "yy"),
+    "xx": ("xxx", "xxy"),
+    "xy": ("xxy", "xyy"),
+    "yy": ("xyy", "yyy"),
+}
+
+
+@each(DERIVATIVES)
+def test_derivatives_are_limits_of_differences(name):
+    field = height_field.pack_field(ndimage.spline_filter(self_affine(1), 3, mode="grid-wrap"), *PERIOD)
     x, y = 3.31e-6, 7.77e-6
     jet = jet_at(field, x, y)
     slopes = difference(lambda d: getattr(jet_at(field, x + d[0], y + d[1]), name), 1e-10)[:2]
     # 1e-10 m is a thousandth of a cell: 1e-6 of the next derivative but one; rounding 1e-16/1e-3
-    assert slopes == pytest.approx([getattr(jet, along_x), getattr(jet, along_y)], rel=1e-4)
+    assert slopes == pytest.approx([getattr(jet, along) for along in DERIVATIVES[name]], rel=1e-4)
 
 
 def test_the_closest_point_is_straight_below_along_the_normal(field):
@@ -157,9 +173,8 @@ def test_a_shift_by_a_period_changes_no_bit():
     period = 2.0**-16
     field = height_field.pack_field(ndimage.spline_filter(self_affine(3), 3, mode="grid-wrap"), period, period)
     centre = np.array((3.0, 5.0, 0.0)) * 2.0**-18 + (0.0, 0.0, 1.2e-6)
-    assert foot_of(field, tuple(centre), 1e-7, 0.0) == foot_of(
-        field, tuple(centre + (4.0 * period, -8.0 * period, 0.0)), 1e-7, 0.0
-    )
+    far = tuple(centre + (4.0 * period, -8.0 * period, 0.0))
+    assert foot_of(field, tuple(centre), 1e-7, 0.0) == foot_of(field, far, 1e-7, 0.0)
     found = np.zeros((2, 8, 3))
     assert minima_of(field, tuple(centre), 1.5e-6, found[0]) == minima_of(field, tuple(centre - (period, 0, 0)), 1.5e-6, found[1])
     assert found[0].any() and np.array_equal(found[0], found[1])
@@ -232,3 +247,92 @@ def test_of_more_minima_than_rows_the_nearest_are_kept():
     assert 8 < n <= 64
     assert minima_of(field, (4.1e-6, 4.2e-6, 3.3e-6), 3.4e-6, few) == 4
     assert np.array_equal(few, every[:3])
+
+
+LOWER, UPPER = -1, -1 - 2 * BASINS  # the second patch
+MIDDLE = (0.3, -0.2, 0.9)
+
+
+Context = namedtuple("Context", "own partner S P Q")  # noqa: PYI024
+
+
+def candidate(partner, x, P, rows=0):
+    """A sphere at x and a plate."""
+    S = np.zeros((1, sphere.WIDTH))
+    S[0, sphere.POSITION3], S[0, sphere.RADIUS] = x, 1.0
+    return Context(np.zeros(1, np.int32), np.full(1, partner, np.int32), S, P, np.zeros((rows, surface_contact.WIDTH)))
+
+
+@njit
+def overlap(k, context):
+    return first_body.overlap(k, context)
+
+
+@njit
+def normal(k, context):
+    return first_body.normal(k, context)
+
+
+@njit
+def normal_before(k, move, context):
+    return first_body.normal_before(k, move, context)
+
+
+@njit
+def to_surface(partner, x, P):
+    return first_body.to_surface(partner, x, P)
+
+
+@njit
+def velocity(partner, P, motion):
+    return first_body.velocity(partner, P, motion)
+
+
+@njit
+def radii(k, context):
+    return first_body.effective_radius(k, context), first_body.radius_of_curvature(k, context)
+
+
+@pytest.fixture
+def patches():
+    P = np.zeros((2, patch.WIDTH))
+    P[:, patch.HEIGHT], P[:, patch.VELOCITY], P[:, patch.DISPLACEMENT2] = (9.0, 1.8), (7.0, 0.5), ((5.0, 6.0), (0.1, 0.4))
+    return P
+
+
+def test_the_normal_points_where_the_overlap_decreases_fastest(patches):
+    h = 1e-6
+    for partner in (LOWER, UPPER):
+        gradient = []
+        for axis in np.eye(3):
+            points = [candidate(partner, np.add(MIDDLE, sign * h * axis), patches) for sign in (1.0, -1.0)]
+            gradient.append((overlap(0, points[0]) - overlap(0, points[1])) / (2.0 * h))
+        here = normal(0, candidate(partner, MIDDLE, patches))
+        # rounding of a difference of lengths of about 1 over 2e-6
+        assert np.negative(gradient) == pytest.approx(here, abs=1e-9)
+        assert np.linalg.norm(here) == 1.0
+        assert overlap(0, candidate(partner, MIDDLE, patches)) == pytest.approx(0.1, rel=1e-12)
+
+
+def test_a_surface_moves_with_its_plate_and_has_the_debris_above_it(patches):
+    assert to_surface(LOWER, MIDDLE, patches) == MIDDLE
+    assert to_surface(UPPER, MIDDLE, patches) == pytest.approx((0.3 - 0.1, -0.2 - 0.4, 1.8 - 0.9))
+    motion = Motion(1e-9, 3.0, -4.0)  # of the upper plate alone
+    assert velocity(LOWER, patches, motion) == (0.0, 0.0, 0.0) and velocity(UPPER, patches, motion) == (3.0, -4.0, 0.5)
+    assert radii(0, candidate(LOWER, MIDDLE, patches)) == (1.0, 0.0)  # flat plates leave the radius of the sphere
+
+
+def test_rough_plates_answer_from_the_table_of_closest_points(patches):
+    """On a sphere of radius 1, 1.9 away from its centre: the normal turns by half of what the distance of the centres does."""
+    rough = candidate(LOWER, MIDDLE, patches, rows=1)
+    row, n = rough.Q[0], np.array([0.6, 0.0, 0.8])
+    row[surface_contact.DISTANCE], row[surface_contact.NORMAL3], row[surface_contact.RADIUS] = 0.9, n, 0.5
+    turning = (np.eye(3) - np.outer(n, n)) / 1.9
+    row[surface_contact.NORMAL_GRADIENT6] = turning[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    assert overlap(0, rough) == pytest.approx(0.1) and normal(0, rough) == tuple(n)
+    assert radii(0, rough) == pytest.approx((0.5, 1.0))
+    move = np.array([2e-3, -1e-3, 3e-3])
+    before = (1.9 * n - move) / np.linalg.norm(1.9 * n - move)
+    # to first order: the square of the move over 1.9
+    assert normal_before(0, tuple(move), rough) == pytest.approx(before, abs=4e-6)
+    assert np.linalg.norm(normal_before(0, tuple(move), rough)) == pytest.approx(1.0, rel=1e-15)
