@@ -1,16 +1,23 @@
-"""Where compiled code is kept: only where no other user can write, and what may be deleted."""
+"""Compiled code: kept only where no other user can write, what may be deleted, damaged files compiled anew without a word."""
 
-from __future__ import annotations
-
+import errno
 import os
+import shutil
 import stat
+import subprocess
+import sys
 import tempfile
+from collections.abc import Callable
+from itertools import count, product
 from pathlib import Path
 
+import numba
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache_dir, cache_files  # what is tested is in place once kernels are imported
+from thirdbody.laws.codegen import module_cache
+from thirdbody.system import module_import
 
 OTHER_USER = 54321
 needs_modes = pytest.mark.skipif(os.name == "nt", reason="needs the users and modes of POSIX")
@@ -37,45 +44,49 @@ def fallback(surroundings, monkeypatch) -> Path:
     return surroundings / "temporary" / f"thirdbody-{os.geteuid() if hasattr(os, 'geteuid') else 'user'}"
 
 
+def owned_by_other(probe):
+    def probed(path):
+        found = list(probe(path))
+        found[stat.ST_UID] = OTHER_USER
+        return os.stat_result(found)
+
+    return probed
+
+
 def mode(path: Path) -> int:
     return stat.S_IMODE(path.lstat().st_mode)
 
 
-# the parent ---------------------------------------------------------------------------------------------------------------
+def test_a_cache_home_must_be_absolute_and_the_variable_names_the_parent(surroundings, monkeypatch):
+    def fresh():
+        monkeypatch.setattr(cache_dir, "_cached_folder", None)
+        return cache_dir.cache_folder().parent
 
-
-@pytest.mark.parametrize("value", [None, "", "relative/folder"])
-def test_a_cache_home_that_names_no_folder_counts_as_unset(value, surroundings, monkeypatch):
-    if value is not None:
+    assert fresh() == surroundings / "home" / ".cache" / "thirdbody"
+    for value in ("", "relative/folder"):
         monkeypatch.setenv("XDG_CACHE_HOME", value)
-    assert cache_dir.cache_folder().parent == surroundings / "home" / ".cache" / "thirdbody"
+        assert fresh() == surroundings / "home" / ".cache" / "thirdbody"
     assert list((surroundings / "current").iterdir()) == []
-
-
-def test_an_absolute_cache_home_is_used(surroundings, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(surroundings / "caches"))
-    assert cache_dir.cache_folder().parent == surroundings / "caches" / "thirdbody"
+    assert fresh() == surroundings / "caches" / "thirdbody"
+    monkeypatch.setenv(cache_dir.VARIABLE, "here")
+    assert fresh() == surroundings / "current" / "here"
 
 
-@pytest.mark.parametrize("home", [None, "", "relative"])
-def test_without_a_home_compiled_code_goes_to_temporary_files(home, surroundings, monkeypatch):
-    pwd = pytest.importorskip("pwd")
-
+def test_without_a_home_compiled_code_goes_to_temporary_files(surroundings, monkeypatch):
     def unknown(_user):
         raise KeyError("no such user")
 
-    monkeypatch.setattr(pwd, "getpwuid", unknown)
-    if home is None:
-        monkeypatch.delenv("HOME")
-    else:
-        monkeypatch.setenv("HOME", home)
-    assert cache_dir.cache_folder().parent.parent == surroundings / "temporary"
+    monkeypatch.setattr(pytest.importorskip("pwd"), "getpwuid", unknown)
+    for home in (None, "", "relative"):
+        monkeypatch.setattr(cache_dir, "_cached_folder", None)
+        monkeypatch.setenv(cache_dir.VARIABLE, "")
+        if home is None:
+            monkeypatch.delenv("HOME")
+        else:
+            monkeypatch.setenv("HOME", home)
+        assert cache_dir.cache_folder().parent.parent == surroundings / "temporary"
     assert list((surroundings / "current").iterdir()) == []
-
-
-def test_the_variable_names_the_parent(surroundings, monkeypatch):
-    monkeypatch.setenv(cache_dir.VARIABLE, "here")
-    assert cache_dir.cache_folder().parent == surroundings / "current" / "here"
 
 
 def test_a_named_folder_that_cannot_be_written_is_refused(surroundings, monkeypatch):
@@ -100,18 +111,8 @@ def test_a_home_of_another_user_is_not_used(surroundings, monkeypatch):
     """As with `sudo`, which may keep HOME."""
     parent = surroundings / "home" / ".cache" / "thirdbody"
     parent.mkdir(parents=True)
-    real = cache_dir._probe
-
-    def owned_by_other(path):
-        found = list(real(path))
-        found[stat.ST_UID] = OTHER_USER
-        return os.stat_result(found)
-
-    monkeypatch.setattr(cache_dir, "_probe", owned_by_other)
+    monkeypatch.setattr(cache_dir, "_probe", owned_by_other(cache_dir._probe))
     assert not cache_dir._usable(parent)
-
-
-# the fallback -------------------------------------------------------------------------------------------------------------
 
 
 @needs_modes
@@ -127,22 +128,18 @@ def plant_a_link(path: Path) -> None:
     path.symlink_to(path.parent / "elsewhere")
 
 
-def plant_an_open_folder(path: Path) -> None:
-    path.mkdir()
-    path.chmod(0o777)
+def plant_a_folder(rights: int):
+    def plant(path):
+        path.mkdir()
+        path.chmod(rights)
 
-
-def plant_a_readable_folder(path: Path) -> None:
-    path.mkdir()
-    path.chmod(0o755)
+    return plant
 
 
 PLANTED = {
-    "a symbolic link": plant_a_link,
-    "a folder that all can write": plant_an_open_folder,
-    "a folder that all can read": plant_a_readable_folder,
-    "a file": lambda path: path.write_text(""),
-}
+    "a symbolic link": plant_a_link, "a folder that all can write": plant_a_folder(0o777),
+    "a folder that all can read": plant_a_folder(0o755), "a file": Path.touch,
+}  # fmt: skip
 
 
 @needs_modes
@@ -169,9 +166,6 @@ def check_fresh(planted: Path) -> None:
     assert not planted.is_dir() or list(planted.iterdir()) == []
 
 
-# the folder of a version --------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def version(surroundings, monkeypatch) -> Path:
     """The path of the folder that the next call of `cache_folder` gives, not yet made."""
@@ -183,30 +177,21 @@ def version(surroundings, monkeypatch) -> Path:
 
 
 @needs_modes
-def test_a_folder_into_which_others_could_write_is_made_anew(version):
-    plant_an_open_folder(version)
+def test_a_folder_into_which_others_could_write_and_a_link_are_made_anew(version, monkeypatch):
+    plant_a_folder(0o777)(version)
     (version / "thirdbody_law_0.py").write_text("print('not ours')")
     assert cache_dir.cache_folder() == version and mode(version) == 0o700
     assert [path.name for path in version.iterdir()] == [cache_dir.TAG]
-
-
-@needs_modes
-def test_a_link_in_place_of_the_folder_is_replaced(version):
+    cache_dir.shutil.rmtree(version)
     plant_a_link(version)
+    monkeypatch.setattr(cache_dir, "_cached_folder", None)
     assert cache_dir.cache_folder() == version and not version.is_symlink()
 
 
 @needs_modes
 def test_the_folder_of_another_user_is_refused(version, monkeypatch):
     version.mkdir()
-    real = Path.lstat
-
-    def lstat(path):
-        found = list(real(path))
-        found[stat.ST_UID] = OTHER_USER
-        return os.stat_result(found)
-
-    monkeypatch.setattr(Path, "lstat", lstat)
+    monkeypatch.setattr(Path, "lstat", owned_by_other(Path.lstat))
     with pytest.raises(OutputError, match="belongs to another user"):
         cache_dir.cache_folder()
 
@@ -237,9 +222,6 @@ def test_a_full_disk_is_reported_in_one_line(version, monkeypatch):
     assert report.value.exit_code == 5 and "\n" not in str(report.value)
 
 
-# pruning ------------------------------------------------------------------------------------------------------------------
-
-
 def test_only_folders_that_bear_our_mark_are_deleted(tmp_path):
     theirs = [tmp_path / name for name in ("data", "thesis", "0123456789abcdefg", "0123456789ABCDEF")]
     unmarked = [tmp_path / f"{k:016x}" for k in range(7)]
@@ -256,3 +238,138 @@ def test_only_folders_that_bear_our_mark_are_deleted(tmp_path):
     cache_dir._prune(tmp_path)
     assert all(folder.is_dir() for folder in theirs + unmarked + other_mark)
     assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache_dir.MAX_VERSIONS
+
+
+TEXT = "from numba import njit\n@njit('f8(f8)', cache=True)\ndef twice(x):\n    return 2.0 * x\n"
+HIT, MISS = 1, 0
+ROOT = not hasattr(os, "geteuid") or os.geteuid() == 0
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch) -> Callable[[], int]:
+    """Imports a compiled function as a new process does, checks what it gives, and tells whether it was found compiled."""
+    (tmp_path / "law.py").write_text(TEXT)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+
+    def call() -> int:
+        twice = module_import.import_file("law_with_a_cache", tmp_path / "law.py").twice
+        del sys.modules["law_with_a_cache"]
+        assert twice(1.5) == 3.0
+        return sum(twice.stats.cache_hits.values())
+
+    return call
+
+
+def files(tmp_path: Path, ending: str) -> Path:
+    (found,) = (tmp_path / "cache").rglob(f"*.{ending}")
+    return found
+
+
+def alter(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+
+
+def replace_by_folder(path: Path) -> None:
+    path.unlink()
+    (path / "inner").mkdir(parents=True)
+
+
+DAMAGE = {
+    "cut short": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    "altered": alter,
+    "garbage": lambda path: path.write_bytes(bytes(range(256)) * 9),
+    "zero bytes": lambda path: path.write_bytes(b""),
+    "missing": Path.unlink,
+    "a folder": replace_by_folder,
+}
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"], ids=["index", "code"])
+def test_a_whole_cache_is_used_and_a_damaged_file_compiled_anew(ending, load, tmp_path):
+    assert [load(), load()] == [MISS, HIT]
+    for name, damage in DAMAGE.items():
+        damage(files(tmp_path, ending))
+        assert [load(), load()] == [MISS, HIT], name
+    if not ROOT:
+        files(tmp_path, ending).chmod(0)
+        assert [load(), load()] == [MISS, HIT]
+
+
+def test_a_file_in_place_of_a_folder_is_replaced(load, tmp_path):
+    load()
+    folder = files(tmp_path, "nbi").parent
+    shutil.rmtree(folder)
+    folder.write_text("")
+    assert [load(), load()] == [MISS, HIT]
+    assert not (tmp_path / "__pycache__").exists()  # where numba goes by itself
+
+
+def test_processes_that_create_a_folder_at_once_do_not_disturb_each_other(monkeypatch, tmp_path):
+    """Every order of the file operations of two creators: one pauses before each of its operations while the other does all."""
+    for before, pause in product((None, ""), range(4)):
+        path, calls = tmp_path / f"{before}{pause}" / "folder", count()
+
+        def other_first(method, path=path, calls=calls, pause=pause):
+            def call(self, *arguments, **options):
+                if next(calls) == pause:
+                    cache_files._create_folder(path)
+                return method(self, *arguments, **options)
+
+            return call
+
+        path.parent.mkdir()
+        if before is not None:
+            path.write_text(before)
+        with monkeypatch.context() as patch:
+            for name in ("mkdir", "unlink", "is_dir"):
+                patch.setattr(Path, name, other_first(getattr(Path, name)))
+            cache_files._create_folder(path)
+        assert path.is_dir()
+
+
+@pytest.mark.skipif(ROOT, reason="the rights of folders do not bind root")
+def test_a_folder_of_a_law_that_lost_its_rights_gets_them_back(load, tmp_path):
+    load()
+    files(tmp_path, "nbi").parent.chmod(0)
+    assert load() == HIT
+
+
+def test_a_full_disk_while_compiling_is_reported_in_one_line(load, monkeypatch, tmp_path):
+    def full(*_arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch, pytest.raises(OutputError) as report:
+        patch.setattr(os, "replace", full)
+        load()
+    assert report.value.exit_code == 5 and "\n" not in str(report.value)
+    assert str(tmp_path / "cache") in str(report.value) and "No space left" in str(report.value)
+    assert [load(), load()] == [MISS, HIT]
+
+
+def test_a_damaged_generated_module_is_written_anew(monkeypatch, tmp_path):
+    def value(text):
+        """Imported as a new process does."""
+        module, path = module_cache.load_module("damaged", text, [])
+        del sys.modules[module.__name__]
+        return module.value, path
+
+    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path)
+    text = "value = 31 + 11  # as a law\n"
+    path = value(text)[1]
+    for name, damage in DAMAGE.items():
+        damage(path)
+        assert value(text) == (42, path), name
+        assert path.read_text() == text and [p.name for p in tmp_path.iterdir()] == [path.name]
+    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path / "gone")
+    with pytest.raises(OutputError, match="compiled code cannot be written"):
+        value("value = 1\n")
+
+
+@pytest.mark.full(kind="slow")
+def test_the_command_line_reports_a_cache_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    surroundings = os.environ | {"THIRDBODY_CACHE": str(tmp_path / "file")}
+    done = subprocess.run([sys.executable, "-m", "thirdbody", "laws"], capture_output=True, text=True, env=surroundings)
+    assert done.returncode == 5 and done.stderr.count("\n") == 1 and str(tmp_path / "file") in done.stderr

@@ -1,13 +1,9 @@
 """Sweeps on Dask: the same results as on local processes; a queue by a fake `sbatch`; one message per fault."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from ensembles import scene
@@ -16,6 +12,7 @@ import thirdbody
 from thirdbody.errors import InputError, MissingLibrary, UsageError
 from thirdbody.system.dask_client import dask_client
 
+SLOW = pytest.mark.full(kind="slow")  # starts other processes
 VARY = [{"pairs.0.friction": 0.1}, {"pairs.0.friction": 0.3, "debris.0.seed": 2}, {"plates.upper.load": "1 kN"}]
 SMALL = {"debris.0.count": 2, "debris.0.spheres": [3, 3], "solver.distance": "20 nm", "output.every": "10 nm"}
 
@@ -46,26 +43,23 @@ interface = "lo"
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[Any]:
+def client():
     """Two workers, processes of this machine."""
     import distributed
 
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    local = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    with local as cluster, distributed.Client(cluster) as client:
         yield client
 
 
-def rows(sweep: Any) -> list[tuple[Any, ...]]:
+def rows(sweep):
     """What a table says of each point but times; NaN is equal to itself as text."""
-    return [
-        (point.status, point.exit_code, {name: repr(value) for name, value in point.results.items() if "time" not in name})
-        for point in sweep.points
-    ]
+    told = [{name: repr(value) for name, value in point.results.items() if "time" not in name} for point in sweep.points]
+    return [(point.status, point.exit_code, row) for point, row in zip(sweep.points, told, strict=True)]
 
 
-def test_sweep_on_dask_has_the_table_of_local_processes(client: Any, tmp_path: Path) -> None:
+@SLOW
+def test_sweep_on_dask_has_the_table_of_local_processes(client, tmp_path):
     """One point fails: it is a row in both."""
     base = scene(**SMALL)
     local = thirdbody.sweep(base, VARY, tmp_path / "local", progress=False)
@@ -73,7 +67,8 @@ def test_sweep_on_dask_has_the_table_of_local_processes(client: Any, tmp_path: P
     assert rows(local) == rows(there) and [point.status for point in there.points] == ["done", "done", "failed"]
 
 
-def test_fake_slurm_runs_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@SLOW
+def test_fake_slurm_runs_a_sweep(tmp_path, monkeypatch):
     """The job script asks for what the file says and starts a worker of this Python; the job ends with the sweep."""
     commands = tmp_path / "bin"
     commands.mkdir()
@@ -92,44 +87,37 @@ def test_fake_slurm_runs_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert f"{sys.executable} -m distributed.cli.dask_worker tcp://" in script and "--nthreads 1" in script
 
 
-def test_address_that_nobody_answers_is_one_message_within_seconds() -> None:
+FAULTS = {
+    "[slrum]\ncores = 1\n": ["slrum: is no queue, did you mean 'slurm'?"],
+    "[slurm]\nqueu = 'a'\nmemry = '1 GB'\n": ["slurm.queu: is no argument", "did you mean 'queue'?", "did you mean 'memory'?"],
+    "[slurm]\njobs = 0\n": ["slurm.jobs: 0 must be a whole number of at least 1"],
+    "[slurm]\n[pbs]\n": ["needs one table, such as [slurm]; it has 2"],
+    "[slurm]\ncores = 1\n": ["slurm: the cluster cannot be started"],
+    "[slurm\n": ["cannot be read"],
+}
+
+
+def test_faults_of_a_cluster_file_come_in_one_message(tmp_path):
+    path = tmp_path / "cluster.toml"
+    for text, messages in FAULTS.items():
+        path.write_text(text)
+        with pytest.raises(InputError) as refused, dask_client(None, path):
+            pass
+        assert all(message in str(refused.value) and str(path) in str(refused.value) for message in messages)
+
+
+@SLOW
+def test_address_that_nobody_answers_is_one_message_within_seconds():
     began = time.monotonic()
-    with (
-        pytest.raises(UsageError, match="--dask tcp://127.0.0.1:9: no scheduler answers there"),
-        dask_client("tcp://127.0.0.1:9", None),
-    ):
+    refused = pytest.raises(UsageError, match="--dask tcp://127.0.0.1:9: no scheduler answers there")
+    with refused, dask_client("tcp://127.0.0.1:9", None):
         pass
     assert time.monotonic() - began < 30.0  # 4 s, and the import of Dask on a busy machine
 
 
-@pytest.mark.parametrize(
-    ("text", "messages"),
-    [
-        ("[slrum]\ncores = 1\n", ["slrum: is no queue, did you mean 'slurm'?"]),
-        (
-            "[slurm]\nqueu = 'a'\nmemry = '1 GB'\n",
-            ["slurm.queu: is no argument", "did you mean 'queue'?", "did you mean 'memory'?"],
-        ),
-        ("[slurm]\njobs = 0\n", ["slurm.jobs: 0 must be a whole number of at least 1"]),
-        ("[slurm]\n[pbs]\n", ["needs one table, such as [slurm]; it has 2"]),
-        ("[slurm]\ncores = 1\n", ["slurm: the cluster cannot be started"]),
-        ("[slurm\n", ["cannot be read"]),
-    ],
-)
-def test_faults_of_a_cluster_file_come_in_one_message(text: str, messages: list[str], tmp_path: Path) -> None:
-    path = tmp_path / "cluster.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as refused, dask_client(None, path):
+def test_without_dask_the_message_names_the_extra_and_address_and_file_together_are_refused(monkeypatch):
+    with pytest.raises(UsageError, match="not both"), dask_client("tcp://127.0.0.1:9", Path("cluster.toml")):
         pass
-    assert all(message in str(refused.value) and str(path) in str(refused.value) for message in messages)
-
-
-def test_without_dask_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingLibrary, match=r"thirdbody\[cluster\]"), dask_client("tcp://127.0.0.1:9", None):
-        pass
-
-
-def test_address_and_file_together_are_refused() -> None:
-    with pytest.raises(UsageError, match="not both"), dask_client("tcp://127.0.0.1:9", Path("cluster.toml")):
         pass
