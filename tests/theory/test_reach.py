@@ -54,21 +54,15 @@ def plugin(tmp_path_factory):
     return path
 
 
-def scene(make, gap, speed, lower=None, **solver):
+def built(make, plugin, gap, speed=0.0, lower=None):
     """Two balls that approach at twice `speed`, or one above a plate, `gap` apart."""
-    material = {"ball": make.STEEL}
     pull = {"attraction": {"pull": f"{PULL} N", "reach": f"{REACH} m"}}
     if lower:
         debris = [make.ball(RADIUS, (5.0, 5.0, RADIUS + gap), (0.0, 0.0, -speed))]
     else:
         x = RADIUS + 0.5 * gap
         debris = [make.ball(RADIUS, (-x, 0.0, 0.0), (speed, 0.0, 0.0)), make.ball(RADIUS, (x, 0.0, 0.0), (-speed, 0.0, 0.0))]
-    more = {"solver": Solver(duration=make.LONG, **solver)} if solver else {}
-    return make.scene(debris, material, lower=lower, effects=Effects(named=pull), **more)
-
-
-def built(make, plugin, gap, speed=0.0, lower=None):
-    return build(scene(make, gap, speed, lower), discover([plugin]))
+    return build(make.scene(debris, {"ball": make.STEEL}, lower=lower, effects=Effects(named=pull)), discover([plugin]))
 
 
 def test_the_law_conforms(plugin):
@@ -76,18 +70,15 @@ def test_the_law_conforms(plugin):
     assert all(finding.passed for finding in findings), report(findings)
 
 
-@pytest.mark.parametrize("lower", [None, "ball"])
-def test_the_force_at_half_the_reach(make, plugin, lower):
-    simulation = built(make, plugin, 0.5 * REACH, lower=lower)
-    make.advance(simulation)
-    contact = make.contact(simulation)
-    # it has moved by less than 1e-6 of the reach in the first step
-    assert contact[record.OVERLAP] == pytest.approx(-0.5 * REACH, rel=1e-5)
-    assert contact[record.NORMAL_FORCE] == pytest.approx(-0.5 * PULL, rel=1e-5)
-    assert contact[record.LOAD] == contact[record.CONTACT_RADIUS] == contact[record.PEAK_PRESSURE] == 0.0
-
-
-def test_no_force_beyond_the_reach(make, plugin):
+def test_the_force_at_half_the_reach_and_beyond(make, plugin):
+    for lower in (None, "ball"):
+        simulation = built(make, plugin, 0.5 * REACH, lower=lower)
+        make.advance(simulation)
+        contact = make.contact(simulation)
+        # it has moved by less than 1e-6 of the reach in the first step
+        assert contact[record.OVERLAP] == pytest.approx(-0.5 * REACH, rel=1e-5)
+        assert contact[record.NORMAL_FORCE] == pytest.approx(-0.5 * PULL, rel=1e-5)
+        assert contact[record.LOAD] == contact[record.CONTACT_RADIUS] == contact[record.PEAK_PRESSURE] == 0.0
     simulation = built(make, plugin, 1.01 * REACH)
     make.advance(simulation, 3)
     assert not make.touching(simulation).any()
@@ -99,7 +90,7 @@ def test_an_encounter_conserves_energy(make, plugin, lower):
     """In through the reach, an elastic impact, and out again; faster in between, by the work of the attraction."""
     speed = 0.05
     simulation = built(make, plugin, 1.5 * REACH, speed, lower)
-    axis, mass = (2, make.ball_mass(make.STEEL, RADIUS)) if lower else (0, make.ball_mass(make.STEEL, RADIUS))
+    axis, mass = (2 if lower else 0), make.ball_mass(make.STEEL, RADIUS)
     relative = 1.0 if lower else 2.0  # speed of approach over that of a ball; reduced mass m/1 or m/2
     fastest, met = 0.0, False
     ledger = Ledger(simulation.state)
@@ -118,7 +109,7 @@ def test_an_encounter_conserves_energy(make, plugin, lower):
     assert abs(ledger.lines(simulation.state)["residual"]) < 4e-4 * 0.5 * mass * speed**2 * relative
 
 
-def test_the_implicit_integrator_refuses_it_on_rough_plates(make, plugin):
+def test_the_implicit_integrator_on_rough_plates_and_a_quasi_static_path_refuse_it(make, plugin):
     upper = make.UpperPlate(material="ball", load=1e-4, surface=WAVES)
     tables = make.scene(
         [make.ball(RADIUS, (5e-6, 5e-6, 1.01 * RADIUS))], {"ball": make.STEEL}, lower="ball", upper=upper, size=20e-6,
@@ -126,9 +117,6 @@ def test_the_implicit_integrator_refuses_it_on_rough_plates(make, plugin):
     )  # fmt: skip
     with pytest.raises(InputError, match="attraction acts beyond touch, which an implicit step on rough plates does not have"):
         build(tables, discover([plugin]))
-
-
-def test_a_quasi_static_path_refuses_it(plugin):
     steel = Material("steel", 80e9, 0.3, 7850.0)
     laws = (HERTZ, *load_file(plugin).effects)
     with pytest.raises(ValueError, match="no law that acts before touch: attraction"):

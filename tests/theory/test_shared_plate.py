@@ -1,13 +1,11 @@
 """The implicit integrator under a plate that all bodies carry, without inertia, and where it gives up or stops."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from slow import slow
 from thirdbody_three_spot import theory
 
 from thirdbody.engine.energy import Ledger
@@ -18,18 +16,12 @@ from thirdbody.kernels.columns import body, body_solution, patch, record, run_to
 from thirdbody.kernels.implicit import common_plate_driver, step_control
 from thirdbody.scene import model
 
-SCENES = Path(__file__).parents[2] / "scenes"
 SIZE = 2e-4
-MICRO, TALLER = 5e-6, 1e-9
-"""Radius of the smallest ball, and by how much each ball is larger than the one before, m."""
-
+MICRO, TALLER = 5e-6, 1e-9  # radius of the smallest ball, and by how much each ball is larger than the one before, m
 COUNT, LOAD, MU = 6, 2e-3, 0.3
-STIFFNESS = 1e5
-"""Of a patch's spring on a foundation, N/m: it yields by some nanometres, as the contacts do."""
-
+STIFFNESS = 1e5  # of a patch's spring on a foundation, N/m: it yields by some nanometres, as the contacts do
 SPRINGS = {"support": "foundation", "stiffness": STIFFNESS, "preload": 1e-4}
 supports = pytest.mark.parametrize("plate", [None, SPRINGS], ids=["rigid", "foundation"])
-
 CLOSED = 1e-6
 """Largest residual of the ledger: Newton's method leaves 1e-9 of the forces unbalanced in a step, corners of the laws 1e-6."""
 
@@ -39,10 +31,9 @@ def drag(speed=1e-3):
 
 
 def carried(make, debris, motion, integrator="implicit", plate=None, **keys):
-    """Bodies under one plate, rigid or on a foundation."""
     solver = {key: keys.pop(key) for key in tuple(keys) if key in model.Solver.model_fields}
-    given = {"support": "rigid", "load": LOAD} | (plate or {})
-    upper = model.UpperPlate(material="ball", motion=motion, **{key: value for key, value in given.items() if value is not None})
+    given = {key: value for key, value in ({"support": "rigid", "load": LOAD} | (plate or {})).items() if value is not None}
+    upper = model.UpperPlate(material="ball", motion=motion, **given)
     tables = {
         "plates": model.Plates(lower=model.LowerPlate(material="ball"), upper=upper),
         "contact": model.Contact(level=keys.pop("level", "mindlin"), debris_contact="none"),
@@ -60,15 +51,11 @@ def balls(make):
 
 def flakes(make, count=COUNT):
     """Hexagons of seven balls, each a little thicker than the one before."""
-    bodies = []
-    for k in range(count):
-        shape = tuple({**ball, "radius": ball["radius"] + k * TALLER} for ball in make.HEXAGON)
-        bodies.append(make.clump(shape, 3e-5 + 2.5e-5 * k, gap=0.0))
-    return bodies
+    shapes = [tuple(ball | {"radius": ball["radius"] + k * TALLER} for ball in make.HEXAGON) for k in range(count)]
+    return [make.clump(shape, 3e-5 + 2.5e-5 * k, gap=0.0) for k, shape in enumerate(shapes)]
 
 
 def pushes(simulation):
-    """Normal force of the upper plate on every body, N."""
     state = simulation.state
     upper = state.slots.partner < -1
     return np.bincount(state.body[state.slots.own[upper]], state.slots.records.normal_force[upper], minlength=state.n_bodies)
@@ -79,14 +66,6 @@ def hertz(make, radius, squeeze, spots=1):
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     overlap = np.maximum(0.5 * squeeze, 0.0)
     return spots * 4.0 / 3.0 * theory.e_star(g, nu, g, nu) * np.sqrt(radius) * overlap**1.5
-
-
-def shares(make, radii, load, spots=1):
-    """(gap, force on each body): the gap at which bodies of these radii carry the load together."""
-    force = lambda gap: hertz(make, radii, 2.0 * radii - gap, spots)  # noqa: E731
-    top = 2.0 * float(np.max(radii))
-    gap = brentq(lambda z: float(np.sum(force(z))) - load, top - 1e-7, top, xtol=1e-18, rtol=1e-15)
-    return gap, force(gap)
 
 
 def sprung(make, radii, plate, preload):
@@ -101,7 +80,6 @@ def sprung(make, radii, plate, preload):
 
 
 def residual_after(simulation, path):
-    """Relative residual of the ledger after settling and a way of the drag (m)."""
     ledger, state, one = Ledger(simulation.state), simulation.state, simulation.integrator
     one.advance_to(time=simulation.settle, watch=lambda: ledger.watch(state))
     one.advance_to(distance=path, watch=lambda: ledger.watch(state))
@@ -115,8 +93,10 @@ def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     assert isinstance(simulation.integrator, ImplicitCommonPlate)
     simulation.integrator.advance_to(time=simulation.settle)
     radii = radius + TALLER * np.arange(COUNT)
-    gap, expected = shares(make, radii, LOAD, spots)
-    found = pushes(simulation)
+    force, top = (lambda gap: hertz(make, radii, 2.0 * radii - gap, spots)), 2.0 * float(np.max(radii))
+    # the gap at which they carry the load together
+    gap = brentq(lambda z: float(np.sum(force(z))) - LOAD, top - 1e-7, top, xtol=1e-18, rtol=1e-15)
+    expected, found = force(gap), pushes(simulation)
     assert np.count_nonzero(expected) >= 3 and expected.max() > 1.5 * expected[expected > 0.0].min()
     # what is still coming down as the time for settling ends
     assert found.sum() == pytest.approx(LOAD, rel=1e-6)
@@ -132,19 +112,17 @@ def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     assert loaded == {"rolling" if kind == "balls" else "sliding"}
 
 
-def dragged(make, bodies, integrator, speed=0.1, path=2e-7, **keys):
-    """(height of the plate m, pushes N, mean force of the debris on the plate N, places m), after a way of the drag."""
-    motion = model.Motion(x=[model.Ramp(ramp=speed, duration=5e-7), model.ConstantVelocity(velocity=speed)])
-    simulation = carried(make, bodies, motion, integrator, **keys)
-    simulation.integrator.advance_to(time=simulation.settle)
-    simulation.integrator.advance_to(distance=0.75 * path)
-    force = make.mean_force(simulation, 0.25 * path)
-    return simulation.state.patches.height[-1], pushes(simulation), force, simulation.state.B[:, :3].copy()
-
-
 @supports
 def test_common_plate_is_that_of_the_explicit_integrator(make, plate):
-    (z, push, force, place), theirs = (dragged(make, flakes(make), kind, plate=plate) for kind in ("implicit", "explicit"))
+    speed, runs = 0.1, []
+    motion = model.Motion(x=[model.Ramp(ramp=speed, duration=5e-7), model.ConstantVelocity(velocity=speed)])
+    for kind in ("implicit", "explicit"):
+        simulation = carried(make, flakes(make), motion, kind, plate)
+        simulation.integrator.advance_to(time=simulation.settle)
+        simulation.integrator.advance_to(distance=1.5e-7)
+        force, state = make.mean_force(simulation, 5e-8), simulation.state
+        runs.append((state.patches.height[-1], pushes(simulation), force, state.B[:, :3]))
+    (z, push, force, place), theirs = runs
     # both end in balance, on a path that the errors of steps do not change: 1e-7 of the load, with overlaps of 20 nm
     assert z == pytest.approx(theirs[0], abs=1e-14)
     assert push == pytest.approx(theirs[1], abs=1e-7 * LOAD)
@@ -154,7 +132,7 @@ def test_common_plate_is_that_of_the_explicit_integrator(make, plate):
     assert np.abs(place - theirs[3]).max() < 5e-9
 
 
-@pytest.mark.parametrize("preload", [0.0, 2e-4])
+@pytest.mark.parametrize("preload", [slow(0.0), 2e-4])
 def test_foundation_balances_load_and_springs(make, preload):
     simulation = carried(make, balls(make), drag(), plate=SPRINGS | {"preload": preload})
     assert isinstance(simulation.integrator, ImplicitCommonPlate)
@@ -191,7 +169,7 @@ def test_foundation_at_a_height_is_one_that_came_there(make):
 
 @pytest.mark.parametrize("path", [0.0, 2e-7], ids=["stick", "sliding"])
 @supports
-@pytest.mark.parametrize("level", ["mindlin", "exact"])
+@pytest.mark.parametrize("level", ["mindlin", slow("exact")])
 def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     simulation = carried(make, flakes(make, 3), drag(), plate=plate, level=level)
     one = simulation.integrator
@@ -216,7 +194,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
 
 
 @supports
-@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", "exact"])
+@pytest.mark.parametrize("level", ["mindlin", "mdr", slow("coulomb"), slow("exact")])
 def test_ledger_closes_under_a_common_plate(make, plate, level):
     simulation = carried(make, flakes(make, 3), drag(), plate=plate, level=level)
     assert residual_after(simulation, 1e-6) < CLOSED
@@ -232,7 +210,6 @@ def test_ledger_closes_under_a_common_plate(make, plate, level):
 
 
 def alone(make, debris, motion, **keys):
-    """Bodies under a patch each, 0.1 mN on every one."""
     keys = {"friction": MU, "restitution": 0.3, "size": SIZE, "integrator": "implicit"} | keys
     return make.under_patches(debris, {"ball": make.STEEL}, 1e-4, motion, **keys)
 
@@ -250,20 +227,6 @@ def test_flake_needs_no_inertia(make):
     assert -report[1][-3] / report[1][-1] == pytest.approx(MU, rel=1e-7)
 
 
-def test_three_spots_need_no_inertia(make):
-    """N_2/N_1 = (x_3 - x_1 + mu h)/(x_3 - x_2), as with inertia."""
-    scene = model.Scene.load(SCENES / "three_spot.toml")
-    simulation = make.build(scene.with_settings({"solver.integrator": "implicit", "solver.inertia": False}))
-    simulation.integrator.advance_to(time=simulation.settle)
-    simulation.integrator.advance_to(distance=1e-7)
-    loaded = simulation.state.slots.R[make.touching(simulation)]
-    normal = dict(zip(np.round(loaded[:, record.POINT] * 1e6), loaded[:, record.NORMAL_FORCE], strict=True))
-    # the tilt of 1e-3 moves each spot of radius 2 um or less, on arms of 2 um: 4e-9 m of 3.5 um
-    expected = theory.lower_force_fraction((0.2e-6, -2e-6, 1.5e-6), MU * 4e-6)
-    assert normal[-2.0] / normal[0.0] == pytest.approx(expected, rel=2e-3)
-    assert make.plate_force(simulation)[0] / 1e-4 == pytest.approx(MU, rel=1e-6)
-
-
 def test_without_inertia_the_speed_is_nothing(make):
     """1 m/s and 1 mm/s over the same way, where no dashpot tells the difference."""
     rows = []
@@ -279,8 +242,7 @@ def test_without_inertia_the_speed_is_nothing(make):
     assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
 
 
-@pytest.mark.parametrize("step", [5e-8, 5e-9])
-@pytest.mark.parametrize("speed", [1e-3, 1.0])
+@pytest.mark.parametrize(("speed", "step"), [(1e-3, 5e-8), (1.0, 5e-9), slow(1e-3, 5e-9), slow(1.0, 5e-8)])
 def test_without_inertia_a_ball_rolls_at_half_any_speed(make, speed, step):
     keys = {"restitution": 1.0, "patch": {"damping": 1e-9}, "settle": 2e-5, "inertia": False, "largest_step": step}
     simulation = alone(make, [make.ball(MICRO, (1e-4, 1e-4, MICRO))], drag(speed), **keys)
@@ -341,9 +303,8 @@ def test_a_body_that_cannot_be_solved(make, choice):
     assert gone[1, run_totals.STEPS] == 0 and gone[[0, 2], run_totals.STEPS].min() > 0
     assert [make.label(simulation, body) for body in (0, 2)] == ["sliding", "sliding"]
     lost = one.summary()["unsolved"]
-    assert list(lost) == [1] and lost[1].startswith(
-        f"stopped at t = {one.totals[1, run_totals.TIME]:.6g} s: no step of body 1 at"
-    )
+    assert list(lost) == [1]
+    assert lost[1].startswith(f"stopped at t = {one.totals[1, run_totals.TIME]:.6g} s: no step of body 1 at")
     for spot in (f"sphere {k} on the {side} plate" for k in range(7) for side in ("lower", "upper")):
         assert f"{spot} with N = 1.43e-05 N" in lost[1]  # a seventh of 0.1 mN
 
@@ -354,13 +315,11 @@ R = 2e-6
 def flying(make, one, other, speed=1.0, tolerance=5e-4):
     """Two balls without friction under one plate; each is (x, y, v_x, v_y). With 1 m/s, metres of the drag are seconds."""
     pair = [make.ball(R, (x, y, R), (v_x, v_y, 0.0)) for x, y, v_x, v_y in (one, other)]
-    contact = model.Contact(level="mindlin", debris_contact="auto")
-    return carried(make, pair, drag(speed), plate={"load": 2e-4}, friction=0.0, settle=1e-7, contact=contact, tolerance=tolerance)
+    keys = {"settle": 1e-7, "contact": model.Contact(level="mindlin", debris_contact="auto"), "tolerance": tolerance}
+    return carried(make, pair, drag(speed), plate={"load": 2e-4}, friction=0.0, **keys)
 
 
-GRAZE = 1e-9
-"""Gap, or overlap, of two balls that pass each other, m."""
-
+GRAZE = 1e-9  # gap, or overlap, of two balls that pass each other, m
 STRAIGHT = (0.5e-4, 1e-4, 0.3, 0.0)
 ACROSS = (1.9e-4, 1e-4, 0.3, 0.0)  # 15 um from the ball behind the face
 CROSSING = (0.6e-4, 0.9e-4, 0.0, 0.3)
@@ -372,11 +331,21 @@ def beside(x, gap):
     return (x, 1e-4 + 2.0 * R + gap, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    "pair", [(STRAIGHT, LATE), (STRAIGHT, beside(0.6e-4, GRAZE)), (ACROSS, beside(0.05e-4, GRAZE))],
-    ids=["same place, other times", "graze", "graze across a face"],
-)  # fmt: skip
-def test_balls_that_pass_each_other_go_on(make, pair):
+PASS = {
+    "same place, other times": (STRAIGHT, LATE),
+    "graze": (STRAIGHT, beside(0.6e-4, GRAZE)),
+    "graze across a face": (ACROSS, beside(0.05e-4, GRAZE)),
+}
+MEET = {
+    "same place, same time": (STRAIGHT, CROSSING),
+    "off centre": (STRAIGHT, beside(0.6e-4, -R)),
+    "off centre across a face": (ACROSS, beside(0.05e-4, -R)),
+}
+
+
+@pytest.mark.parametrize("name", ["same place, other times", slow("graze"), "graze across a face"])
+def test_balls_that_pass_each_other_go_on(make, name):
+    pair = PASS[name]
     simulation = flying(make, *pair)
     simulation.integrator.advance_to(distance=1e-4)
     S, path = simulation.state.S, 0.3 * (1e-4 + 1e-7)
@@ -385,13 +354,11 @@ def test_balls_that_pass_each_other_go_on(make, pair):
     assert S[1, 1] - pair[1][1] == pytest.approx(pair[1][3] / 0.3 * path, rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.parametrize("speed", [1.0, 0.03])
-@pytest.mark.parametrize(
-    "pair", [(STRAIGHT, CROSSING), (STRAIGHT, beside(0.6e-4, -R)), (ACROSS, beside(0.05e-4, -R))],
-    ids=["same place, same time", "off centre", "off centre across a face"],
-)  # fmt: skip
-def test_balls_that_meet_under_one_plate_rebound(make, pair, speed):
+@pytest.mark.parametrize("speed", [slow(1.0), 0.03])
+@pytest.mark.parametrize("name", MEET)
+def test_balls_that_meet_under_one_plate_rebound(make, name, speed):
     """Their approach along the line of centres is reversed, times the restitution; under a slow drag they fly far in a stride."""
+    pair = MEET[name]
     simulation = flying(make, *pair, speed, tolerance=2e-6)
     before = np.array([ball[2:] for ball in pair])
     simulation.integrator.advance_to(time=6e-5)
