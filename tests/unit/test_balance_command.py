@@ -1,7 +1,5 @@
 """`thirdbody balance FILE`: the file and its faults, the table, JSON, the picture."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -77,7 +75,7 @@ def test_json_has_the_promised_keys(write, capsys):
 def test_in_space_tangential_forces_are_vectors(write):
     result = balance(write(("steps = 24", "steps = 2\ndirection = [0, 1]")), "mindlin")
     point = result.points[-1]
-    assert not result.planar and len(point.T[0]) == 2 and len(point.u) == 2 and len(point.phi) == 3
+    assert not result.planar and (len(point.T[0]), len(point.u), len(point.phi)) == (2, 2, 3)
 
 
 def test_the_table_reports_what_changes(write, capsys):
@@ -118,32 +116,34 @@ def test_all_faults_at_once_with_line_and_nearest_name(write):
     assert len(problem.value.faults) == 5 and problem.value.exit_code == 3
 
 
-@pytest.mark.parametrize(
-    "change, text",
-    [
-        (("balance = 1\n", ""), "write balance = 1"),
-        (("balance = 1", "balance = 2"), "balance: 2 must be 1"),
-        (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
-        (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"),
-        (("steps = 24", "steps = 0"), "path.steps: 0 must be at least 1"),
-        (("steps = 24", "direction = [0, 0]"), "has no length"),
-        (('indentation = "10 nm"\n', ""), "give one of indentation, load"),
-        (("steps = 24", "steps = 24 nm"), "not valid TOML"),
-    ],
-)
-def test_single_faults(write, change, text):
-    with pytest.raises(InputError) as problem:
-        BalanceFile.load(write(change))
-    assert text in str(problem.value) and len(problem.value.faults) == 1
+FAULTS = [
+    (("balance = 1\n", ""), "write balance = 1"),
+    (("balance = 1", "balance = 2"), "balance: 2 must be 1"),
+    (('weight = "0 N"', "quaternion = [1, 0, 0, 0]"), "turns a clump"),
+    (('z = "2 um"', 'z = "-3 um"'), "not above the lower ones"),
+    (("steps = 24", "steps = 0"), "path.steps: 0 must be at least 1"),
+    (("steps = 24", "direction = [0, 0]"), "has no length"),
+    (('indentation = "10 nm"\n', ""), "give one of indentation, load"),
+    (("steps = 24", "steps = 24 nm"), "not valid TOML"),
+]
 
 
-def test_a_missing_file_is_reported():
+def test_single_faults(write):
+    for change, text in FAULTS:
+        with pytest.raises(InputError) as problem:
+            BalanceFile.load(write(change))
+        assert text in str(problem.value) and len(problem.value.faults) == 1
     with pytest.raises(InputError, match="no such file"):
         balance("nowhere.toml", "mindlin")
+    path = write()
+    path.write_text(path.read_text(encoding="utf-8") + "[effects]\npivoting = {}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="pivoting"):  # an effect that a balance does not have
+        balance(path)
 
 
 def test_the_picture(write, tmp_path):
-    for number, change in enumerate((("steps = 24", "steps = 24"), ("steps = 24", "direction = [1, 1]"), ('"12 nm"', '"0 nm"'))):
+    assert runs(["a", "a", "b"]) == [(0, 2, "a"), (2, 3, "b")] and runs(["a"]) == [(0, 1, "a")]
+    for number, change in enumerate((("steps = 24", "direction = [1, 1]"), ('"12 nm"', '"0 nm"'))):
         result = balance(write(change), "mindlin")
         picture = tmp_path / f"{number}.png"
         plot(result, picture, "particle")
@@ -163,10 +163,6 @@ def test_no_quantity_of_the_picture_reads_as_a_unit(write, tmp_path):
     assert not [text for text in words if re.search(r"\(u[Nmr]|\$\\mu\$ ?N", text)]
 
 
-def test_runs_of_equal_values():
-    assert runs(["a", "a", "b"]) == [(0, 2, "a"), (2, 3, "b")] and runs(["a"]) == [(0, 1, "a")]
-
-
 def test_the_package_offers_the_function():
     assert thirdbody.balance is balance and "balance" in dir(thirdbody)
     with pytest.raises(AttributeError, match="has no attribute 'balanse'"):
@@ -182,18 +178,10 @@ def test_the_command_line_knows_it(write, monkeypatch, capsys):
     assert end.value.code == 3 and "path.step: unknown key, did you mean 'steps'?" in capsys.readouterr().err
 
 
-def close(given: Path, apart: float) -> None:
-    """Add the effect, and put the lower spots nearer to each other (um)."""
-    text = given.read_text(encoding="utf-8").replace('x = "-2 um"', f'x = "{-0.5 * apart} um"')
-    text = text.replace('x = "1.5 um"', f'x = "{0.5 * apart} um"')
-    given.write_text(text + "[effects]\nclose_spots = {}\n", encoding="utf-8")
-
-
 def test_close_spots_share_the_plate(write):
     """d_i = (N_i/K_i)^(2/3) + g N_j at every point of the path, with g of the lower plate; the lone upper spot is Hertz'."""
-    path = write()
-    close(path, 1.0)
-    result = balance(path, "mindlin")
+    near = ('x = "-2 um"', 'x = "-0.5 um"'), ('x = "1.5 um"', 'x = "0.5 um"')
+    result = balance(write(*near, ("[path]", "[effects]\nclose_spots = {}\n[path]")), "mindlin")
     assert result.stopped is None
     g = (1.0 - 0.35) / (2.0 * math.pi * 60e9) / 1e-6
     e_low, e_up = (1.0 / (0.5 * (1.0 - nu) / shear + 0.5 * 0.8 / 120e9) for nu, shear in ((0.35, 60e9), (0.3, 80e9)))
@@ -205,10 +193,3 @@ def test_close_spots_share_the_plate(write):
         sinks = [point.w + x * turn for x in (-0.5e-6, 0.5e-6)]
         assert [hertz[1] + g * other, hertz[2] + g * one] == pytest.approx(sinks, rel=1e-9)
         assert g * other > 0.005 * hertz[1]
-
-
-def test_an_effect_that_a_balance_does_not_have_is_a_fault(write):
-    path = write()
-    path.write_text(path.read_text(encoding="utf-8") + "[effects]\npivoting = {}\n", encoding="utf-8")
-    with pytest.raises(InputError, match="pivoting"):
-        balance(path)

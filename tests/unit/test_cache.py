@@ -38,10 +38,14 @@ def surroundings(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def fallback(surroundings, monkeypatch) -> Path:
-    """The folder among temporary files that is taken without a usable home."""
-    (surroundings / "home" / ".cache").write_text("a file where a folder should be")
-    return surroundings / "temporary" / f"thirdbody-{os.geteuid() if hasattr(os, 'geteuid') else 'user'}"
+def choose(surroundings, monkeypatch) -> Callable[[], Path]:
+    """Chooses the folder as a new process does."""
+
+    def call():
+        monkeypatch.setattr(cache_dir, "_cached_folder", None)
+        return cache_dir.cache_folder()
+
+    return call
 
 
 def owned_by_other(probe):
@@ -57,70 +61,43 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.lstat().st_mode)
 
 
-def test_a_cache_home_must_be_absolute_and_the_variable_names_the_parent(surroundings, monkeypatch):
-    def fresh():
-        monkeypatch.setattr(cache_dir, "_cached_folder", None)
-        return cache_dir.cache_folder().parent
-
-    assert fresh() == surroundings / "home" / ".cache" / "thirdbody"
-    for value in ("", "relative/folder"):
-        monkeypatch.setenv("XDG_CACHE_HOME", value)
-        assert fresh() == surroundings / "home" / ".cache" / "thirdbody"
+def test_a_cache_home_must_be_absolute_and_the_variable_names_the_parent(surroundings, choose, monkeypatch):
+    for value in (None, "", "relative/folder"):
+        if value is not None:
+            monkeypatch.setenv("XDG_CACHE_HOME", value)
+        assert choose().parent == surroundings / "home" / ".cache" / "thirdbody"
     assert list((surroundings / "current").iterdir()) == []
     monkeypatch.setenv("XDG_CACHE_HOME", str(surroundings / "caches"))
-    assert fresh() == surroundings / "caches" / "thirdbody"
+    assert choose().parent == surroundings / "caches" / "thirdbody"
     monkeypatch.setenv(cache_dir.VARIABLE, "here")
-    assert fresh() == surroundings / "current" / "here"
+    assert choose().parent == surroundings / "current" / "here"
+    (surroundings / "file").write_text("")
+    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "file" / "folder"))
+    with pytest.raises(OutputError, match="compiled code cannot be written") as report:
+        choose()
+    assert str(surroundings / "file") in str(report.value) and "\n" not in str(report.value)
 
 
-def test_without_a_home_compiled_code_goes_to_temporary_files(surroundings, monkeypatch):
+def test_without_a_home_compiled_code_goes_to_temporary_files(surroundings, choose, monkeypatch):
     def unknown(_user):
         raise KeyError("no such user")
 
     monkeypatch.setattr(pytest.importorskip("pwd"), "getpwuid", unknown)
-    for home in (None, "", "relative"):
-        monkeypatch.setattr(cache_dir, "_cached_folder", None)
+    for home in ("", "relative", None):
         monkeypatch.setenv(cache_dir.VARIABLE, "")
-        if home is None:
-            monkeypatch.delenv("HOME")
-        else:
-            monkeypatch.setenv("HOME", home)
-        assert cache_dir.cache_folder().parent.parent == surroundings / "temporary"
+        monkeypatch.setenv("HOME", home) if home is not None else monkeypatch.delenv("HOME")
+        assert choose().parent.parent == surroundings / "temporary"
     assert list((surroundings / "current").iterdir()) == []
 
 
-def test_a_named_folder_that_cannot_be_written_is_refused(surroundings, monkeypatch):
-    (surroundings / "file").write_text("")
-    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "file" / "folder"))
-    with pytest.raises(OutputError, match="compiled code cannot be written") as report:
-        cache_dir.cache_folder()
-    assert str(surroundings / "file") in str(report.value) and "\n" not in str(report.value)
-
-
 @needs_modes
-def test_the_folder_in_the_home_is_closed_to_others(surroundings):
+def test_the_folder_in_the_home_is_closed_to_others_and_one_of_another_user_not_used(surroundings, choose, monkeypatch):
     parent = surroundings / "home" / ".cache" / "thirdbody"
     parent.mkdir(parents=True)
     parent.chmod(0o775)
-    assert cache_dir.cache_folder().parent == parent
-    assert mode(parent) & 0o022 == 0 and mode(cache_dir.cache_folder()) == 0o700
-
-
-@needs_modes
-def test_a_home_of_another_user_is_not_used(surroundings, monkeypatch):
-    """As with `sudo`, which may keep HOME."""
-    parent = surroundings / "home" / ".cache" / "thirdbody"
-    parent.mkdir(parents=True)
-    monkeypatch.setattr(cache_dir, "_probe", owned_by_other(cache_dir._probe))
+    assert choose().parent == parent and mode(parent) & 0o022 == 0 and mode(choose()) == 0o700
+    monkeypatch.setattr(cache_dir, "_probe", owned_by_other(cache_dir._probe))  # as with `sudo`, which may keep HOME
     assert not cache_dir._usable(parent)
-
-
-@needs_modes
-def test_the_fallback_is_private_and_used_again(fallback, monkeypatch):
-    first = cache_dir.cache_folder()
-    assert first.parent == fallback and mode(fallback) == 0o700
-    monkeypatch.setattr(cache_dir, "_cached_folder", None)
-    assert cache_dir.cache_folder() == first
 
 
 def plant_a_link(path: Path) -> None:
@@ -128,97 +105,78 @@ def plant_a_link(path: Path) -> None:
     path.symlink_to(path.parent / "elsewhere")
 
 
-def plant_a_folder(rights: int):
-    def plant(path):
-        path.mkdir()
-        path.chmod(rights)
-
-    return plant
+def plant_an_open_folder(path: Path, rights=0o777) -> None:
+    path.mkdir()
+    path.chmod(rights)
 
 
 PLANTED = {
-    "a symbolic link": plant_a_link, "a folder that all can write": plant_a_folder(0o777),
-    "a folder that all can read": plant_a_folder(0o755), "a file": Path.touch,
+    "nothing": None, "a symbolic link": plant_a_link, "a folder that all can write": plant_an_open_folder, "a file": Path.touch,
+    "a folder that all can read": lambda path: plant_an_open_folder(path, 0o755),
+    "one of another user": lambda path: path.mkdir(0o700),
 }  # fmt: skip
 
 
 @needs_modes
-@pytest.mark.parametrize("plant", PLANTED.values(), ids=PLANTED)
-def test_what_is_planted_as_the_fallback_is_not_used(plant, fallback):
-    plant(fallback)
-    check_fresh(fallback)
-
-
-@needs_modes
-def test_a_fallback_of_another_user_is_not_used(fallback, monkeypatch):
-    """Here this user plants it and another one starts the program."""
-    planted = fallback.with_name(f"thirdbody-{OTHER_USER}")
-    planted.mkdir(mode=0o700)
-    monkeypatch.setattr(os, "geteuid", lambda: OTHER_USER)
-    check_fresh(planted)
-
-
-def check_fresh(planted: Path) -> None:
-    """A new folder that only this user can enter, which the processes started by this one find too."""
-    parent = cache_dir.cache_folder().parent
+@pytest.mark.parametrize("name", PLANTED)
+def test_what_is_planted_as_the_folder_among_temporary_files_is_not_used(name, surroundings, choose, monkeypatch):
+    """A new folder is taken that only this user can enter, which the processes started by this one find too."""
+    (surroundings / "home" / ".cache").write_text("a file where a folder should be")
+    if name == "one of another user":  # here this user plants it and another one starts the program
+        monkeypatch.setattr(os, "geteuid", lambda: OTHER_USER)
+    planted = surroundings / "temporary" / f"thirdbody-{os.geteuid()}"
+    if PLANTED[name] is None:
+        first = choose()
+        assert first.parent == planted and mode(planted) == 0o700 and choose() == first
+        return
+    PLANTED[name](planted)
+    parent = choose().parent
     assert parent != planted and parent.parent == planted.parent and not parent.is_symlink()
     assert mode(parent) == 0o700 and os.environ[cache_dir.VARIABLE] == str(parent)
     assert not planted.is_dir() or list(planted.iterdir()) == []
 
 
 @pytest.fixture
-def version(surroundings, monkeypatch) -> Path:
-    """The path of the folder that the next call of `cache_folder` gives, not yet made."""
+def version(surroundings, choose, monkeypatch) -> Path:
+    """The path of the folder that the next choice gives, not yet made."""
     monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "named"))
-    path = cache_dir.cache_folder()
-    cache_dir.shutil.rmtree(path)
-    monkeypatch.setattr(cache_dir, "_cached_folder", None)
+    path = choose()
+    shutil.rmtree(path)
     return path
 
 
 @needs_modes
-def test_a_folder_into_which_others_could_write_and_a_link_are_made_anew(version, monkeypatch):
-    plant_a_folder(0o777)(version)
+def test_a_folder_into_which_others_could_write_and_a_link_are_made_anew(version, choose):
+    plant_an_open_folder(version)
     (version / "thirdbody_law_0.py").write_text("print('not ours')")
-    assert cache_dir.cache_folder() == version and mode(version) == 0o700
-    assert [path.name for path in version.iterdir()] == [cache_dir.TAG]
-    cache_dir.shutil.rmtree(version)
+    assert choose() == version and mode(version) == 0o700 and [path.name for path in version.iterdir()] == [cache_dir.TAG]
+    (version / "kept").write_text("")
+    version.chmod(0)  # one that lost its rights gets them back
+    assert choose() == version and mode(version) == 0o700 and (version / "kept").exists()
+    for spoil in (Path.mkdir, Path.touch):  # a damaged mark is written anew
+        (version / cache_dir.TAG).unlink()
+        spoil(version / cache_dir.TAG)
+        assert (choose() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
+    shutil.rmtree(version)
     plant_a_link(version)
-    monkeypatch.setattr(cache_dir, "_cached_folder", None)
-    assert cache_dir.cache_folder() == version and not version.is_symlink()
+    assert choose() == version and not version.is_symlink()
 
 
 @needs_modes
-def test_the_folder_of_another_user_is_refused(version, monkeypatch):
+def test_the_folder_of_another_user_is_refused(version, choose, monkeypatch):
     version.mkdir()
     monkeypatch.setattr(Path, "lstat", owned_by_other(Path.lstat))
     with pytest.raises(OutputError, match="belongs to another user"):
-        cache_dir.cache_folder()
+        choose()
 
 
-@needs_modes
-def test_a_folder_that_lost_its_rights_gets_them_back(version):
-    version.mkdir(mode=0o700)
-    (version / "kept").write_text("")
-    version.chmod(0)
-    assert cache_dir.cache_folder() == version and mode(version) == 0o700
-    assert (version / "kept").exists()
-
-
-@pytest.mark.parametrize("spoil", [Path.mkdir, lambda path: path.write_bytes(b"")], ids=["a folder", "an empty file"])
-def test_a_damaged_mark_is_written_anew(spoil, version):
-    version.mkdir(mode=0o700)
-    spoil(version / cache_dir.TAG)
-    assert (cache_dir.cache_folder() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
-
-
-def test_a_full_disk_is_reported_in_one_line(version, monkeypatch):
+def test_a_full_disk_is_reported_in_one_line(version, choose, monkeypatch):
     def full(*_arguments, **_options):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OutputError, match="cannot be written .No space left on device.; THIRDBODY_CACHE names") as report:
-        cache_dir.cache_folder()
+        choose()
     assert report.value.exit_code == 5 and "\n" not in str(report.value)
 
 

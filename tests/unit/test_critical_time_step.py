@@ -261,13 +261,16 @@ def test_of_twins_the_first_limits():
     assert _contact_bounds(state, 0.0, 0.3)[0].tolist() == [0, 1]
 
 
-def test_nothing_touches():
+def test_nothing_touches_and_what_is_no_number():
     state = heap(0, 1, 1, size=100.0)
     state.B[:, 2] = state.S[:, 2] = 50.0
     for edges in (state.slots.edges, np.zeros(0, np.int32)):  # before the first search there are none
         state.slots.edges = edges
         found = bound(state, [SOFT], 0, 0.3)
         assert (found.mechanism, found.stability) == ("rayleigh", math.inf)
+    state = heap(3, 20, 1)
+    state.B[state.body[state.slots.own[0]], body.MASS] = math.nan
+    assert math.isnan(bound(state, [SOFT], 0, 0.3).stability)
 
 
 def test_a_contact_to_come_counts_as_deep_as_it_gets():
@@ -282,9 +285,3 @@ def test_a_contact_to_come_counts_as_deep_as_it_gets():
     for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, sphere.RADIUS]), strict=True):
         state.S[0, 2] = state.S[0, sphere.RADIUS] - overlap
         assert found == pytest.approx(_contact_bounds(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences
-
-
-def test_what_is_no_number_is_reported():
-    state = heap(3, 20, 1)
-    state.B[state.body[state.slots.own[0]], body.MASS] = math.nan
-    assert math.isnan(bound(state, [SOFT], 0, 0.3).stability)

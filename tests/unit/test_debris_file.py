@@ -1,7 +1,5 @@
 """Debris from a table of spheres: what is read, where the bodies lie, what a placement takes of them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -19,9 +17,8 @@ from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene
 from thirdbody.units import parse
 
-TEXT = (
-    STEEL
-    + """\
+TEXT = """\
+{steel}\
 [[debris]]
 material = "steel"
 kind = "file"
@@ -36,7 +33,6 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
-)
 # a dumbbell of unequal balls, a ball, and a crooked body of three; rows of a body need not stand together
 SPHERES = [(3, 10, 20, 9, 5), (1, 60, 60, 40, 7), (9, 90, 30, 12, 6), (3, 16, 22, 9, 4), (9, 97, 30, 12, 4), (9, 90, 36, 14, 3)]
 PLAIN = "clump,x [um],y [um],z [um],radius [um]\n" + "".join(",".join(map(str, row)) + "\n" for row in SPHERES)
@@ -60,7 +56,7 @@ def placed(tmp_path):
         else:
             np.savez(tmp_path / name, **table)
         path = tmp_path / "scene.toml"
-        path.write_text(TEXT.format(file=name, more=more))
+        path.write_text(TEXT.format(steel=STEEL, file=name, more=more))
         scene, warnings = Scene.load(path), []
         return populate(scene, warnings), warnings, scene
 
@@ -75,9 +71,6 @@ def turn(axis, angle: float) -> list[float]:
 def by_body(rows: np.ndarray) -> np.ndarray:
     """Rows of the table in the order of the bodies."""
     return rows[np.argsort([row[0] for row in SPHERES], kind="stable")]
-
-
-# What the file says
 
 
 @pytest.mark.parametrize("table", [PLAIN, arrays()], ids=["csv", "npz"])
@@ -144,12 +137,6 @@ def test_csv_and_npz_say_the_same(placed):
     assert a.velocities[1] == pytest.approx([4e-3, 5e-3, 6e-3], rel=1e-15) and a.angular_velocities[0].tolist() == [-1, 0, 5]
 
 
-def test_quantities_are_rounded_once(tmp_path):
-    (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n0,60,-0.1,3e2,6.6\n")
-    bodies = load_bodies(tmp_path / "b.csv", parse)
-    assert bodies.positions[0].tolist() == [60e-6, -0.1e-6, 300e-6] and bodies.clumps[0].radii.tolist() == [6.6e-6]
-
-
 def test_quaternions_to_seven_digits_are_taken_as_unit(placed):
     q = np.round([turn((1, 2, 3), 0.1 + k) for k in range(3)], 7)
     arms = arrays(quaternion=q)
@@ -167,6 +154,12 @@ def test_whole_numbers_and_single_precision_are_numbers(placed):
     assert bodies.velocities.dtype == np.float64 and (bodies.velocities == 1.0).all()
 
 
+def test_quantities_are_rounded_once(tmp_path):
+    (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n0,60,-0.1,3e2,6.6\n")
+    bodies = load_bodies(tmp_path / "b.csv", parse)
+    assert bodies.positions[0].tolist() == [60e-6, -0.1e-6, 300e-6] and bodies.clumps[0].radii.tolist() == [6.6e-6]
+
+
 def test_copies_of_a_shape_share_their_clump(tmp_path):
     rng = np.random.default_rng(3)
     rows = []
@@ -178,12 +171,8 @@ def test_copies_of_a_shape_share_their_clump(tmp_path):
     assert len({id(body_number) for body_number in bodies.clumps}) <= 5
     alone = clump(np.array([[0, 0, 5], [3, 0, 6]]) * 1e-6, np.array([5, 4.5]) * 1e-6)
     for body_number in bodies.clumps:
-        assert body_number.volume == pytest.approx(alone.volume, rel=1e-9) and body_number.inertia == pytest.approx(
-            alone.inertia, rel=1e-9
-        )
-
-
-# Placement
+        assert body_number.volume == pytest.approx(alone.volume, rel=1e-9)
+        assert body_number.inertia == pytest.approx(alone.inertia, rel=1e-9)
 
 
 def test_a_layer_takes_the_shapes_in_turn(placed):
@@ -195,9 +184,6 @@ def test_a_layer_takes_the_shapes_in_turn(placed):
     assert lowest == pytest.approx([0.0] * 5, abs=1.1e-9 * 14e-6)
     # as many as the file has, unless told
     assert len(placed(PLAIN, 'placement = "layer"')[0].clumps) == 3
-
-
-def test_a_layer_of_other_sizes(placed):
     size = 'size = {distribution = "uniform", min = "6 um", max = "9 um"}'
     bodies, _, _ = placed(PLAIN, f'placement = "layer"\ncount = 6\n{size}')
     diameters = [body.diameter for body in bodies.clumps]
@@ -210,14 +196,8 @@ def test_what_a_placement_does_not_use_is_reported(placed):
     bodies, warnings, _ = placed(arrays(quaternion=q, velocity=np.ones((3, 3))), 'placement = "layer"')
     assert warnings == ['b.npz: its quaternions and velocities are not used: placement = "layer" takes the shapes only']
     assert not bodies.velocities.any()
-
-
-def test_the_scene_gives_the_velocity_that_the_file_has_not(placed):
-    bodies, _, _ = placed(PLAIN, 'velocity = ["1 m/s", "0 m/s", "0 m/s"]')
-    assert bodies.velocities.tolist() == [[1.0, 0.0, 0.0]] * 3
-
-
-# The scene
+    given, _, _ = placed(PLAIN, 'velocity = ["1 m/s", "0 m/s", "0 m/s"]')  # by the scene, where the file has none
+    assert given.velocities.tolist() == [[1.0, 0.0, 0.0]] * 3
 
 
 @pytest.mark.parametrize("more", ["", 'placement = "layer"\ncount = 5\nsize = "5 um"\nvelocity = ["1 m/s", "0 m/s", "0 m/s"]'])
@@ -230,7 +210,7 @@ def test_saved_and_read_the_scene_is_the_same(placed, tmp_path, more):
 
 
 def test_bodies_of_a_table_can_meet_each_other(tmp_path):
-    text = TEXT.format(file="b.csv", more="").replace('material = "steel"\nkind', 'material = "glass"\nkind')
+    text = TEXT.format(steel=STEEL, file="b.csv", more="").replace('material = "steel"\nkind', 'material = "glass"\nkind')
     glass = '[materials.glass]\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.2\ndensity = "2500 kg/m3"\n'
     pair = '[[pairs]]\nbetween = ["steel", "glass"]\nfriction = 0.3\nrestitution = 0.6\n'
     with pytest.raises(InputError, match=r"no pair for 'glass' and 'glass', which can meet \(the bodies of debris"):

@@ -1,9 +1,8 @@
 """Rolling resistance and local damping in a scene: what can be given, what is refused, what an absent effect leaves behind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from each import each
 
 import thirdbody
 from thirdbody.assembly.simulation import build
@@ -108,13 +107,11 @@ def test_the_ledger_of_a_sheared_layer_closes_and_moments_are_balanced():
     slots = state.slots
     torque = np.zeros((state.n_bodies, 3))
     for k in np.flatnonzero(slots.histories.slip > 0.0):
-        R = slots.R[k]
+        R, own, other = slots.R[k], state.body[slots.own[k]], slots.partner[k]
         force = R[record.NORMAL_FORCE] * R[record.NORMAL3] + R[record.TANGENTIAL_FORCE3]
-        moment = R[record.MOMENT3]
-        torque[state.body[slots.own[k]]] += np.cross(R[record.POINT3], force) + moment
-        if slots.partner[k] >= 0:
-            other = state.body[slots.partner[k]]
-            torque[other] -= np.cross(R[record.PARTNER_POINT3], force) + moment
+        torque[own] += np.cross(R[record.POINT3], force) + R[record.MOMENT3]
+        if other >= 0:
+            torque[state.body[other]] -= np.cross(R[record.PARTNER_POINT3], force) + R[record.MOMENT3]
     # sums of a few numbers in another order
     assert np.allclose(torque, state.bodies.torque, rtol=0.0, atol=1e-12 * np.abs(torque).max())
 
@@ -125,16 +122,13 @@ def test_a_pair_may_have_its_own_coefficient():
     assert Scene.parse(scene(ROLLING, "rolling_friction = 0.2").to_toml()).pairs[0].rolling_friction == 0.2
 
 
-@pytest.mark.parametrize(
-    ("key", "remedy"),
-    [
+def test_a_pair_s_value_without_its_effect_is_refused():
+    for key, remedy in (
         ("rolling_friction = 0.2", "rolling_resistance = {coefficient = ...}"),
         ('work_of_adhesion = "5 mJ/m2"', "adhesion = {work_of_adhesion = ...}"),
-    ],
-)
-def test_a_pair_s_value_without_its_effect_is_refused(key, remedy):
-    message = report("", key)
-    assert f"pairs[0].{key.split()[0]}: the effect that it belongs to is off: add [effects] {remedy}" in message
+    ):
+        words = f"pairs[0].{key.split()[0]}: the effect that it belongs to is off: add [effects] {remedy}"
+        assert words in report("", key)
 
 
 def adhesive(own: str, all_pairs: str = 'work_of_adhesion = "50 mJ/m2", ') -> tuple[str, str]:
@@ -168,19 +162,18 @@ def test_work_of_adhesion_by_pair_only():
         scene(effects, 'work_of_adhesion = "-1 J/m2"')
 
 
-@pytest.mark.parametrize(
-    "effects, words",
-    [
-        ("rolling_resistance = 0.05", ["effects.rolling_resistance: expected a table with coefficient, damping"]),
-        ("rolling_resistance = {coefficient = 1.5}", ["rolling_resistance.coefficient: 1.5 must lie between 0 and 1"]),
-        ("rolling_resistance = {damping = 0.1}", ["required key 'coefficient' is missing"]),
-        ("local_damping = {coefficient = 0.95}", ["local_damping.coefficient: 0.95 must lie between 0 and 0.9"]),
-        ('local_damping = {coefficient = 0.3, until = "ever"}', ["local_damping.until: expected 'settled', got 'ever'"]),
-    ],
-)
-def test_faults_are_reported(effects, words):
-    message = report(effects)
-    assert all(word in message for word in words), message
+FAULTS = {
+    "rolling_resistance = 0.05": "effects.rolling_resistance: expected a table with coefficient, damping",
+    "rolling_resistance = {coefficient = 1.5}": "rolling_resistance.coefficient: 1.5 must lie between 0 and 1",
+    "rolling_resistance = {damping = 0.1}": "required key 'coefficient' is missing",
+    "local_damping = {coefficient = 0.95}": "local_damping.coefficient: 0.95 must lie between 0 and 0.9",
+    'local_damping = {coefficient = 0.3, until = "ever"}': "local_damping.until: expected 'settled', got 'ever'",
+}
+
+
+@each(FAULTS)
+def test_faults_are_reported(effects):
+    assert FAULTS[effects] in report(effects)
 
 
 def test_local_damping_may_say_when_it_ends():

@@ -1,19 +1,20 @@
-"""Films have the frames that were asked for, and one camera and one legend over all of them."""
-
-from __future__ import annotations
+"""Films have the frames that were asked for, one camera and one legend over all of them; a close-up shows the forces on one
+particle and what friction could hold at each of its spots."""
 
 import io
 import sys
 
 import numpy as np
 import pytest
-from layer import hue_share, skip_unless_drawable, write_layer
+from layer import R, hue_share, skip_unless_drawable, write_layer
 
 from thirdbody.errors import InputError, MissingLibrary
-from thirdbody.palette import STATE_COLORS
-from thirdbody.render.coloring import LegendScale
+from thirdbody.palette import STATE_COLORS, rgb
+from thirdbody.render.closeup_data import read_close_up
+from thirdbody.render.coloring import Coloring, Legend, LegendScale
 from thirdbody.render.film import frame_numbers, gif, mp4
 from thirdbody.render.film_progress import film_bar
+from thirdbody.render.force_tubes import force_tubes, nearest_image
 from thirdbody.render.layout import compute_layout
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
@@ -37,18 +38,21 @@ def mp4_pictures(content: bytes) -> list[np.ndarray]:
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
 
 
-@pytest.mark.parametrize(
-    ("text", "numbers"),
-    [(None, [0, 1, 2, 3, 4, 5, 6]), ("1:6:2", [1, 3, 5]), ("-3:", [4, 5, 6]), ("::3", [0, 3, 6]), ("::-3", [6, 3, 0])],
-)
-def test_frames_are_named_as_python_slices(text, numbers):
-    assert frame_numbers(text, 7) == numbers
+def gif_pictures(image) -> list[np.ndarray]:
+    pictures = []
+    for number in range(image.n_frames):
+        image.seek(number)
+        pictures.append(np.array(image.convert("RGB")))
+    return pictures
 
 
-@pytest.mark.parametrize("text", ["3", "a:b", "1:2:3:4", "::0", "9:12", "1.5:3"])
-def test_frames_that_cannot_be(text):
-    with pytest.raises(InputError, match="frames: "):
-        frame_numbers(text, 7)
+def test_frames_are_named_as_python_slices():
+    every = [0, 1, 2, 3, 4, 5, 6]
+    slices = {None: every, "1:6:2": [1, 3, 5], "-3:": [4, 5, 6], "::3": [0, 3, 6], "::-3": [6, 3, 0]}
+    assert {text: frame_numbers(text, 7) for text in slices} == slices
+    for text in ("3", "a:b", "1:2:3:4", "::0", "9:12", "1.5:3"):
+        with pytest.raises(InputError, match="frames: "):
+            frame_numbers(text, 7)
 
 
 def test_an_mp4_keeps_count_order_size_and_rate():
@@ -66,10 +70,7 @@ def test_an_mp4_keeps_count_order_size_and_rate():
 def test_a_gif_keeps_count_order_size_and_rate():
     image = pytest.importorskip("PIL.Image").open(io.BytesIO(gif(flat_pictures(5), 10)))
     assert (image.n_frames, image.size, image.info["duration"]) == (5, (64, 48), 100)
-    red = []
-    for number in range(5):
-        image.seek(number)
-        red.append(np.array(image.convert("RGB"))[:, :, 0].mean())
+    red = [picture[:, :, 0].mean() for picture in gif_pictures(image)]
     assert red == pytest.approx([100, 120, 140, 160, 180], abs=1)  # five colours fit a palette
 
 
@@ -91,18 +92,12 @@ def test_one_plan_holds_what_all_frames_need(layer):
     assert (LegendScale((1.0, 2.0)) | LegendScale(None, frozenset({3}))) == LegendScale((1.0, 2.0), frozenset({3}))
 
 
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=pytest.mark.full(kind="slow"))])
 def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
     skip_unless_drawable()
     film = render(layer, tmp_path / f"a{suffix}", size=(480, 270), frames="0:6:2", fps=5)
-    if suffix == ".mp4":
-        pictures = mp4_pictures(film.read_bytes())
-    else:
-        image = pytest.importorskip("PIL.Image").open(film)
-        pictures = []
-        for number in range(image.n_frames):
-            image.seek(number)
-            pictures.append(np.array(image.convert("RGB")))
+    image = pytest.importorskip("PIL.Image")
+    pictures = mp4_pictures(film.read_bytes()) if suffix == ".mp4" else gif_pictures(image.open(film))
     assert len(pictures) == 3 and pictures[0].shape == (270, 480, 3)
     for state in ("sticking", "sliding", "rolling"):
         assert hue_share(pictures[2], STATE_COLORS[state]) > 0.005, state
@@ -119,9 +114,9 @@ def test_a_film_reports_how_far_it_is(layer, tmp_path):
     """Each picture is told when it is drawn; without a terminal no bar is drawn."""
     report: list[tuple[int, int]] = []
     skip_unless_drawable()
-    render(layer, tmp_path / "a.gif", size=(320, 200), progress=lambda done, total: report.append((done, total)))
-    with open_run(layer) as run:
-        assert report == [(k + 1, run.frames) for k in range(run.frames)]
+    tell = lambda done, total: report.append((done, total))  # noqa: E731
+    render(layer, tmp_path / "a.gif", size=(320, 200), frames="0:2", progress=tell)
+    assert report == [(1, 2), (2, 2)]
 
 
 def test_a_bar_is_drawn_at_a_terminal_only(monkeypatch, capsys):
@@ -140,6 +135,7 @@ def test_a_bar_is_drawn_at_a_terminal_only(monkeypatch, capsys):
     assert "a.mp4" in screen.getvalue() and "3/3" in screen.getvalue()
 
 
+@pytest.mark.full(kind="slow")
 def test_a_body_is_followed_or_passes_by(layer, tmp_path):
     """Followed, the particle stays where it is in the picture; before a fixed camera it goes along."""
     skip_unless_drawable()
@@ -147,26 +143,94 @@ def test_a_body_is_followed_or_passes_by(layer, tmp_path):
     moved = {}
     for camera in ("follow", "fixed"):
         film = image.open(render(layer, tmp_path / f"{camera}.gif", size=(480, 270), frames="0:2", body=30, camera=camera))
-        places = []
-        for number in range(2):
-            film.seek(number)
-            pixels = np.array(film.convert("RGB")).astype(int)[45:230, :320]
-            colored = np.ptp(pixels, axis=2) > 70
-            places.append(np.argwhere(colored)[:, 1].mean())
+        colored = [np.ptp(pixels.astype(int)[45:230, :320], axis=2) > 70 for pixels in gif_pictures(film)]
+        places = [np.argwhere(there)[:, 1].mean() for there in colored]
         moved[camera] = places[1] - places[0]
     # The plate's own edges move with a camera that follows, the neighbours by less than a pixel.
     assert abs(moved["follow"]) < 4.0 < moved["fixed"]
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
+def test_options_that_do_not_go_together(layer, tmp_path):
+    for name, options, message in (
         ("a.mp4", {"size": (801, 450)}, "even numbers"),
         ("a.gif", {"frame": 1}, "takes frames a:b:c"),
         ("a.mp4", {"frames": "5:2"}, "leaves none of the 7 frames"),
         ("a.html", {"forces": True}, "not in .html"),
-    ],
-)
-def test_options_that_do_not_go_together(layer, tmp_path, name, options, message):
-    with pytest.raises(InputError, match=message):
-        render(layer, tmp_path / name, **options)
+    ):
+        with pytest.raises(InputError, match=message):
+            render(layer, tmp_path / name, **options)
+
+
+def test_the_spots_of_a_body_and_their_cones(layer):
+    with open_run(layer) as run:
+        one = read_close_up(run, -1, 7, "state")
+    spots = one.spots
+    assert spots.against == ["lower plate", "upper plate"]
+    # 7.5 uN are three quarters, 2.5 uN one quarter of the same limit: a cone with the half angle atan 0.1.
+    assert spots.limit == pytest.approx([1e-5, 1e-5], rel=1e-12)
+    load = np.einsum("ij,ij->i", spots.force, spots.normal)
+    assert load == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
+    assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(R, rel=1e-9))  # wrapped like its body
+
+
+def test_the_other_body_of_a_contact_feels_the_opposite_force():
+    contacts = {"position": np.array([[10.0, 5.0, 0.0]]), "body": np.array([1]), "partner": np.array([0]),
+                "force": np.array([[3.0, 0.0, 4.0]])}  # fmt: skip
+    bodies = {"position": np.array([[9.9, 5.0, 0.0], [0.1, 5.0, 0.0]]), "id": np.array([0, 1])}
+    paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
+    tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
+    assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)
+    # One tube from each centre to the contact between them, across the edge of the domain: 0.1 each, not 9.9.
+    assert np.linalg.norm(tubes.end - tubes.start, axis=1) == pytest.approx([0.1, 0.1], rel=1e-9)
+    assert tubes.full_scale == pytest.approx(5.0, rel=1e-12)
+
+
+def test_the_nearest_image_is_never_farther_than_half_the_domain():
+    path = np.array([[9.0, -6.0, 3.0], [4.9, 5.1, -7.0]])
+    np.testing.assert_allclose(nearest_image(path, np.array([10.0, 10.0])), [[-1.0, 4.0, 3.0], [4.9, -4.9, -7.0]], atol=1e-12)
+    assert nearest_image(path, None) is path
+
+
+def test_contacts_bring_their_own_colours_to_the_tubes(layer):
+    with open_run(layer) as run:
+        by_state = read_picture_data(run, 0, "state", forces=True).tubes
+        by_use = read_picture_data(run, 0, "utilisation", forces=True).tubes
+    assert len(np.unique(by_state.colors, axis=0)) == 1
+    assert len(np.unique(by_use.colors, axis=0)) == 2  # a quarter and three quarters
+
+
+def close_up(layer, folder, size):
+    """Pixels of a body that does not stick: blue are its two spots, their cones and numbers."""
+    skip_unless_drawable()
+    image = pytest.importorskip("PIL.Image")
+    with open_run(layer) as run:
+        number = int(np.flatnonzero(run.states[0] == 2)[0])
+    return np.array(image.open(render(layer, folder / "a.png", size=size, body=number)).convert("RGB"))
+
+
+def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_path):
+    pixels = close_up(layer, tmp_path, (800, 450))
+    assert pixels.shape == (450, 800, 3)
+    scene = pixels[60:380, :540]
+    # The numbers of two spots alone are 0.15 % of the scene; the light plates are no blue of 25 steps.
+    assert hue_share(scene, STATE_COLORS["sticking"]) > 0.004
+    assert hue_share(scene, STATE_COLORS["sliding"]) > 0.01
+
+
+@pytest.mark.full(kind="slow")
+def test_numbers_of_spots_stay_on_their_discs_in_small_pictures(layer, tmp_path):
+    """Words do not shrink below 11 pixels, their discs did: at 480 x 270 the numbers hid them."""
+    listed = close_up(layer, tmp_path, (480, 270)).astype(int)[40:200, 320:]
+    blue = np.all(np.abs(listed - rgb(STATE_COLORS["sticking"])) < 12, axis=2).sum()
+    # Two discs of 15 / 22 of 11 pixels cover 353, of which digits and edges take a third; they covered 52.
+    assert blue > 150
+
+
+def test_a_run_without_forces_says_so(layer, tmp_path):
+    with open_run(layer) as run:
+        with pytest.raises(InputError, match="no body 60; ids are 0 to 59"):
+            read_close_up(run, -1, 60, "state")
+        contacts = run.contacts(0)
+    del contacts["force"]
+    with pytest.raises(InputError, match="recorded no forces"):
+        force_tubes(contacts, {"position": np.zeros((60, 3))}, np.zeros((60, 3)), None, Coloring(np.zeros(1), Legend("x")))

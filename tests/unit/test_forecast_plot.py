@@ -1,10 +1,7 @@
 """Forecast against fact as a picture: every body a point in the place of its margin, disagreements ringed and named."""
 
-from __future__ import annotations
-
 import json
 import os
-from functools import partial
 
 import numpy as np
 import pytest
@@ -101,52 +98,36 @@ def test_of_many_disagreements_only_numbers_that_can_be_read_are_written():
     assert sum(len(c.get_offsets()) for c in dark) == 150
 
 
-def test_a_crowded_row_is_higher():
-    few, many = (forecast_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
-    assert few == forecast_plot.ROW * forecast_plot.MIN_ROWS and many == forecast_plot.TALLEST
-
-
-def test_without_disagreement_there_is_no_ring():
-    axes = Figure().subplots()
-    draw_into(axes, cloud([ROWS[0], ROWS[2]]))
-    assert not len(points(axes, "other than forecast")) and axes.get_title() == "as forecast: 2 of 2 (100.0 %)"
-
-
-def test_the_band_is_shaded_and_the_title_counts_outside_it(axes):
+def test_titles_count_outside_the_shaded_band(axes):
     band = next(patch for patch in axes.patches if "open" in patch.get_label())
     assert (band.get_x(), band.get_x() + band.get_width()) == (-BAND, BAND)
     assert axes.get_title() == "seven bodies\nas forecast: 3 of 6 (50.0 %); 1 more in the 2 % band"
-
-
-def test_a_long_title_is_broken_into_lines():
-    axes = Figure().subplots()
-    draw_into(axes, cloud(), "word " * 30)
-    assert max(map(len, axes.get_title().splitlines())) <= forecast_plot.LETTERS
-
-
-def test_agreement_of_nothing_outside_the_band():
+    few, long = Figure().subplots(), Figure().subplots()
+    draw_into(few, cloud([ROWS[0], ROWS[2]]))  # without disagreement there is no ring
+    assert not len(points(few, "other than forecast")) and few.get_title() == "as forecast: 2 of 2 (100.0 %)"
+    draw_into(long, cloud(), "word " * 30)
+    assert max(map(len, long.get_title().splitlines())) <= forecast_plot.LETTERS
     assert agreement(cloud([ROWS[4]])) == "as forecast: 0 of 0; 1 more in the 2 % band"
 
 
-def test_pooled_runs_are_one_cloud():
+def test_points_at_one_place_are_stacked_within_their_row_which_is_higher_where_crowded():
     both = pool([cloud(ROWS[:3]), cloud(ROWS[3:])])
     assert all(np.array_equal(a, b) for a, b in zip(both, cloud(), strict=True))
-
-
-def test_points_at_one_place_are_stacked_within_their_row():
     across = swarm(np.full(200, 0.3), np.zeros(200, int), 0.1)
     assert len(np.unique(across)) == 200 and np.abs(across).max() <= forecast_plot.HALF_WIDTH + 1e-12  # rounding
     assert swarm(np.array([0.3, 0.6]), np.zeros(2, int), 0.1).tolist() == [0.0, 0.0]
     np.testing.assert_allclose(swarm(np.array([0.3, 0.3]), np.zeros(2, int), 0.1), [-0.05, 0.05])
     assert swarm(np.array([0.3, 0.3]), np.array([0, 1]), 0.1).tolist() == [0.0, 0.0]
+    few, many = (forecast_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
+    assert few == forecast_plot.ROW * forecast_plot.MIN_ROWS and many == forecast_plot.TALLEST
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("b.pdf", b"%PDF"), ("c.svg", b"<?xml"), ("d.PNG", b"\x89PNG")])
-def test_the_suffix_is_the_format(tmp_path, name, start):
-    draw_forecasts(cloud(), tmp_path / name, "seven bodies")
-    data = (tmp_path / name).read_bytes()
-    assert data.startswith(start) and len(data) > 20_000  # empty axes of this size take 16 kB at most
+def test_the_suffix_is_the_format(tmp_path):
+    for name, start in (("a.PNG", b"\x89PNG"), ("b.pdf", b"%PDF"), ("c.svg", b"<?xml")):
+        draw_forecasts(cloud(), tmp_path / name, "seven bodies")
+        data = (tmp_path / name).read_bytes()
+        assert data.startswith(start) and len(data) > 20_000  # empty axes of this size take 16 kB at most
 
 
 def test_faults_are_reported(tmp_path):
@@ -158,8 +139,6 @@ def test_faults_are_reported(tmp_path):
         draw_forecasts(cloud(), tmp_path / "nowhere" / "a.png")
     assert os.listdir(tmp_path) == []
 
-
-# of a run ------------------------------------------------------------------------------------------------------------------
 
 SCENE = """
 scene = 1
@@ -184,10 +163,8 @@ REPORTED = (2, 1, 3, 0, 4)
 
 
 def write_run(folder, message=REPORTED, distances=DISTANCES, rolled=None, partner=-1, path=1.0):
-    """A run of five bodies, the last without a forecast, the second of brass; each on one spot.
-
-    `rolled` (F, B): length that each body has rolled, m. `partner` of body 0 from the drag on. `path`: share of the distance that
-    the upper plate is away at the end.
+    """A run of five bodies, the last without a forecast, the second of brass; each on one spot. `rolled` (F, B): length that each
+    body has rolled, m; `partner` of body 0 in the drag; `path`: share of the distance that the upper plate is away at the end.
     """
     folder.mkdir()
     header = {"scene_text": SCENE, "title": "five bodies", "state_names": STATES, "reason_names": ["none"],
@@ -225,11 +202,8 @@ def test_what_is_drawn_of_a_run(tmp_path):
     assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
     assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
     assert counted["agree"] == int(found.correct.sum()) == 3 and counted["slides_instead"] == [3]
-
-
-def test_the_plain_fact_is_a_turn_by_more_than_a_over_r(tmp_path):
-    """Bodies 1 and 2 turned by 1.2 and 0.8 a/R whatever their labels: told to slide both, one does as told."""
-    with open_run(write_run(tmp_path / "run", message=(2, 3, 3, 4, 4))) as run:
+    # the plain fact is a turn by more than a/R: bodies 1 and 2, told to slide, turned by 1.2 and 0.8 of it whatever their labels
+    with open_run(write_run(tmp_path / "told", message=(2, 3, 3, 4, 4))) as run:
         assert compare_forecast(run)["by_rotation"] == [2, 3]
 
 
@@ -244,12 +218,14 @@ def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
     assert counted["agree"] == 4 and counted["rolls_as_forecast"] == [1, 3] and counted["slides_instead"] == []
 
 
-@pytest.mark.parametrize(
-    "words, scene, broken",
-    [({}, "", {"support", "frames"}), ({"partner": 3}, "", {"support", "frames", "neighbours"}),
-     ({"path": 0.5}, "", {"support", "frames", "reversal"}), ({}, 'support = "load_per_particle"', {"frames"}),
-     ({}, 'support = "load_per_particle"\ngap = "8 um"', {"support", "frames"})],
-)  # fmt: skip
+FOUND, PER_PARTICLE = {"support", "frames"}, 'support = "load_per_particle"'
+CONDITIONS = [
+    ({}, "", FOUND), ({"partner": 3}, "", FOUND | {"neighbours"}), ({"path": 0.5}, "", FOUND | {"reversal"}),
+    ({}, PER_PARTICLE, {"frames"}), ({}, PER_PARTICLE + '\ngap = "8 um"', FOUND),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("words, scene, broken", CONDITIONS)
 def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monkeypatch, words, scene, broken):
     monkeypatch.setattr(f"{__name__}.SCENE", SCENE + scene + "\n")
     with open_run(write_run(tmp_path / "run", **words)) as run:
@@ -272,35 +248,31 @@ def test_bodies_without_a_frame_in_the_watched_drag_are_not_compared(tmp_path):
     assert (counted["forecast"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
 
 
-@pytest.fixture
-def states(command):
-    """`thirdbody states ...` in the test's folder: exit code, out, err."""
-    return partial(command, "states")
-
-
-def test_the_command_draws_beside_its_tables(states, tmp_path):
+def test_the_command_draws_beside_its_tables(command, tmp_path):
     write_run(tmp_path / "run")
-    code, out, err = states("run", "-o", "x.png")
+    code, out, err = command("states", "run", "-o", "x.png")
     assert (code, err) == (0, "") and "agreement 3 of 4" in out and out.endswith("\nx.png\n")
     assert "support of the upper plate" in out and "not met" in out  # the conditions stand beside the table
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
-    code, out, err = states("run", "-o", "y.svg", "--json")
+    code, out, err = command("states", "run", "-o", "y.svg", "--json")
     assert code == 0 and json.loads(out)["forecast"]["agree"] == 3 and err == "y.svg\n"
     # matplotlib draws text as outlines and keeps the words as comments
     text = (tmp_path / "y.svg").read_text(encoding="utf-8")
     assert "five bodies" in text and "as forecast: 3 of 4 (75.0 %)" in text
 
 
-@pytest.mark.parametrize(
-    "expected, distances, words, status, message",
-    [(REPORTED, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
-     (REPORTED, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
-     (None, DISTANCES, "x.png", 3, "no body has a forecast"),
-     ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"),
-     (REPORTED, (0.0, 0.0), "x.png", 3, "there is no drag")],
-)  # fmt: skip
-def test_what_cannot_be_drawn_is_reported_in_one_line(states, tmp_path, expected, distances, words, status, message):
-    write_run(tmp_path / "run", expected, distances)
-    code, _, err = states("run", "-o", words)
-    assert code == status and message in err and len(err.splitlines()) == 1
-    assert os.listdir(tmp_path) == ["run"]
+REFUSED = [
+    (REPORTED, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
+    (REPORTED, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
+    (None, DISTANCES, "x.png", 3, "no body has a forecast"),
+    ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"),
+    (REPORTED, (0.0, 0.0), "x.png", 3, "there is no drag"),
+]
+
+
+def test_what_cannot_be_drawn_is_reported_in_one_line(command, tmp_path):
+    for number, (expected, distances, words, status, message) in enumerate(REFUSED):
+        write_run(tmp_path / f"run{number}", expected, distances)
+        code, _, err = command("states", f"run{number}", "-o", words)
+        assert code == status and message in err and len(err.splitlines()) == 1, message
+    assert sorted(os.listdir(tmp_path)) == [f"run{number}" for number in range(len(REFUSED))]

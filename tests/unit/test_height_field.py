@@ -80,13 +80,6 @@ def test_heights_are_those_of_scipy_in_every_period(field, coefficients):
 
 DERIVATIVES = {"h": ("x", "y"), "x": ("xx", "xy"), "y": ("xy", "yy")}
 DERIVATIVES |= {"xx": ("xxx", "xxy"), "xy": ("xxy", "xyy"), "yy": ("xyy", "yyy")}
-    "h": ("x", "y"),
-    "x": ("xx", "xy"),
-    "y": ("xy", "yy"),
-    "xx": ("xxx", "xxy"),
-    "xy": ("xxy", "xyy"),
-    "yy": ("xyy", "yyy"),
-}
 
 
 @each(DERIVATIVES)
