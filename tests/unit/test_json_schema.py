@@ -37,9 +37,7 @@ def test_faults_are_not_valid(validator):
         document = copy.deepcopy(GOOD)
         document[table][key] = value
         assert list(validator.iter_errors(document)), key
-
-
-def test_options_of_laws_and_effects_are_left_to_them(validator):
+    # options of laws and effects are left to them
     document = copy.deepcopy(GOOD)
     document["contact"]["some_option"] = 1
     document.setdefault("effects", {})["some_effect"] = {"strength": "1 Pa"}

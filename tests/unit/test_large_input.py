@@ -38,14 +38,10 @@ def test_an_npz_of_too_many_spheres_is_refused(tmp_path):
         load_bodies(tmp_path / "b.npz", units.parse)
 
 
-def test_a_table_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
-    text = b"clump,x [um],y [um],z [um],radius [um]\n"
-    (tmp_path / "b.csv").write_bytes(text + b"1,1,1,1,1\n" * 1_000_001)
+def test_tables_of_too_many_rows_are_refused_before_they_are_split(tmp_path):
+    (tmp_path / "b.csv").write_bytes(b"clump,x [um],y [um],z [um],radius [um]\n" + b"1,1,1,1,1\n" * 1_000_001)
     with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.csv", units.parse)
-
-
-def test_a_motion_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
     (tmp_path / "m.csv").write_bytes(b"time (us), displacement (um)\n" + b"1,1\n" * 1_000_000)
     scene = Scene.parse(STEEL + BALL + TAIL, folder=tmp_path)
     with pytest.raises(InputError, match="is too large: at most 1000000 rows and 100 MB are read"):

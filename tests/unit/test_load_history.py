@@ -32,9 +32,7 @@ def test_stages_follow_each_other_and_the_last_load_stays():
     times = [0.0, 0.9e-6, 2e-6, 3.5e-6, 3.999e-6, 4e-6, 1.0]
     # straight lines between numbers of a few digits: rounding only
     assert factors(read(STAGES), 3e-6, times) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0, 1e4, 1e4], rel=1e-9, abs=1e-9)
-
-
-def test_before_the_debris_has_settled_the_load_is_the_first_one():
+    # before the debris has settled the load is the first one
     axis = schedule(read(STAGES), 3e-6).load
     assert axis[0].start == 0.0 and axis[0].value(2.9e-6) == 1.0
 
@@ -57,12 +55,9 @@ def table_scene(folder, rows):
     return Scene.load(folder / "scene.toml")
 
 
-def test_a_table_of_loads(tmp_path):
+def test_a_table_of_loads_right_and_wrong(tmp_path):
     scene = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n3, 0\n")
     assert factors(scene, 0.0, [0.5e-6, 1e-6, 2e-6, 5e-6]) == pytest.approx([1.5, 2.0, 1.0, 0.0], rel=1e-9, abs=1e-12)
-
-
-def test_a_wrong_table_is_reported_with_its_line(tmp_path):
     for rows, message in (
         ("time (us), displacement (um)\n0, 0\n1, 1\n", "expected 'load (unit)'"),
         ("time (us), load (um)\n0, 0\n1, 1\n", "expected a force"),
@@ -89,9 +84,6 @@ def test_wrong_loads_are_refused():
         with pytest.raises(InputError) as caught:
             read(loading)
         assert message in str(caught.value)
-
-
-def test_a_plate_at_a_gap_has_no_load_to_change():
     with pytest.raises(InputError, match="plates.upper.loading: changes a load"):
         read('{load = "1 N"}', 'gap = "20 um"')
 

@@ -35,7 +35,7 @@ def kernel(name, step, **options):
     return plain(measure.kernel)(step, measure.mix(PAIR, given))
 
 
-def test_flash_temperature_of_a_steel_spot():
+def test_flash_temperature_of_a_steel_spot_and_its_warning():
     """Section 16: 1.2 K for a steel sphere of 10 um at 1 m/s and 0.5 mN, friction 0.3; told to two digits there.
 
     Contact radius of Hertz: a^3 = 3 F R/(4 E*), E* of steel on steel 210 GPa/(2 (1 - 0.09)).
@@ -48,9 +48,6 @@ def test_flash_temperature_of_a_steel_spot():
     assert peclet == pytest.approx(1.0 * a / (2.0 * 50.0 / (7850.0 * 460.0)), rel=1e-14)
     assert peclet < 0.02  # slow: the formula holds
     assert kernel("flash_temperature", contact(friction_work=1e-12)) == (0.0, 0.0, 0.0)  # a contact that opened
-
-
-def test_warning_of_a_fast_source():
     for largest, words in ((0.9, None), (2.0, "between"), (9.0, "a fast source")):
         texts = MEASURES["flash_temperature"].warnings({"peclet_number": largest})
         assert (words is None) == (not texts) and all(words in text for text in texts)
@@ -82,13 +79,10 @@ def test_where_numbers_are_kept():
         layout_of([MEASURES["wear"], MEASURES["wear"]])
 
 
-def test_amounts_that_make_no_sense_are_refused():
+def test_amounts_that_make_no_sense_are_refused_and_others_have_a_line_each():
     for wrong in ({"kind": "median"}, {"kind": "mean", "of_plate": True}, {"map": ("depth", "m")}):
         with pytest.raises(ValueError, match="amount 'depth'"):
             Amount("depth", "m", "", **wrong)
-
-
-def test_the_text_of_a_measure_has_a_line_for_each_amount():
     Nothing = namedtuple("Nothing", ())  # noqa: PYI024
     amounts = (Amount("a", "1", ""), Amount("b", "1", "", "mean"), Amount("c", "1", "", "maximum"))
     measure = Measure("all", MEASURES["wear"].kernel, Nothing, lambda pair, options: Nothing(), amounts, "")
@@ -118,14 +112,11 @@ def test_deposits_add_up_and_wrap():
     assert AMOUNTS == rows_of(points, radii, amounts).shape[1] - 2
 
 
-def test_a_small_contact_lies_in_the_cell_of_its_centre():
+def test_small_contacts_lie_in_the_cell_of_their_centre_and_large_ones_are_spread_like_hertz_pressure():
     maps = np.zeros((1, 2, 30, 40))
     deposit(rows_of(np.array([[12.2e-6, 7.9e-6]]), np.array([0.1e-6]), np.array([[5.0]]), 1), maps, np.array([40e-6, 30e-6]))
     assert maps[0, 1, 7, 12] == 5.0 and np.count_nonzero(maps) == 1
-
-
-def test_a_large_contact_is_spread_like_hertz_pressure():
-    """The mean of r^2 under Hertz' pressure is 2 a^2/5; 4000 cells in the contact give it to 1 %."""
+    # the mean of r^2 under Hertz' pressure is 2 a^2/5; 4000 cells in the contact give it to 1 %
     maps, a = np.zeros((1, 2, 100, 100)), 35e-6
     deposit(rows_of(np.array([[50e-6, 50e-6]]), np.array([a]), np.array([[1.0]])), maps, np.array([100e-6, 100e-6]))
     x = (np.arange(100) + 0.5) * 1e-6 - 50e-6

@@ -37,10 +37,7 @@ def test_a_part_is_a_view():
     assert array_part(3, array, 4).tolist() == [8.0, 10.0, 12.0]
     with pytest.raises(TypingError):  # gaps
         doubled(np.zeros((4, 4))[:, 1], 0)
-
-
-def test_sizes_are_known_when_compiling_and_those_of_two_parts_differ():
-    for options in ({}, {name: value for name, value in OPTIONS.items() if name != "cache"}):
+    for options in ({}, {name: value for name, value in OPTIONS.items() if name != "cache"}):  # sizes are known when compiling
 
         @njit(**options)
         def sizes(array):
@@ -112,41 +109,29 @@ def recalled(ones):
     return found
 
 
-def rows(count):
-    """Rows of numbers from 1e-150 to 1e150, most of them of unlike size."""
+def test_three_numbers_in_one_come_back_to_a_part_in_65536_of_the_largest():
+    # from 1e-150 to 1e150, most of them of unlike size
     rng = np.random.default_rng(5)
-    scale = 10.0 ** rng.uniform(-150.0, 150.0, (count, 1))
-    return scale * rng.uniform(-1.0, 1.0, (count, 3)) * 10.0 ** rng.uniform(-6.0, 0.0, (count, 3))
-
-
-def test_each_comes_back_to_a_part_in_65536_of_the_largest():
-    numbers = rows(20_000)
-    error = np.abs(recalled(stored(numbers)) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
+    unlike = rng.uniform(-1.0, 1.0, (20_000, 3)) * 10.0 ** rng.uniform(-6.0, 0.0, (20_000, 3))
+    numbers = unlike * 10.0 ** rng.uniform(-150.0, 150.0, (20_000, 1))
+    once = stored(numbers)
+    error = np.abs(recalled(once) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
     assert 2.0**-18 < error.max() <= 2.0**-16 * (1.0 + 2.0**-16)  # the largest may be next to the next power
-
-
-def test_rounding_has_no_bias():
-    numbers = np.random.default_rng(6).uniform(-1.0, 1.0, (200_000, 3))
-    error = (recalled(stored(numbers)) - numbers) / np.abs(numbers).max(axis=1, keepdims=True)
-    # the mean of 2e5 errors whose standard deviation is 2^-16/sqrt(12) or less: five times its own deviation
-    assert np.abs((np.sign(numbers) * error).mean(axis=0)).max() < 5.0 * 2.0**-16 / math.sqrt(12.0 * len(numbers))
-
-
-def test_what_comes_back_is_stored_as_itself():
-    once = stored(rows(20_000))
-    assert np.array_equal(stored(recalled(once)), once)
-
-
-def test_the_largest_next_to_a_power_of_two():
+    assert np.array_equal(stored(recalled(once)), once)  # what comes back is stored as itself
     for largest in (1.0, 1.0 - 2.0**-53, 1.0 - 2.0**-17, 1.0 + 2.0**-52, 2.0**-900, 2.0**1022):
         numbers = np.array([[sign * largest, -sign * largest, 0.25 * largest] for sign in (1.0, -1.0)])
         assert recalled(stored(numbers)) == pytest.approx(numbers, rel=2.0**-14)  # the smallest has two bits less
+    numbers = np.random.default_rng(6).uniform(-1.0, 1.0, (200_000, 3))
+    error = (recalled(stored(numbers)) - numbers) / np.abs(numbers).max(axis=1, keepdims=True)
+    # no bias: the mean of 2e5 errors whose standard deviation is 2^-16/sqrt(12) or less, five times its own deviation
+    assert np.abs((np.sign(numbers) * error).mean(axis=0)).max() < 5.0 * 2.0**-16 / math.sqrt(12.0 * len(numbers))
 
 
 def test_nothing_is_nothing_and_an_infinite_force_stays_visible():
-    assert np.array_equal(recalled(stored(np.zeros((1, 3)))), np.zeros((1, 3)))
-    assert np.array_equal(recalled(np.zeros(1)), np.zeros((1, 3)))  # as in a contact that never touched
-    assert np.array_equal(recalled(stored(np.full((1, 3), 1e-310))), np.zeros((1, 3)))
+    nothing = np.zeros((1, 3))
+    assert np.array_equal(recalled(stored(nothing)), nothing)
+    assert np.array_equal(recalled(np.zeros(1)), nothing)  # as in a contact that never touched
+    assert np.array_equal(recalled(stored(np.full((1, 3), 1e-310))), nothing)
     for bad, place in itertools.product((math.inf, -math.inf), range(3)):
         numbers = np.array([[1.0, -2.0, 3.0]])
         numbers[0, place] = bad

@@ -58,8 +58,7 @@ def box(size=(1.0, 2.0, 3.0)):
     return np.array(solid.vertices), np.array(solid.faces)
 
 
-def saved(tmp_path, name, content):
-    path = tmp_path / name
+def saved(path, content):
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 
@@ -125,11 +124,8 @@ def test_spheres_follow_the_surface(shape, n, bound):
     assert fit.volume_ratio == pytest.approx(1.0, abs=4.0 * bound)
 
 
-ALL = (4, 10, 25)
-
-
 @pytest.mark.parametrize(
-    "shape, counts", [("flake", (4, 10)), pytest.param("ellipsoid", ALL, marks=FULL), pytest.param("rock", ALL, marks=FULL)]
+    "shape, counts", [("flake", (4, 10)), *(pytest.param(name, (4, 10, 25), marks=FULL) for name in ("ellipsoid", "rock"))]
 )
 def test_more_spheres_fit_better(shape, counts):
     mesh = SHAPES[shape]()
@@ -144,18 +140,17 @@ def test_a_ball_needs_no_more_than_itself():
     # z = -s2/2 - s4/8: a parabola over a patch of 0.3 R takes the last term for curvature, some s2/6.
     assert fit.contacts.ratio == pytest.approx([1.0] * len(fit.contacts.ratio), rel=0.02)
     assert fit.contacts.fraction.sum() == pytest.approx(1.0, rel=1e-12)
+    for n in (3, 41):
+        with pytest.raises(InputError, match="outside 4 to 40"):
+            clump_from_mesh(rock(), n)
 
 
-@pytest.mark.parametrize("length", [pytest.param(1.0, marks=FULL), 5.0])
-def test_coarse_and_long_bodies_are_fitted_in_one_piece(length):
-    body, fit = clump_from_mesh(checked_mesh(*box((1.0, 1.0, length)), "box"), 12)
+def test_coarse_and_long_bodies_and_a_dumbbell_are_fitted_in_one_piece():
+    body, fit = clump_from_mesh(checked_mesh(*box((1.0, 1.0, 5.0)), "box"), 12)
     clump(body.centers, body.radii)
-    # Edges stay rounded: a corner of the cube is 0.87 edges out, the inscribed ball 0.5, and R 0.62.
+    # Edges stay rounded: a corner of a cube is 0.87 edges out, the inscribed ball 0.5, and R 0.62.
     assert fit.rms < 0.12 and 0.05 < fit.maximum < 0.6
-
-
-def test_a_dumbbell_keeps_its_neck():
-    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = trimesh.creation.icosphere(subdivisions=3)
     x = ball.vertices[:, 0]
     waist = 0.12 + 0.88 * np.abs(x) ** 1.5
     vertices = ball.vertices * np.column_stack((np.full_like(x, 3.0), waist, waist))
@@ -191,13 +186,7 @@ def test_the_same_seed_gives_the_same_clump(coarse):
     assert first.radii.tolist() != other.radii.tolist()
 
 
-def test_too_few_or_too_many_spheres():
-    for n in (3, 41):
-        with pytest.raises(InputError, match="outside 4 to 40"):
-            clump_from_mesh(rock(), n)
-
-
-def test_distances_of_concentric_balls():
+def test_distances_of_balls_and_of_a_crease():
     mesh = ellipsoid((1.0, 1.0, 1.0), 4)
     rng = np.random.default_rng(1)
     there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), rng)
@@ -211,9 +200,7 @@ def test_distances_of_concentric_balls():
     assert apart.rms == pytest.approx(rms, abs=3.0 * apart.error + 2e-3)
     assert closer.rms == pytest.approx(rms, abs=3.0 * closer.error + 2e-3)
     assert apart.maximum == pytest.approx(0.3, abs=2e-3)
-
-
-def test_depth_inside_two_spheres_is_that_of_the_crease():
+    # depth inside two spheres is that of the crease
     centers, radii = np.array([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]]), np.ones(2)
     union = union_samples(centers, radii, 20000, np.random.default_rng(0))
     found = distance_to_union(np.array([[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), centers, radii, union)
@@ -233,7 +220,6 @@ def test_radius_of_curvature_of_an_ellipsoid_and_a_plane():
     # Patch of 0.15 to 0.2 over the least radius 0.36: fourth-order terms of a tenth at the tips, far less elsewhere.
     assert found == pytest.approx(exact, rel=0.12)
     assert np.median(np.abs(found / exact - 1.0)) < 0.04
-
     grid = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide().subdivide()
     mesh = checked_mesh(grid.vertices, grid.faces, "box")
     middle = np.argmin(np.linalg.norm(mesh.vertices - (0.0, 0.0, 0.5), axis=1))
@@ -242,15 +228,13 @@ def test_radius_of_curvature_of_an_ellipsoid_and_a_plane():
 
 def test_files_are_read_in_the_unit_given(tmp_path):
     for name in ("a.stl", "a.STL", "a.obj", "a.ply"):
-        path = saved(tmp_path, name, trimesh.Trimesh(*box()).export(file_type=name[-3:].lower()))
+        path = saved(tmp_path / name, trimesh.Trimesh(*box()).export(file_type=name[-3:].lower()))
         mesh = load_mesh(path, 1e-3)
         assert mesh.vertices.shape == (8, 3) and mesh.faces.shape == (12, 3) and mesh.name == str(path)
         assert mass_properties(mesh).volume == pytest.approx(6e-9, rel=1e-14)
-
-
-def test_text_stl_and_single_precision_are_merged(tmp_path):
+    # text and single precision are merged
     solid = trimesh.creation.icosphere(subdivisions=3)
-    text = saved(tmp_path, "text.stl", solid.export(file_type="stl_ascii"))
+    text = saved(tmp_path / "text.stl", solid.export(file_type="stl_ascii"))
     assert load_mesh(text, 1.0).vertices.shape == solid.vertices.shape
     rng = np.random.default_rng(0)
     loose = solid.vertices[solid.faces.ravel()] * (1.0 + 5e-8 * rng.uniform(-1, 1, (solid.faces.size, 3)))
@@ -260,52 +244,30 @@ def test_text_stl_and_single_precision_are_merged(tmp_path):
 
 
 SOLID = trimesh.Trimesh(*box())
-STL, TEXT, OBJ, PLY = (SOLID.export(file_type=t) for t in ("stl", "stl_ascii", "obj", "ply"))
-SHIFTED = trimesh.Trimesh(SOLID.vertices + (9.0, 0.0, 0.0), SOLID.faces)
-SHEET = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n"
-TURNED_OVER = trimesh.Trimesh(SOLID.vertices, SOLID.faces[:, ::-1], process=False).export(file_type="stl")
+OBJ = SOLID.export(file_type="obj")
 ONE_OVER = trimesh.Trimesh(SOLID.vertices, np.vstack((SOLID.faces[:1, ::-1], SOLID.faces[1:])), process=False)
-BAD_FILES = {
-    "binary STL cut": ("a.stl", STL[:400], "cut short.*12 triangles announced, 6 held"),
-    "STL header cut": ("a.stl", STL[:50], "cut short"),
-    "text STL cut": ("a.stl", TEXT[: len(TEXT) // 2], "cut short.*endsolid"),
-    "text STL empty": ("a.stl", "solid a\nendsolid a\n", "no triangles"),
-    "STL empty": ("a.stl", b"", "cut short"),
+BAD_FILES = {  # what tests/doors/test_bad_files.py leaves
     "noise": ("a.stl", bytes(range(256)) * 4, "cut short or no STL"),
     "OBJ without faces": ("a.obj", OBJ[: len(OBJ) // 2], "no triangles"),
     "OBJ last face cut": ("a.obj", OBJ.rstrip()[: OBJ.rstrip().rfind("\n")], "not watertight"),
     "OBJ vertex missing": ("a.obj", OBJ.replace("f 2 ", "f 99 "), "damaged or cut short"),
-    "PLY cut": ("a.ply", PLY[:-20], "damaged or cut short"),
-    "PLY empty": ("a.ply", b"", "damaged or cut short"),
-    "STL with NaN": ("a.stl", TEXT.replace("0.5", "nan", 1), "not finite"),
     "OBJ with NaN": ("a.obj", OBJ.replace("0.5", "nan", 1), "damaged|not finite"),
-    "hole": ("a.stl", trimesh.Trimesh(SOLID.vertices, SOLID.faces[1:]).export(file_type="stl"), "watertight: 3 edges"),
+    "PLY empty": ("a.ply", b"", "damaged or cut short"),
     "one triangle over": ("a.stl", ONE_OVER.export(file_type="stl"), "mixed winding along 3 edges"),
-    "inside out": ("a.stl", TURNED_OVER, "inside out"),
-    "two bodies": ("a.obj", trimesh.util.concatenate([SOLID, SHIFTED]).export(file_type="obj"), "2 separate surfaces"),
     "twice the same": ("a.stl", trimesh.util.concatenate([SOLID, SOLID]).export(file_type="stl"), "more than two"),
-    "sheet": ("a.obj", SHEET, "encloses no volume"),
     "points": ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "all triangles are empty"),
-    "wrong suffix": ("a.step", STL, r"'\.step'.*\.stl, \.obj, \.ply"),
-    "no suffix": ("a", STL, "save it as one of"),
+    "no suffix": ("a", OBJ, "save it as one of"),
 }
 
 
-def test_bad_files_give_one_clear_fault(tmp_path):
+def test_bad_files_units_and_arrays_are_faults(tmp_path):
     for case, (name, content, message) in BAD_FILES.items():
-        path = saved(tmp_path, name, content)
+        path = saved(tmp_path / name, content)
         with pytest.raises(InputError) as caught:
             load_mesh(path, 1.0)
         (fault,) = caught.value.faults
         assert re.search(message, str(caught.value)), (case, str(caught.value))
         assert fault.file == str(path) and fault.key == "mesh" and "\n" not in fault.message, case
-
-
-def test_missing_files_folders_units_and_wrong_arrays_are_faults(tmp_path):
-    for path in (tmp_path / "none.stl", tmp_path):
-        with pytest.raises(InputError) as caught:
-            load_mesh(path, 1.0)
-        assert caught.value.faults[0].file == str(path)
     for unit in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(InputError, match="unit"):
             load_mesh(tmp_path / "none.stl", unit)

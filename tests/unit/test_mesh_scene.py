@@ -73,21 +73,6 @@ def test_sizes_rescale_each_body_whichever_mesh_it_has(tmp_path, rock):
     assert [body.diameter for body in two] == pytest.approx([body.diameter for body in one], rel=1e-12)
 
 
-@pytest.mark.parametrize("damage", ["missing", "cut", "open"])
-def test_a_bad_file_is_reported_at_its_key(tmp_path, rock, damage):
-    path = tmp_path / "rock.stl"
-    if damage == "missing":
-        path.unlink()
-    elif damage == "cut":
-        path.write_bytes(path.read_bytes()[:1000])
-    else:
-        rock.update_faces(np.arange(len(rock.faces)) > 3)
-        rock.export(path)
-    with pytest.raises(InputError, match=r"scene.toml:13:1: debris\[0\].file: .*rock.stl") as caught:
-        build(scene_of(tmp_path), discover())
-    assert len(caught.value.faults) == 1
-
-
 def test_populations_that_share_a_mesh_share_its_fit(tmp_path, rock):
     mesh, again = (load_mesh(tmp_path / "rock.stl", 1e-6) for _ in range(2))
     one, other = clump_from_mesh(mesh, 4, 3), clump_from_mesh(again, 4, 3)

@@ -53,12 +53,9 @@ def test_every_pair_is_found_once_and_in_order(periodic):
             assert np.array_equal(pairs, expected(S, of, box, periodic)) and len(pairs) > 10
 
 
-def test_one_cell_is_enough_where_nothing_is_periodic():
+def test_one_cell_is_enough_and_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
     S, of = spheres(9, (1.0, 1.0, 1.0), 1)
     assert np.array_equal(found(S, of, (1.0, 1.0, 1.0), (False, False), 100), expected(S, of, (1.0,) * 3, (False, False)))
-
-
-def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
     box = (4.0, 4.0, 4.0)
     S, of = spheres(80, box, 2)
     S[:, : sphere.RADIUS] = 1.3 * S[:, : sphere.RADIUS] - 0.6

@@ -20,59 +20,49 @@ def uncached(options):
     return {key: value for key, value in options.items() if key != "cache"}
 
 
-def ours(function, **options):
+def ours(function):
     """Compiled as our kernels are: inside another, since inner kernels have no machine code of their own."""
     inner = njit(**CHUNK)(function)
 
-    @njit(**uncached(OPTIONS | options))
+    @njit(**uncached(OPTIONS))
     def outer(*arguments):
         return inner(*arguments)
 
     return outer
 
 
-def backwards(table):
-    total = table[-1, 0] + 3.0 * table[0, -1] + 5.0 * table[-2, -3]
-    for i in range(1, table.shape[0] + 1):
-        for j in range(table.shape[1]):
-            total = 2.0 * total + table[-i, j]
-    return total
-
-
 def written(table):
+    total = table[0, -1] + 5.0 * table[-2, -3]
     for i in range(table.shape[0]):
         row = table[i]
         row[-1] += 1.0
         table[i, 0] = table[i, 1] - i
-    return table.sum()
+        total = 2.0 * total + table[-i, 1]
+    short = table.reshape(table.size, 1)  # rows of length one, an index without a sign, numbers of four bytes
+    for place in np.array([1, -1, 0], np.int32):
+        total += short[place, 0] * (1 + place) + short[np.uint8(2), 0]
+    return total, table.sum()
 
 
-def chosen(table):
-    found = table[0, 0]
+def branched(table):
+    # `kept` has one definition, in a branch that is not always taken; `late` is used where branches meet
+    found = total = table[0, 0]
     for i in range(table.shape[0]):
         if table[i, 1] > found:
             found = table[i, 1]
             place = i
+            kept = table[i, 1]
+            total += kept
         else:
             place = -1
+        if i > 3 and table[i, 1] == found:
+            total -= kept
     while place > 2:
         place -= 1
         table = table[1:]
-    return found, place, table.shape[0]
-
-
-def half_made(table):
-    # `kept` has one definition, in a branch that is not always taken; `late` is used where branches meet
-    total = 0.0
-    for i in range(table.shape[0]):
-        if table[i, 0] > 0.0:
-            kept = table[i, 1]
-            total += kept
-        elif i > 3:
-            total -= kept
     if table[0, 0] > 0.0:
         late = 2.0 * table[0, 1]
-    return total, late + 1.0 if table[0, 0] > 0.0 else table[1, 1]
+    return found, place, table.shape[0], total, late + 1.0 if table[0, 0] > 0.0 else table[1, 1]
 
 
 def stepped(table):
@@ -87,8 +77,6 @@ def stepped(table):
             total = 2.0 * total - k
             if k == 4:
                 continue
-        for k in range(start):
-            total += 0.5 * k
         for _ in range(n - start, n):
             total *= 1.25
         for k in range(start, start + 7, n):
@@ -100,23 +88,12 @@ def stepped(table):
     return total, k, a, b
 
 
-@pytest.mark.parametrize("function", [written, half_made, stepped, *(pytest.param(f, marks=FULL) for f in (backwards, chosen))])
+@pytest.mark.parametrize("function", [written, stepped, pytest.param(branched, marks=FULL)])
 def test_tables_are_read_and_written_as_numba_does(function):
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
     assert ours(function)(mine) == njit(error_model="numpy")(function)(other)
     assert np.array_equal(mine, other)
-
-
-def test_narrow_and_short_tables():
-    def picked(places, table):
-        total = 0.0
-        for i in range(places.shape[0]):
-            total += table[places[i], 0] * (1 + i)
-        return total + table[np.uint8(2), 0]
-
-    places, table = np.array([1, -1, 0], np.int32), np.arange(4.0).reshape(4, 1)
-    assert ours(picked)(places, table) == picked(places, table)
 
 
 def test_extremes_order_nan_and_signs_of_zero_as_python_does():
@@ -131,6 +108,7 @@ def test_extremes_order_nan_and_signs_of_zero_as_python_does():
 
 
 def test_references_are_counted():
+    # arrays that a kernel makes, hands on and drops: none is lost, none is freed twice
     def kept(count):
         room, part = np.zeros(3), np.zeros(1)
         for k in range(count):
@@ -162,25 +140,17 @@ def test_references_are_counted():
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free > 0
 
 
-def test_functions_of_others_may_use_all_of_python():
+@FULL
+def test_functions_of_others_may_use_all_of_python_and_linear_algebra():
     @njit(**uncached(OTHERS))
-    def sums(table):
+    def solved(a, b):
         def twice(x):
             return 2.0 * x
 
-        return [twice(x) for x in table[0]]
-
-    assert sums(np.arange(6.0).reshape(2, 3)) == [0.0, 2.0, 4.0]
-
-
-@FULL
-def test_functions_of_others_may_use_linear_algebra():
-    @njit(**uncached(OTHERS))
-    def solved(a, b):
-        return np.dot(a, np.linalg.solve(a, b))
+        return [twice(x) for x in np.dot(a, np.linalg.solve(a, b))]
 
     a, b = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 2.0])
-    assert np.allclose(solved(a, b), b, atol=1e-14)  # some ulp: the matrix is well conditioned
+    assert np.allclose(solved(a, b), 2.0 * b, atol=1e-14)  # some ulp: the matrix is well conditioned
 
 
 @pytest.mark.parametrize("options", [OPTIONS, pytest.param(OTHERS, marks=FULL)])
@@ -194,15 +164,13 @@ def test_parallel_loops_are_shared_out(options):
     compiled(found)
     assert list(found) == list(range(64))
     (made,) = compiled.overloads.values()
-    assert len(made.metadata["parfor_diagnostics"].initial_parfors) == 1
-
-
-KINDS = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(types.int32, 1, "C"), "number": types.int64}
+    assert len(made.metadata["parfor_diagnostics"].initial_parfors) == 1  # a missing pass is told by nothing but the clock
 
 
 def test_a_context_describes_tables_and_numbers():
-    names = namedtuple("names", tuple(KINDS))
-    context_of = make_unpacker(KINDS, names)
+    kinds = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(types.int32, 1, "C"), "number": types.int64}
+    names = namedtuple("names", tuple(kinds))
+    context_of = make_unpacker(kinds, names)
 
     @njit(types.float64(types.Array(types.int64, 1, "C")), error_model="numpy", **NO_COUNTS)
     def total(context):
@@ -212,8 +180,8 @@ def test_a_context_describes_tables_and_numbers():
 
     table, places = np.arange(6.0).reshape(2, 3), np.array([7, 8], np.int32)
     given = names(table, places, 9)
-    assert total(pack(argument_specs(KINDS), given)) == 5.0 + 8.0 + 9.0 + 200.0 + 6000.0
+    assert total(pack(argument_specs(kinds), given)) == 5.0 + 8.0 + 9.0 + 200.0 + 6000.0
     assert table[1, 0] == 5.0
     for wrong in (given._replace(places=places.astype(np.int64)), given._replace(table=table.T), given._replace(table=places)):
         with pytest.raises(TypeError, match="the step takes"):
-            pack(argument_specs(KINDS), wrong)
+            pack(argument_specs(kinds), wrong)
