@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pytest
 from balls import BALLS, edited
+from slow import slow
+from thirdbody_three_spot.mdr import MDR
 
 import thirdbody
 from thirdbody.engine.static_contacts import Contacts
+from thirdbody.laws.codegen.laws import ordered
 from thirdbody.laws.conformance.suite import check, report
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.elasticity import e_star
@@ -43,14 +46,11 @@ PLUGIN = Plugin("cones", families=(LawFamily("cones", {{
 '''
 SCENE = edited(
     BALLS,
-    ("four balls", "cones"),
-    ("count = 4", "count = 3"),
-    ('damping = "7e-5 kg/s"\n', ""),
-    ("0.5 m/s", "10 mm/s"),
+    ("four balls", "cones"), ("count = 4", "count = 3"), ('damping = "7e-5 kg/s"\n', ""), ("0.5 m/s", "10 mm/s"),
     ("[solver]", '[contact]\nlaw = "cones"\ndebris_contact = "none"\n[solver]'),
     ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "5 nm"'),
     ("0.05 um", "5 nm"),
-)
+)  # fmt: skip
 PAIR = Pair(Material("steel", 80e9, 0.3, 7850.0), Material("ceramic", 120e9, 0.2, 3900.0), 0.3, 0.6)
 
 
@@ -67,7 +67,7 @@ def test_the_law_conforms(plugin):
     assert all(finding.passed for finding in findings), report(findings)
 
 
-@pytest.mark.parametrize("level", ["mindlin", "coulomb"])
+@pytest.mark.parametrize("level", ["mindlin", slow("coulomb")])
 def test_tangents_are_derivatives_of_the_step(plugin, level):
     """Of the composed laws, where the contact grows, sticks and slides: the rate of the contact area is that of the cone."""
     (family,) = load_file(plugin).families
@@ -107,9 +107,6 @@ def test_a_run_writes_the_peak_pressure_of_the_law(plugin, tmp_path, integrator)
 
 
 def test_a_law_derived_for_spheres_is_refused_under_it(plugin):
-    from thirdbody_three_spot.mdr import MDR
-
-    from thirdbody.laws.codegen.laws import ordered
 
     (family,) = load_file(plugin).families
     with pytest.raises(ValueError, match="'mdr' assumes the normal law 'hertz', not 'cone'"):

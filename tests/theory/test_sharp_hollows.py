@@ -1,7 +1,5 @@
 """Energy where a ball rolls through hollows that are a little sharper than itself, and contacts begin and end with an overlap."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,9 +9,7 @@ from rough import field, rough_plates
 from thirdbody.engine.energy import Ledger
 from thirdbody.scene.model import ConstantVelocity, Motion
 
-RADIUS, LOAD, SIDE = 5e-6, 1e-4, 4e-5
-"""Of the ball [m], on it [N]; side of the domain [m]."""
-
+RADIUS, LOAD, SIDE = 5e-6, 1e-4, 4e-5  # of the ball [m], on it [N]; side of the domain [m]
 OVERLAP = (LOAD / (4.0 / 3.0 * 210e9 / (2.0 * (1.0 - 0.3**2)) * math.sqrt(RADIUS))) ** (2.0 / 3.0)
 """Of the ball and a plane of the same steel [m] (Hertz)."""
 
