@@ -1,9 +1,8 @@
 """Debris and rough plates that share a load: friction falls with pressure, as the estimate in closed form says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from each import each
 from gallery import SCENES
 from load_sharing import ALONE, COUNT, PRESSURE, ROUGHNESS, Sharing, estimate, mixed, read_sweep, scenes
 
@@ -12,7 +11,7 @@ import thirdbody
 EXAMPLE = Sharing(density=2.7e10, spring=100.0, height=2.3e-6, spread=0.9e-6, prefactor=5e8, length=3.6e-7)
 
 
-@pytest.mark.parametrize("gap", [0.5e-6, 2e-6, 4e-6])
+@each([0.5e-6, 2e-6, 4e-6])
 def test_the_pressure_on_debris_is_the_mean_over_all_heights(gap):
     heights = EXAMPLE.height + EXAMPLE.spread * np.linspace(-8.0, 8.0, 200001)
     weight = np.exp(-0.5 * ((heights - EXAMPLE.height) / EXAMPLE.spread) ** 2)

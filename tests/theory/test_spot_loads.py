@@ -1,14 +1,13 @@
 """Groups of close spots, solved by the kernel of the engine: their equations, thousands of random closed paths, any order."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from each import each
+from slow import slow
 from spot_groups import Loads, closed_path, solved
 
 RADIUS, DEPTH, STIFFNESS, COMPLIANCE = 1.0, 0.01, 4.0 / 3.0, 0.5
 """Radius and overlap of a spot; 4/3 E* and g times distance, of unlike solids: 1/(pi E*) would be 0.32."""
-
 CONTACT = (RADIUS * DEPTH) ** 0.5
 
 
@@ -34,12 +33,12 @@ def miss(place, depth, radius, loads):
     return np.abs(force - loads.force).max() / force.max(), np.abs(relief - loads.relief).max() / depth.max()
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+@each([1, 2, 3, 7])
 def test_spots_solve_their_equations(n):
     """To rounding; one in some groups is relieved wholly. The sweeps agree, with and without scratch for g."""
     random, idle = np.random.default_rng(n), 0
-    for k in range(300):
-        place, depth, radius = group(random, n, 1.0 + 0.03 * k)
+    for k in range(100):
+        place, depth, radius = group(random, n, 1.0 + 0.09 * k)
         found = solve(place, depth, radius)
         assert max(miss(place, depth, radius, found)) < 1e-13
         idle += int((found.force == 0.0).any())
@@ -47,11 +46,11 @@ def test_spots_solve_their_equations(n):
         assert found.force == pytest.approx(swept.force, rel=1e-11, abs=1e-13 * swept.force.max())
         again = solve(place, depth, radius, swept=True, scratch=0)
         assert np.array_equal(swept.force, again.force)
-    assert n == 1 or idle > 3
+    assert n == 1 or idle > 0
 
 
-@pytest.mark.parametrize("n", [2, 3, 5])
-def test_no_closed_path_makes_energy(n):
+@pytest.mark.parametrize(("n", "paths"), [(3, 150), *(slow(n, 700) for n in (2, 3, 5))])
+def test_no_closed_path_makes_energy(n, paths):
     """Work along thousands of random closed paths of overlaps and places, spots coming and going, by the trapezoid rule.
 
     Smooth periodic integrands converge fast, the corner N ~ d^(3/2) of a spot that opens as the 5/2 power of the step.
@@ -60,7 +59,7 @@ def test_no_closed_path_makes_energy(n):
     waves = np.array([[np.sin(phase), np.cos(phase)], [0.5 * np.sin(2.0 * phase), 0.5 * np.cos(2.0 * phase)]])
     rates = 2.0 * np.pi * np.array([[np.cos(phase), -np.sin(phase)], [np.cos(2.0 * phase), -np.sin(2.0 * phase)]])
     worst = {2048: 0.0, 256: 0.0}
-    for _ in range(700):
+    for _ in range(paths):
         place, depth, radius = group(random, n, 6.0)
         sizes = random.normal(size=(n, 3, 2, 2)) * np.array([CONTACT / 6, CONTACT / 6, DEPTH / 4])[None, :, None, None]
         path, speed = np.einsum("nchp,hpt->tnc", sizes, waves), np.einsum("nchp,hpt->tnc", sizes, rates)
@@ -69,26 +68,23 @@ def test_no_closed_path_makes_energy(n):
             k = 2048 // points
             work, energy, none = closed_path(path[::k].copy(), speed[::k].copy(), depth, radius, STIFFNESS, COMPLIANCE)
             worst[points], idle = max(worst[points], abs(work) / energy), idle + none
-    assert idle > 300
+    assert idle > 0.4 * paths
     assert worst[2048] < 2e-6
     assert worst[2048] < worst[256] / 50.0
 
 
-def test_the_order_of_spots_does_not_matter():
+def test_the_order_of_spots_does_not_matter_and_forces_along_the_plate_cancel():
     random = np.random.default_rng(5)
     for n in (2, 3, 6):
-        for _ in range(300):
+        for _ in range(60):
             place, depth, radius = group(random, n, 3.0)
             order = random.permutation(n)
             one, other = solve(place, depth, radius), solve(place[order], depth[order], radius[order])
             assert one.force[order] == pytest.approx(other.force, rel=1e-11, abs=1e-13 * one.force.max())
             assert one.pull[order] == pytest.approx(other.pull, rel=1e-9, abs=1e-12 * np.abs(one.pull).max())
-
-
-def test_forces_along_the_plate_cancel_and_turn_nothing():
-    """They act along the line between two spots, so their sum and their moment about the normal vanish."""
+    # They act along the line between two spots, so their sum and their moment about the normal vanish.
     random = np.random.default_rng(6)
-    for _ in range(300):
+    for _ in range(60):
         place, depth, radius = group(random, 3, 3.0)
         pull = solve(place, depth, radius).pull
         size = np.abs(pull).max()

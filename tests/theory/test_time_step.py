@@ -1,9 +1,7 @@
 """The longest stable step against the amplification of the scheme itself, written out for one oscillator."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
+from each import each
 
 from thirdbody.kernels.explicit.critical_time_step import stable_step
 
@@ -18,8 +16,9 @@ def growth(omega: float, rate: float, dt: float) -> float:
     return float(np.abs(np.linalg.eigvals(kick @ force @ drift)).max())
 
 
-@pytest.mark.parametrize(("omega", "rate"), [(1.0, 0.0), (1.0, 0.1), (1.0, 1.0), (1.0, 4.0), (1.0, 100.0), (1e-3, 1.0)])
-def test_the_stable_step_is_the_edge_of_stability(omega, rate):
+@each([(1.0, 0.0), (1.0, 0.1), (1.0, 1.0), (1.0, 4.0), (1.0, 100.0), (1e-3, 1.0)])
+def test_the_stable_step_is_the_edge_of_stability(row):
+    omega, rate = row
     limit = stable_step.py_func(omega**2, rate)
     # undamped the scheme is neutral below the limit: rounding of the double eigenvalue is 1e-8
     assert growth(omega, rate, 0.999 * limit) <= 1.0 + 1e-7
