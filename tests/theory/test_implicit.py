@@ -149,7 +149,7 @@ def three_spot(level, **settings):
     return build(scene.with_settings({"contact.level": level, "solver.integrator": "implicit"} | settings))
 
 
-@pytest.mark.parametrize(("level", "inertia"), [("mindlin", True), ("mindlin", False), ("mdr", True), slow("exact", True)])
+@pytest.mark.parametrize(("level", "inertia"), [("mindlin", True), ("mindlin", False), slow("mdr", True), slow("exact", True)])
 def test_three_spot_particle_slides_as_theory_says(make, level, inertia):
     """Gross sliding: T = mu N at every spot, and N_2/N_1 = (x_3 - x_1 + mu h)/(x_3 - x_2)."""
     simulation = three_spot(level, **{"solver.inertia": inertia})
