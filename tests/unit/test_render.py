@@ -197,6 +197,13 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
     np.testing.assert_allclose(last.centers - last.bodies[last.body], first.centers - first.bodies[first.body], atol=1e-9 * R)
     assert np.any(last.bodies[:, 0] < first.bodies[:, 0]), "some bodies must have come round"
     np.testing.assert_allclose(last.drag, [1.0, 0.0], atol=1e-12)
+    # the close up holds about sixty bodies
+    with open_run(write_layer(tmp_path / "run.vtkhdf", 900)) as run:
+        picture = read_picture_data(run, 0, "state")
+    low, high = close_up_window(picture)
+    inside = np.all((picture.bodies[:, :2] >= low) & (picture.bodies[:, :2] <= high), axis=1).sum()
+    # A window of the mean density holds 60; its edges cut a lattice of 28 um pitch: half a row either way.
+    assert 40 <= inside <= 80
 
 
 def test_fields_reasons_and_counts_in_the_legend(layer):
@@ -216,15 +223,6 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     assert "10 µs" in states.facts and "20 µm" in states.facts and "0.31" in states.facts
 
 
-def test_the_close_up_holds_about_sixty_bodies(tmp_path):
-    with open_run(write_layer(tmp_path / "run.vtkhdf", 900)) as run:
-        picture = read_picture_data(run, 0, "state")
-    low, high = close_up_window(picture)
-    inside = np.all((picture.bodies[:, :2] >= low) & (picture.bodies[:, :2] <= high), axis=1).sum()
-    # A window of the mean density holds 60; its edges cut a lattice of 28 um pitch: half a row either way.
-    assert 40 <= inside <= 80
-
-
 def test_numbers_with_units_round_lengths_ticks_and_prefixes():
     for value, words in ((1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "-2 nm"), (1500.0, "1.5 km")):
         assert with_unit(value, "m") == words
@@ -239,9 +237,7 @@ def test_numbers_with_units_round_lengths_ticks_and_prefixes():
     for size, unit, prefixed in ((3e-5, "m", "µm"), (2e-12, "kg", "ng"), (0.5, "1", ""), (3e9, "Pa", "GPa")):
         factor, written = prefix_for(size, unit)
         assert written == prefixed and (unit == "1" or 1.0 <= size * factor < 1000.0)
-
-
-def test_colours():
+    # colours
     assert state_colors(["sliding", "free"]) == [STATE_COLORS["sliding"], STATE_COLORS["free"]]
     assert len(set(state_colors(["free", "tipping", "locked"]))) == 3
     ends = field_colors(np.array([0.0, 1.0, np.nan]))

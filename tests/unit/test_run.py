@@ -60,7 +60,7 @@ def test_every_array_comes_back(run):
                 np.testing.assert_array_equal(arrays[name], values)
 
 
-def test_histories_names_series_and_units(run):
+def test_histories_names_series_and_units(run, tmp_path):
     frames = [frame_with(number) for number in range(FRAMES)]
     np.testing.assert_array_equal(run.times, [frame.time for frame in frames])
     np.testing.assert_array_equal(run.states, [frame.clumps["state"] for frame in frames])
@@ -70,9 +70,7 @@ def test_histories_names_series_and_units(run):
         assert getattr(run, name) == HEADER[name]
     np.testing.assert_array_equal(run.series["upper_force"], [frame.series["upper_force"] for frame in frames])
     assert run.series["distance"].shape == (5,) and run.units == UNITS
-
-
-def test_forecast_only_where_it_was_recorded(tmp_path, run):
+    # forecast only where it was recorded
     with pytest.raises(AttributeError, match="recorded no 'forecast'"):
         _ = run.forecast
     assert not hasattr(run, "forecast")
@@ -95,15 +93,14 @@ def test_frames_are_whole_numbers_also_from_the_end(run):
         run.array("clumps", "stat")
 
 
-def test_a_run_without_frames(tmp_path):
+def test_a_run_without_frames_and_with_frames_that_were_not_committed(tmp_path):
     with open_run(write(tmp_path, frames=0)) as run:
         assert run.times.shape == (0,)
         assert run.summary() == {"frames": 0, "finished": False}
         with pytest.raises(IndexError, match="nothing was written yet"):
             run.bodies(-1)
-
-
-def test_only_committed_frames_are_seen(path):
+    # only committed frames are seen
+    path = write(tmp_path)
     with h5py.File(path, "r+") as file:
         file["VTKHDF/contacts/Steps"].attrs["NSteps"] = 3
     with open_run(path) as run:

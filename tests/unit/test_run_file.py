@@ -42,16 +42,14 @@ def test_vtk_reads_every_block_of_every_frame(written, tmp_path):
             assert_same_as_vtk(data, block, number)
 
 
-def test_vtk_sees_the_times(written):
+def test_times_static_arrays_the_script_for_paraview_and_a_scene_without_plates(written, tmp_path):
     vtk = pytest.importorskip("vtk")
     reader = vtk.vtkHDFReader()
     reader.SetFileName(str(written.with_name("run.clumps.vtkhdf")))
     reader.UpdateInformation()
     times = reader.GetOutputInformation(0).Get(vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS())
     assert list(times) == [number * 1e-6 for number in range(5)]
-
-
-def test_static_arrays_and_topology_are_stored_once_and_states_are_bytes(written):
+    # static arrays and topology are stored once and states are bytes
     with h5py.File(written) as file:
         root = file["VTKHDF"]
         assert root["spheres/PointData/radius"].shape == (6,)
@@ -60,9 +58,11 @@ def test_static_arrays_and_topology_are_stored_once_and_states_are_bytes(written
         assert root["contacts/Vertices/Connectivity"].shape == (max(CONTACT_COUNTS),)
         assert root["contacts/Points"].shape == (sum(CONTACT_COUNTS), 3)
         assert root["clumps/PointData/state"].dtype == root["clumps/PointData/loaded"].dtype == np.uint8
-
-
-def test_a_scene_without_plates_has_no_polygons(tmp_path):
+    # the script for paraview is python and knows the states
+    text = written.with_name("open_in_paraview.py").read_text(encoding="utf-8")
+    compile(text, "open_in_paraview.py", "exec")
+    assert '["free", "sticking", "sliding", "rolling"]' in text
+    # a scene without plates has no polygons
     path = write_frames(tmp_path / "run.vtkhdf", [1], lambda number: replace(make_frame(number), plates=None))
     plates = vtk_blocks(path, 0)[BLOCKS.index("plates")]
     assert (plates.GetNumberOfPoints(), plates.GetNumberOfCells()) == (0, 0)
@@ -139,7 +139,7 @@ def test_resume_drops_later_frames_and_goes_on(written):
     assert_same_as_vtk(vtk_blocks(written, 0)[2], "contacts", 4)
 
 
-def test_a_full_disk_is_reported_once_and_keeps_what_was_written(tmp_path, monkeypatch):
+def test_a_full_disk_and_a_failing_write_are_reported_and_keep_what_was_written(tmp_path, monkeypatch):
     path = tmp_path / "run.vtkhdf"
     writer = TrajectoryWriter(path, HEADER, STATIC)
     for number in range(3):
@@ -149,10 +149,7 @@ def test_a_full_disk_is_reported_once_and_keeps_what_was_written(tmp_path, monke
     with pytest.raises(OutputError, match="disk is full.*3 frames written before are kept"):
         writer.append(make_frame(3))
     assert_same_as_vtk(vtk_blocks(path, 2)[1], "clumps", 2)
-
-
-def test_a_failing_write_becomes_an_output_error(tmp_path, monkeypatch):
-    path = tmp_path / "run.vtkhdf"
+    monkeypatch.undo()
     with pytest.raises(OutputError, match="cannot be written"):
         TrajectoryWriter(tmp_path / "absent" / "run.vtkhdf", HEADER, STATIC)
     writer = TrajectoryWriter(path, HEADER, STATIC)
@@ -185,9 +182,3 @@ def test_arrays_that_differ_from_the_first_frame_are_refused(tmp_path):
                 writer.append(Frame(1.0, frame.spheres, changed, frame.contacts, frame.plates, frame.series))
         writer.append(frame)
     assert_same_as_vtk(vtk_blocks(path, 1)[1], "clumps", 1)
-
-
-def test_the_script_for_paraview_is_python_and_knows_the_states(written):
-    text = written.with_name("open_in_paraview.py").read_text(encoding="utf-8")
-    compile(text, "open_in_paraview.py", "exec")
-    assert '["free", "sticking", "sliding", "rolling"]' in text

@@ -113,15 +113,13 @@ def test_discs_have_the_moments_of_their_strips(seeds):
         assert moments(centers, radii) == pytest.approx(strips(centers, radii), abs=2e-5)
 
 
-def test_hidden_absent_and_equal_discs_count_once():
+def test_discs_count_once_and_bodies_break_at_their_heights():
     big = moments(np.zeros((1, 2)), np.array([2.0]))
     centers = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.0], [1.0, 1.0]])
     # a disc inside, an equal one in the same place, and one of radius 0 that is not there
     assert moments(centers, np.array([2.0, 1.0, 2.0, 0.0])).tolist() == big.tolist()
     assert big == pytest.approx([4.0 * math.pi, 0.0, 0.0, 4.0 * math.pi, 4.0 * math.pi, 0.0], rel=1e-15, abs=1e-15)
-
-
-def test_break_heights_and_the_longest_link_of_a_body():
+    # break heights and the longest link of a body
     origin = [0.0, 0.0, 0.0]
     heights = break_heights(np.array([[origin, [1.0, 0.0, 0.0]], [origin, [9.0, 0.0, 0.5]]]), np.ones((2, 2)))
     # equal unit spheres side by side: poles, and a ring of radius sqrt(3)/2 that stands upright; each once per sphere

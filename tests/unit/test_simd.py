@@ -123,9 +123,7 @@ def test_numbers_go_where_they_are_sent():
     assert alike(out[7], np.column_stack((-x, w, -z, y)))
     assert alike(out[8], np.column_stack((-y, z, w, -x)))
     assert alike(out[9], np.column_stack((-z, -y, x, w)))
-
-
-def test_rows_become_columns():
+    # rows become columns
     a = numbers(40, 8)
     a[:4] = np.reshape(ODD, (4, 4))
     out = np.empty_like(a)
@@ -221,10 +219,7 @@ def test_a_turn_is_by_twice_the_angle_whose_tangent_is_half_of_it():
     # a dozen roundings of numbers up to 1
     assert np.abs(out - expected).max() < 1e-15
     assert np.abs(np.sum(out * out, axis=1) - 1.0).max() < 1e-15
-
-
-def test_the_length_does_not_wander_in_many_turns():
-    """What rounding leaves of a length is put right by the next turn, and does not add up."""
+    # What rounding leaves of a length is put right by the next turn, and does not add up.
     Q, R, rng = np.array([[1.0, 0.0, 0.0, 0.0]]), np.empty((1, 3)), np.random.default_rng(4)
     for _ in range(5_000):
         R[0] = rng.normal(size=3) * 1e-3

@@ -64,10 +64,7 @@ def test_two_spots_stick_if_their_line_lies_in_both_cones():
         required = math.tan(max(abs(math.atan(lean)), abs(math.atan(lean) + math.atan(slope))))
         for factor, verdict in ((0.997, IMPOSSIBLE), (1.003, POSSIBLE)):
             assert can_stick(support(points, [(0.0, 0.0), (slope, 0.0)], factor * required, [True, False])) == verdict
-
-
-def test_the_slope_of_a_plate_adds_to_its_friction():
-    """A spot that climbs a plate of this slope, on two feet that stick: its force leans by atan(mu) + atan(slope)."""
+    # A spot that climbs a plate of this slope, on two feet that stick: its force leans by atan(mu) + atan(slope).
     mu, height = 0.3, 1.0
     for slope in (-0.1, 0.0, 0.2):
         reach = height * math.tan(math.atan(mu) + math.atan(slope))
@@ -86,10 +83,7 @@ def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
     body.friction[2:] = 1.0
     assert can_slide(body, ALONG_X, True, np.full(4, 0.06)) == POSSIBLE
     assert can_slide(body, ALONG_X, True, np.full(4, 0.04)) == IMPOSSIBLE
-
-
-def test_weight_is_balanced_too():
-    """A foot beside the load: weight of the size of the load brings the lower resultant half way back to the centre of mass."""
+    # A foot beside the load: weight of the size of the load brings the lower resultant half way back to the centre of mass.
     for offset, verdict in ((0.55, POSSIBLE), (0.65, IMPOSSIBLE)):
         points = [(offset, 0.0, 0.5), (0.0, 0.0, -0.5)]
         # Eq. 2: N_1 p - (N_1 + m g) q = T h with q = 0, |T| <= mu N_1

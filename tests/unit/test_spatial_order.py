@@ -44,7 +44,7 @@ def share_within_groups(positions, order):
     return float(np.mean(group[pairs[:, 0]] == group[pairs[:, 1]]))
 
 
-def test_every_body_has_one_place():
+def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
     for count in (0, 1, FEWEST, FEWEST + 1, 3000):
         order = in_columns(debris(count), DIAMETER)
         assert np.array_equal(np.sort(order), np.arange(count))
@@ -53,9 +53,7 @@ def test_every_body_has_one_place():
     bodies[7] = 1e6, 1e6, 0.0  # very far away: the last
     order = in_columns(bodies, DIAMETER)
     assert np.array_equal(np.sort(order), np.arange(2 * FEWEST)) and order[-1] == 7
-
-
-def test_the_same_for_the_same_bodies_however_they_are_reported():
+    # the same for the same bodies however they are reported
     bodies = debris(3000)
     order = in_columns(bodies, DIAMETER)
     assert np.array_equal(order, in_columns(bodies.copy(), DIAMETER))
@@ -63,6 +61,14 @@ def test_the_same_for_the_same_bodies_however_they_are_reported():
     assert np.array_equal(bodies[order], bodies[mixed][in_columns(bodies[mixed], DIAMETER)])
     order = in_columns(np.repeat(debris(600), 2, axis=0), DIAMETER)  # bodies at the same place keep their order
     assert np.array_equal(order[1::2], order[::2] + 1) and np.all(order[::2] % 2 == 0)
+    # On a lattice of columns: the place of a column has the bits of its two numbers in turn.
+    width, side = WIDTH * DIAMETER, 16
+    i, j, k = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), np.arange(3), indexing="ij"))
+    bodies = np.column_stack(((i + 0.5) * width, (j + 0.5) * width, k * DIAMETER))
+    bodies[0, :2] = 0.0  # the corner from which columns are counted
+    curve = [int("".join(b + a for a, b in zip(f"{x:05b}", f"{y:05b}", strict=True)), 2) for x, y in zip(i, j, strict=True)]
+    expected = sorted(range(len(bodies)), key=lambda body: (curve[body], k[body]))
+    assert in_columns(bodies, DIAMETER).tolist() == expected
 
 
 def test_neighbours_are_of_one_group():
@@ -74,17 +80,6 @@ def test_neighbours_are_of_one_group():
         # 512 of these bodies fill a square of 11 diameters; near pairs are 3/8 of a diameter apart along an axis, so its sides
         # part one in fifteen of them; a stretch of the curve has a border of less than twice that of the square
         assert found > 0.8
-
-
-def test_columns_go_along_the_curve_and_from_below():
-    """On a lattice of columns: the place of a column has the bits of its two numbers in turn."""
-    width, side = WIDTH * DIAMETER, 16
-    i, j, k = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), np.arange(3), indexing="ij"))
-    bodies = np.column_stack(((i + 0.5) * width, (j + 0.5) * width, k * DIAMETER))
-    bodies[0, :2] = 0.0  # the corner from which columns are counted
-    curve = [int("".join(b + a for a, b in zip(f"{x:05b}", f"{y:05b}", strict=True)), 2) for x, y in zip(i, j, strict=True)]
-    expected = sorted(range(len(bodies)), key=lambda body: (curve[body], k[body]))
-    assert in_columns(bodies, DIAMETER).tolist() == expected
 
 
 ROWS, GROUPS = GROUP * BODIES, 23

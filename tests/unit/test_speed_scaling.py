@@ -82,9 +82,7 @@ def test_the_plate_takes_the_same_path_in_another_time(read):
             bound = pytest.approx(there, rel=1e-9, abs=1e-6 * 1e-9 * (1.0 + factor))
             assert after.displacement_at(SETTLED + t / factor) == bound, (motion, axis, factor)
         assert after.top_speed() == pytest.approx(factor * before.top_speed(), rel=1e-12)
-
-
-def test_a_load_stays_at_its_place_on_the_path(read):
+    # a load stays at its place on the path
     for loading in LOADS:
         given, factor = read(f'load = "2 mN"\nloading = {loading}\nmotion = {{x = {{velocity = "1 m/s"}}}}'), 7.0
         before, after = schedule(given, SETTLED).load, schedule(at_speed(given, factor), SETTLED).load
@@ -100,9 +98,7 @@ def test_lengths_in_time_are_divided_and_distances_stay(read):
     assert (spaced.solver.distance, spaced.solver.duration, spaced.output.every) == (4e-6, None, 1e-6)
     assert at_speed(read('gap = "20 um"\nclosing = "1 m/s"'), 3.0).plates.upper.closing == 3.0
     assert timed.solver.settle == spaced.solver.settle == SETTLED and timed.solver.time_step == 1e-9
-
-
-def test_the_scene_of_another_speed_is_a_scene(read):
+    # the scene of another speed is a scene
     given = read(f'load = "2 mN"\nmotion = {{x = {MOTIONS["table"]}, y = {MOTIONS["triangle"]}}}')
     scaled = at_speed(given, 2.5)
     again = Scene.parse(scaled.to_toml(), folder=given.beside(""))
@@ -164,9 +160,7 @@ def test_the_estimate_is_that_of_the_formulas():
     assert (bed.height, bed.pressure, bed.diameter) == pytest.approx((HEIGHT, 2.5e6, 10e-6), rel=1e-12)  # rounding
     assert bed.inertial_number == pytest.approx(number, rel=1e-12)
     assert bed.softness == pytest.approx((210e9 / (2.0 * (1.0 - 0.3**2)) / 2.5e6) ** (2.0 / 3.0), rel=1e-12)
-
-
-def test_a_high_bed_shears_in_ten_diameters_and_a_short_stroke_within_itself():
+    # a high bed shears in ten diameters and a short stroke within itself
     bed = Bed(1e-3, 1e6, 1e4, 1e-5, 2e-5, 1e11, 1.0, math.inf)
     assert bed.shear_rate == pytest.approx(1.0 / 1e-4)
     assert bed._replace(stroke=2e-6).shear_rate == pytest.approx(1.0 / 2e-6)
@@ -216,6 +210,10 @@ def test_a_fast_bed_gives_a_warning_with_the_remedy():
     assert fast.scene is fast.requested and fast.time_scale == 1.0 and fast.scene_time(1.0) == 1.0
     slow = build(scene(solver__inertial_number=None))
     assert not any("inertial number" in text for text in slow.warnings) and slow.speed_scale is None
+    # the number has a range
+    for number in (0.0, -1e-3, 1e-9, 0.5, "1 mm/s", True):
+        with pytest.raises(InputError, match="inertial_number"):
+            scene(solver__inertial_number=number)
 
 
 def test_a_run_keeps_both_times(finished):
@@ -268,9 +266,3 @@ def test_a_speed_that_would_change_the_result_is_refused(case):
     (fault,) = error.value.faults
     assert words in fault.message and fault.key.startswith(("solver.inertial_number", "plates.upper."))
     assert error.value.exit_code == 3
-
-
-def test_the_number_has_a_range():
-    for number in (0.0, -1e-3, 1e-9, 0.5, "1 mm/s", True):
-        with pytest.raises(InputError, match="inertial_number"):
-            scene(solver__inertial_number=number)

@@ -35,6 +35,13 @@ def test_a_complete_study_replaces_the_older_one(old):
         assert {name for name, text in contents(old).items() if text == "old"} == set(NAMES)
     assert contents(old) == dict.fromkeys(sorted(new), "new")
     assert sorted(path.name for path in old.iterdir()) == ["effects.json", "scene.toml", "variants"]
+    # what a killed study left is removed
+    write(old / ".replacement", "killed")
+    write(old / ".replacement" / "replaced", "killed", ["mdr_8/run.vtkhdf"])
+    with new_study_folder(old, overwrite=True) as place:
+        assert list(place.iterdir()) == []
+        write(place, "new")
+    assert set(contents(old).values()) == {"new"} and len(contents(old)) == len(NAMES)
 
 
 def test_a_study_that_fails_leaves_the_older_one(old):
@@ -44,15 +51,6 @@ def test_a_study_that_fails_leaves_the_older_one(old):
             write(place, "new", NAMES[:5])
             raise error
         assert contents(old) == before and not (old / ".replacement").exists()
-
-
-def test_what_a_killed_study_left_is_removed(old):
-    write(old / ".replacement", "killed")
-    write(old / ".replacement" / "replaced", "killed", ["mdr_8/run.vtkhdf"])
-    with new_study_folder(old, overwrite=True) as place:
-        assert list(place.iterdir()) == []
-        write(place, "new")
-    assert set(contents(old).values()) == {"new"} and len(contents(old)) == len(NAMES)
 
 
 def test_other_files_are_named_and_stay(tmp_path):

@@ -68,9 +68,7 @@ def test_a_random_surface_has_its_rms_height_and_spectrum():
         heights = random_heights(short=short)
         text = law_text(with_spectrum(surface_statistics(heights, spacing_of(heights)), heights, spacing_of(heights)))
         assert text.startswith("Hurst exponent") and ("uncertain" in text) is narrow, text
-
-
-def test_power_outside_the_band_is_zero_and_flat_above_the_long_wavelength():
+    # power outside the band is zero and flat above the long wavelength
     power = np.abs(np.fft.fft2(random_heights())) ** 2
     n_y, n_x = power.shape
     q = np.hypot(np.fft.fftfreq(n_y, 1.0 / n_y)[:, None] / SIZE[1], np.fft.fftfreq(n_x, 1.0 / n_x)[None, :] / SIZE[0])
@@ -81,16 +79,14 @@ def test_power_outside_the_band_is_zero_and_flat_above_the_long_wavelength():
     assert np.ptp(steep) < 1e-9 * steep.max()
 
 
-def test_the_surface_does_not_depend_on_the_grid_and_shorter_waves_are_added():
+def test_surfaces_depend_on_seed_and_plate_and_not_on_the_grid():
     coarse, fine = random_heights(8), random_heights(16)
     assert fine[::2, ::2].shape == coarse.shape
     np.testing.assert_allclose(fine[::2, ::2], coarse, atol=1e-12 * 0.2e-6)
     longer, shorter = (np.fft.fft2(random_heights(16, short)) for short in (8e-6, 4e-6))
     low = np.abs(longer) > 1e-9 * np.abs(longer).max()
     np.testing.assert_allclose(np.angle(shorter[low] / longer[low]), 0.0, atol=1e-6)  # the same phases
-
-
-def test_seeds_and_plates_differ():
+    # seeds and plates differ
     fields = [random_heights(seed=seed, stream=stream).ravel() for seed, stream in ((1, 0), (1, 1), (2, 0))]
     # some 40 waves longer than the knee carry most of the height: independent fields correlate by 1/sqrt(80), here below 5 of it
     assert np.abs(np.corrcoef(fields)[np.triu_indices(3, 1)]).max() < 0.5
@@ -122,9 +118,7 @@ def test_a_sine_has_the_statistics_of_a_sine():
     assert statistics.valley_curvature == pytest.approx(amplitude * k**2, rel=0.01)
     assert statistics.kurtosis == pytest.approx(1.5, rel=1e-12) and abs(statistics.skewness) < 1e-12
     assert with_spectrum(statistics, surface.heights, surface.spacing).law is None
-
-
-def test_a_wave_in_any_direction_has_whole_numbers_in_the_domain():
+    # a wave in any direction has whole numbers in the domain
     nearest = grid.whole_waves(SIZE, 10e-6, math.radians(40.0))
     assert nearest.along == (8, 5)
     assert 1.0 / nearest.wavelength == pytest.approx(math.hypot(8 / SIZE[0], 5 / SIZE[1]), rel=1e-12)
@@ -199,9 +193,7 @@ def test_missing_points_are_filled_or_refused():
     assert "had no height and were filled" in notes[0]
     with pytest.raises(InputError, match="of the points have no height; at most 0.5"):
         periodic_scan(part, (100e-6, 100e-6), ScanOptions(short=4e-6, missing=0.005))
-
-
-def test_levelling_takes_away_what_it_says():
+    # levelling takes away what it says
     y, x = np.mgrid[0:30, 0:40] * 1e-6
     plane, curved = 2e-6 + 0.3 * x - 0.1 * y, 100.0 * x**2 - 50.0 * x * y
     assert np.abs(levelled(plane, "plane")).max() < 1e-18

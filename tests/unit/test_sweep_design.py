@@ -50,9 +50,7 @@ def test_values_of_an_interval_are_the_numbers_a_user_would_write():
     """Each is the nearest float to the exact value: 0.05 + 2 * 0.05 in floats is 0.15000000000000002."""
     values = [point["mu"] for point in of_options("mu=0.05:0.6:12")]
     assert values == [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6]
-
-
-def test_quantities_keep_their_unit_and_whole_numbers_stay_whole():
+    # quantities keep their unit and whole numbers stay whole
     for given, values in (
         ("load=1 mN:3 mN:3", ["1 mN", "2 mN", "3 mN"]), ("load=0.1 mN:10 mN:3:log", ["0.1 mN", "1 mN", "10 mN"]),
         ("x=0:1:3", [0, 0.5, 1]), ("x=0.3:0.5:1", [0.3]), ("level=mindlin,mdr", ["mindlin", "mdr"]),
@@ -86,6 +84,15 @@ def test_zip_takes_values_side_by_side(tmp_path):
     assert of_options("a=1,2,3", "b=0.1:0.3:3", design="zip") == [{"a": 1, "b": 0.1}, {"a": 2, "b": 0.2}, {"a": 3, "b": 0.3}]
     [fault] = faults(lambda: of_options("a=1,2,3", "b=1,2", design="zip"))
     assert fault.startswith("design: ") and "a 3, b 2" in fault
+    # designs say what they lack
+    for options, text in (
+        ({"design": "sobol"}, "samples: required key is missing"),
+        ({"design": "sobol", "samples": 100}, "samples: Sobol points come in powers of two, such as 64 or 128, got 100"),
+        ({"samples": 8}, "samples: only sobol and latin_hypercube designs have samples"),
+        ({"design": "spiral"}, "design: 'spiral' is not one of 'grid'"),
+    ):
+        [fault] = faults(lambda options=options: of_options("a=1,2", **options))
+        assert text in fault
 
 
 def test_samples_fill_the_space_of_the_axes():
@@ -101,9 +108,7 @@ def test_samples_fill_the_space_of_the_axes():
         assert sorted(point["seed"] for point in points) == 8 * [1] + 8 * [2]
         again, same, other = (sweep_of_python(mu, {"design": design, "samples": 16, "seed": seed}).points for seed in (2, 2, 3))
         assert again == same != other
-
-
-def test_options_give_sampled_intervals_too():
+    # options give sampled intervals too
     points = of_options("mu=0.1:10:log", "x=0:1", design="sobol", samples=8)
     assert sorted(int(4 * (math.log10(point["mu"]) + 1.0)) for point in points) == list(range(8))
     assert sorted(int(8 * point["x"]) for point in points) == list(range(8))
@@ -152,17 +157,6 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     assert any("moved together, but with 2 values of g, 3 values of h" in one for one in report)
 
 
-def test_designs_say_what_they_lack():
-    for options, text in (
-        ({"design": "sobol"}, "samples: required key is missing"),
-        ({"design": "sobol", "samples": 100}, "samples: Sobol points come in powers of two, such as 64 or 128, got 100"),
-        ({"samples": 8}, "samples: only sobol and latin_hypercube designs have samples"),
-        ({"design": "spiral"}, "design: 'spiral' is not one of 'grid'"),
-    ):
-        [fault] = faults(lambda options=options: of_options("a=1,2", **options))
-        assert text in fault
-
-
 MU, LOAD, SEED = "pairs.0.friction", "plates.upper.load", "debris.0.seed"
 
 
@@ -207,6 +201,12 @@ def test_states_have_their_colours_and_named_panels_are_drawn_alone(tmp_path):
         "friction coefficient", "states at the end, fraction of the bodies", "ever rolling, fraction of the bodies",
     ]  # fmt: skip
     assert [axes.get_title() for axes in sweep.plot(panels=["load"]).axes] == ["load"]
+    # sampled points are drawn where they are
+    ends = {MU: {"from": 0.1, "to": 0.5}, LOAD: {"from": "0.1 mN", "to": "1 mN"}}
+    sweep = finished(tmp_path, ends, design="sobol", samples=16)
+    offsets = np.asarray(sweep.plot().axes[0].collections[0].get_offsets())
+    # mN to the prefix of the axis; products of floats
+    assert offsets == pytest.approx(np.column_stack([sweep.column(MU), 1e6 * np.array(sweep.column(LOAD))]), rel=1e-12)
 
 
 def test_maps_show_each_point_in_its_cell(tmp_path):
@@ -218,14 +218,6 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
     assert np.ma.count_masked(np.ma.masked_invalid(cells)) == 1  # the failed point
     # point 7 of 9 loads: mu = 0.1, the eighth load
     assert np.isnan(np.ma.filled(cells, np.nan)[7, 0]) and float(cells[0, 4]) == 0.5
-
-
-def test_sampled_points_are_drawn_where_they_are(tmp_path):
-    ends = {MU: {"from": 0.1, "to": 0.5}, LOAD: {"from": "0.1 mN", "to": "1 mN"}}
-    sweep = finished(tmp_path, ends, design="sobol", samples=16)
-    offsets = np.asarray(sweep.plot().axes[0].collections[0].get_offsets())
-    # mN to the prefix of the axis; products of floats
-    assert offsets == pytest.approx(np.column_stack([sweep.column(MU), 1e6 * np.array(sweep.column(LOAD))]), rel=1e-12)
 
 
 def test_wrong_axes_and_panels_are_refused_with_the_nearest_name(tmp_path):

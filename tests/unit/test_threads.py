@@ -104,16 +104,7 @@ def unchanged():
     allow_threads(before)
 
 
-def test_pieces_are_done_once_and_errors_are_raised_after_all_have_ended(unchanged):
-    allow_threads(3)
-    done = []
-    distribute(range(40), lambda: done.append)
-    assert sorted(done) == list(range(40))
-    with pytest.raises(ValueError, match="piece 5"):
-        distribute(range(40), lambda: lambda piece: complain(f"piece {piece}") if piece == 5 else None)
-
-
-def test_pieces_of_a_range(unchanged):
+def test_pieces(unchanged):
     """They cover it, in order, none below the fewest unless it is the only one; one thread has one piece."""
     for threads in (1, 2, 5):
         allow_threads(threads)
@@ -122,6 +113,13 @@ def test_pieces_of_a_range(unchanged):
             assert [pieces[0][0], *(end for _, end in pieces)] == [*(begin for begin, _ in pieces), last]
             assert pieces[0][0] == first
             assert len(pieces) == 1 or (threads > 1 and min(end - begin for begin, end in pieces) >= fewest)
+    # pieces are done once and errors are raised after all have ended
+    allow_threads(3)
+    done = []
+    distribute(range(40), lambda: done.append)
+    assert sorted(done) == list(range(40))
+    with pytest.raises(ValueError, match="piece 5"):
+        distribute(range(40), lambda: lambda piece: complain(f"piece {piece}") if piece == 5 else None)
 
 
 def test_every_thread_of_python_has_its_own_number(unchanged):

@@ -92,6 +92,19 @@ def test_path_and_its_inverse():
     ending = moved('[{velocity = "1 m/s", duration = "1 us"}, {pause = "1 us"}]')
     assert ending.time_of(0.5e-6, 0.0) == pytest.approx(0.5e-6, rel=1e-12)
     assert math.isinf(ending.time_of(2e-6, 0.0))
+    # Whole cycles are not summed up chord by chord: a sine stroke of length b covers 2 b a cycle.
+    for shape, rate in ((SINE, 2.0 * math.pi * 5.0), (TRIANGLE, 5.0)):
+        axis = Schedule(x=(Segment(1.0, shape, 0.0, 5e-5, rate),))
+        assert axis.path(0.0, 1.0 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+        assert axis.path(1.03, 1.03 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+        assert axis.time_of(1e6 * 1e-4, 0.0) == pytest.approx(1.0 + 2e5, rel=1e-6)
+        # and a part of a cycle behind them: half a stroke at its middle
+        assert axis.time_of(1e3 * 1e-4 + 2.5e-5, 0.0) == pytest.approx(1.0 + 200.0 + 0.05, abs=2e-4)
+    # a ramp across a stroke repeats nothing
+    stroke, ramp = Segment(0.0, SINE, 0.0, 5e-5, 2.0 * math.pi), Segment(0.0, POLYNOMIAL, 0.0, 0.0, 1e-5)
+    both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
+    places = np.array([both.displacement_at(t) for t in fine])
+    assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)
 
 
 def test_the_engine_follows_the_schedule():
@@ -157,6 +170,9 @@ def test_a_foundation_shares_the_load_by_its_springs():
     assert force == pytest.approx(shared(tops, 100.0, 10e-6), rel=2e-3)
     assert force.sum() == pytest.approx(10e-6, rel=1e-3)
     assert built.upper.loaded == 3
+    # a soft foundation with preload loads each
+    _, force = settled('support = "foundation"\nstiffness = "1e-3 N/m"\npreload = "10 uN"\ngap = "10.07 um"')
+    assert force == pytest.approx([10e-6] * 3, rel=0.01)
 
 
 def test_a_stiff_foundation_is_a_rigid_plate():
@@ -168,11 +184,6 @@ def test_a_stiff_foundation_is_a_rigid_plate():
     assert built.state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(10e-6, rel=0.01)
     assert built.upper.loaded == 1 and built.state.A[run_totals.PLATE_WORK] > 0.0
     assert not any("rests on about 1 of 3" in warning for warning in built.warnings)  # three bodies are no larger layer
-
-
-def test_a_soft_foundation_with_preload_loads_each():
-    _, force = settled('support = "foundation"\nstiffness = "1e-3 N/m"\npreload = "10 uN"\ngap = "10.07 um"')
-    assert force == pytest.approx([10e-6] * 3, rel=0.01)
 
 
 def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
@@ -222,21 +233,3 @@ def test_without_friction_a_dragged_ball_slips_throughout():
     upper = on & (built.state.slots.partner < -1)
     # the plate slides over balls at rest; the step in which the drag starts is shared
     assert built.state.slots.histories.slip[upper] == pytest.approx(0.5e-6, rel=2e-3)
-
-
-def test_a_million_cycles_are_counted_at_once():
-    """Whole cycles are not summed up chord by chord: a sine stroke of length b covers 2 b a cycle."""
-    for shape, rate in ((SINE, 2.0 * math.pi * 5.0), (TRIANGLE, 5.0)):
-        axis = Schedule(x=(Segment(1.0, shape, 0.0, 5e-5, rate),))
-        assert axis.path(0.0, 1.0 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
-        assert axis.path(1.03, 1.03 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
-        assert axis.time_of(1e6 * 1e-4, 0.0) == pytest.approx(1.0 + 2e5, rel=1e-6)
-        # and a part of a cycle behind them: half a stroke at its middle
-        assert axis.time_of(1e3 * 1e-4 + 2.5e-5, 0.0) == pytest.approx(1.0 + 200.0 + 0.05, abs=2e-4)
-
-
-def test_a_ramp_across_a_stroke_repeats_nothing():
-    stroke, ramp = Segment(0.0, SINE, 0.0, 5e-5, 2.0 * math.pi), Segment(0.0, POLYNOMIAL, 0.0, 0.0, 1e-5)
-    both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
-    places = np.array([both.displacement_at(t) for t in fine])
-    assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)
