@@ -1,7 +1,5 @@
 """The scene of four balls that tests play with and spoil."""
 
-from __future__ import annotations
-
 from steel import STEEL
 
 PLATES = """\

@@ -5,8 +5,6 @@ gives one state of shear. All is measured in the middle of the bed, more than 3.
 40 % of the distance at that speed.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import NamedTuple

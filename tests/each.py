@@ -1,7 +1,5 @@
 """One rule for many files as one test, which names every file that breaks it: thousands of tests cost more than the rules."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 

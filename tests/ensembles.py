@@ -1,7 +1,5 @@
 """An ensemble of bodies that do not influence each other, and what two of its runs have in common."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ It writes scenes/pictures/NAME.png and, into scenes/pictures/results.json, what 
 makes the page of these and of the first lines of each scene.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import resource

@@ -3,8 +3,6 @@
 A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAME]()` gives the text between them.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

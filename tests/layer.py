@@ -1,7 +1,5 @@
 """A run of clumps between plates, and what tests of pictures ask of pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -11,8 +11,6 @@ and the plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction
 their shares of the load: mu = share mu_debris + (1 - share) mu_direct, with mu_debris of the points where debris carries all.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

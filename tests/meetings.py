@@ -5,8 +5,6 @@ rolls at half the speed of the upper plate. A *post* is a flat clump that sticks
 plate carries, a *ridge* a post so low that a ball can mount it. Lengths in um.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, field, replace

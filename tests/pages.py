@@ -6,8 +6,6 @@ A comment before a fenced block says what the tests do with it besides:
     <!-- not run: REASON -->    they do not run it, but look whether its commands, options and files exist
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What tests share so that they depend neither on the clock and the load, nor on versions of libraries."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

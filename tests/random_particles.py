@@ -1,7 +1,5 @@
 """Random particles between two bodies: planar ones with spots of unequal height, and clumps that stand in a stable pose."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

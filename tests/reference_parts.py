@@ -1,7 +1,5 @@
 """Generated parts of the reference: keys of a scene, series and arrays of a run, exit codes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import groupby

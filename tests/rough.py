@@ -1,7 +1,5 @@
 """Rough plates made in Python, for tests: height fields from functions, and scenes built with them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from unittest.mock import patch

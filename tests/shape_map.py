@@ -4,8 +4,6 @@ A rigid ellipse of axial ratio r < 1 between parallel plates turns until the lin
 coefficient mu. Its largest lean is (1/r - r)/2, at tan(tilt) = r; so it slides where mu is at most that, and rolls above.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Spots on one plate, solved by the kernel of the engine (`kernels.spot_loads`) as the tests give them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

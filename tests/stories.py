@@ -4,8 +4,6 @@ How far two runs can agree at all is told by a third one: explicit again, from s
 `thirdbody.studies.nudge.NUDGE`.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from pathlib import Path

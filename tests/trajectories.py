@@ -1,7 +1,5 @@
 """What a run computed, bit by bit, for tests that compare two runs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The notebooks of scenes/tutorials: `python tests/tutorials.py [NAME ...]` runs them anew and stores their outputs."""
 
-from __future__ import annotations
-
 import base64
 import io
 import os

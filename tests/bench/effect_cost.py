@@ -4,8 +4,6 @@
 Both runs of a pair go on side by side, piece by piece, so that what disturbs the machine falls on both.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 import time

@@ -5,8 +5,6 @@ particles are those of `scenes/yielding_debris.toml`. All rows of a group, also 
 first.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from pathlib import Path

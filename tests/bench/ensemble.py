@@ -1,7 +1,5 @@
 """The ensemble of the benchmark, and how long an integrator takes to slide it."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import statistics

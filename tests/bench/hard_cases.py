@@ -5,8 +5,6 @@
 `--quick` runs one level with automatic steps only. A case that fails ends with exit code 1; `tests/hard` has the cases.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -15,8 +15,6 @@ speed at which both cost the same is 1 mm/s times the ratio.
 Seconds are those of the processor, on one thread.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import statistics

@@ -1,7 +1,5 @@
 """What a measurement was made on."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from thirdbody.jit import cache_dir

@@ -11,8 +11,6 @@ differ in where a neck breaks: here where it loses its balance (y = 1 in `plugin
 (y^3 = 3): `neck_at_pull_off.py` is our law with that rule.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

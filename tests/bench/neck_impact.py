@@ -9,8 +9,6 @@ in LD_LIBRARY_PATH). Prints, by speed and step, the worst deviation of five star
 The ball is that of the page on adhesion in `plugins/README.md`. LAMMPS' surface energy is half the work of adhesion.
 """
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

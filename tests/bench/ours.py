@@ -7,8 +7,6 @@ and after every segment, kinetic energy at the end, steps per search, memory. DI
 (THIRDBODY_PEERS names it too) scene S is generated. For a steady clock: taskset -c 0 python tests/bench/ours.py ...
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

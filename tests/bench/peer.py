@@ -5,8 +5,6 @@ The next one, LAMMPS (22 Jul 2025, pair style granular), took 83 ns on the same 
 contacts: the comparison favours the peer.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -22,8 +22,6 @@ the time per step of 1 to 1000 bodies. Timings mean something on an idle machine
 run got.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

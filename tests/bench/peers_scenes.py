@@ -7,8 +7,6 @@ A configuration is a file `S_16000.npz` of the peers' folder, in um, pg and us: 
 for spheres v, w; for clumps bm, bx, bv, bw, bI (mass, centre, velocities and inertia in space axes).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ pressure is cut off and the slope is pi R. With p_y = 1.5 p both yield at one ov
 of LAMMPS is larger at one overlap: its balls dent less and give back less.
 """
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

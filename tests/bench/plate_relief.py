@@ -5,8 +5,6 @@ Relief of a spot by Boussinesq's solution, c N/r, of the other spots of its body
 domain around it (periodic). A uniform relief only lowers a plate, so its mean is told apart.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -9,8 +9,6 @@ data within the file, and of its texts those that depend on time, machine or ver
 an integrator, and of the summary `wall_time` and `sphere_steps_per_second`. Bits of two kinds of processor need not be equal.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import hashlib

@@ -3,8 +3,6 @@
 Small and short: what counts is that each way through the engine is used, and that bodies stick, slide and roll.
 """
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

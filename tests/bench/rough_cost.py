@@ -8,8 +8,6 @@ of an explicit step, per body and per contact that touches; of an implicit one p
 segments, one of each kind after the other, so that a busy machine disturbs both.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import statistics

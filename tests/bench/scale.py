@@ -3,8 +3,6 @@
 A process each, because the peak memory of a process never falls.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import resource

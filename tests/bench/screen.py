@@ -1,7 +1,5 @@
 """Where a benchmark prints."""
 
-from __future__ import annotations
-
 from rich.console import Console
 
 

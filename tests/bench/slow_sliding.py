@@ -30,8 +30,6 @@ Timings mean something on an idle machine only: the load stands in the head and 
 the wall time in which the one thread did run; far below 100 % means that others used the core.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import statistics

@@ -1,7 +1,5 @@
 """What a step costs that has hardly anything to do: spheres in a shear flow as in S, but few of them."""
 
-from __future__ import annotations
-
 import statistics
 import sys
 import time

@@ -1,7 +1,5 @@
 """How long the program takes to its first step, and to tell its help."""
 
-from __future__ import annotations
-
 import os
 import statistics
 import subprocess

@@ -5,8 +5,6 @@ with LAMMPS; LIGGGHTS and YADE are packages of the system. The scripts pin a run
 which is why `PINNED` does the same to ours.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
