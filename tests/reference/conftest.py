@@ -1,7 +1,5 @@
 """Makes the scalar step, which is several modules beside the tests, and the benchmark's scenes importable."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

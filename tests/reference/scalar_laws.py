@@ -4,63 +4,38 @@ The engine's own module is generated text, compiled, for a tile of contacts. Her
 (`py_func`), put together as the contract says.
 """
 
-from __future__ import annotations
-
 import math
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import make_dataclass
 from typing import Any
 
 import numpy as np
 from scalar_bodies import INERTIA
 
 from thirdbody.kernels.columns import body, contact_state
-from thirdbody.laws.contract import BodyEffect, Law
-from thirdbody.laws.kernel_data import Body, Contact, Load, Turn, Twist, Wrench
+from thirdbody.laws.kernel_data import Body, Load, Wrench
 
 
-def plain(function: Callable) -> Callable:
-    """The Python function behind a compiled one."""
+def plain(function):
     return getattr(function, "py_func", function)
 
 
-Rotation = tuple[Turn, Twist]
-"""Of the owner relative to the partner, about the tangential axes and about the normal."""
-
-
-@dataclass
-class Answer:
-    """What the laws say of one contact: forces on the owner in its frame, N, and the rest of the columns O_* and Q_*."""
-
-    normal: float
-    x: float
-    y: float
-    load: float
-    limit: float
-    critical: float
-    slip: float
-    radius: float
-    pressure: float
-    stored_n: float
-    stored_t: float
-    work: float
-    memory: list[float]
-    moment: tuple[float, float]
-    moment_limit: float
-    twist: float  # moment about the normal
-    twist_limit: float
-    lost: float  # part of the work that is of friction
-    viscous: list[float]  # forces of the dashpots: normal, tangential (2), moment (2), moment about the normal
+Answer = make_dataclass("Answer", (
+    "normal", "x", "y", "load", "limit", "critical", "slip", "radius", "pressure", "stored_n", "stored_t", "work", "memory",
+    "moment", "moment_limit", "twist", "twist_limit", "lost", "viscous",
+))  # fmt: skip
+"""What the laws say of one contact: forces on the owner in its frame, N, and the rest of the columns O_* and Q_*. `twist` is the
+moment about the normal, `lost` the part of the work that is of friction, `viscous` the forces of the dashpots: normal, tangential
+(2), moment (2), moment about the normal."""
 
 
 class Laws:
     """The chain of a scene; `pairs` holds the parameters of all pairs of materials, one row after the other."""
 
-    def __init__(self, laws: Sequence[Law], pairs: Sequence[float]):
+    def __init__(self, laws, pairs):
         self.laws = laws
         self.pairs = pairs
-        self.width = max(sum(len(law.parameters._fields) for law in laws), 1)  # type: ignore[attr-defined]
+        self.width = max(sum(len(law.parameters._fields) for law in laws), 1)
         self.rolls = any(law.rolls for law in laws)
         self.turns = any(law.stage in ("rolling", "twisting") for law in laws)
         names = [name for law in laws for name in law.memory()]
@@ -75,21 +50,18 @@ class Laws:
         self.moment = names.index("moment_x") if "moment_x" in names else None
         self.twist = names.index("moment") if "moment" in names else None
 
-    def split(self, row: list[float]) -> tuple[list[float], float, list[float]]:
+    def split(self, row):
         """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
         history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.retained
         stored = row[contact_state.LAW + self.stored] if self.stored < self.retained else 0.0
         viscous = [force for one in row[behind : behind + self.dashpots] for force in unpack_triple(one)]
         return history, stored, (viscous + [0.0] * 6)[:6]
 
-    def joined(self, answer: Answer) -> list[float]:
-        """What a row of H remembers of an answer."""
+    def joined(self, answer):
         viscous = (pack_triple(answer.viscous[:3]), pack_triple(answer.viscous[3:]))[: self.dashpots]
         return [*answer.memory, *[answer.stored_t][: self.retained - self.many], *viscous]
 
-    def friction_takes(
-        self, stored: float, after: float, old: list[float], new: list[float], message: Contact, rotation: Rotation
-    ) -> float:
+    def friction_takes(self, stored, after, old, new, message, rotation):
         """What the mean of the forces at both ends of a step does beyond what the springs store more than before, J."""
         turn, twist = rotation
         moved = [(self.force, message.slip_x, message.slip_y), (self.moment, turn.x, turn.y)]
@@ -100,15 +72,14 @@ class Laws:
             stored -= 0.5 * (old[self.twist] + new[self.twist]) * twist.angle
         return max(stored - after, 0.0)
 
-    def dashpots_take(self, old: list[float], new: list[float], apart: float, message: Contact, rotation: Rotation) -> float:
+    def dashpots_take(self, old, new, apart, message, rotation):
         """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
         turn, J."""
         turn, twist = rotation
         moved = (apart, message.slip_x, message.slip_y, turn.x, turn.y, twist.angle)
         return max(-0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False)), 0.0)
 
-    def request(self, contact: Contact, rotation: Rotation, kind: int, memory: list[float]) -> Answer:
-        """Forces and the new memory of a contact of this kind; `memory` is not changed."""
+    def request(self, contact, rotation, kind, memory):
         at_law, at_memory, row = 0, 0, self.pairs[kind * self.width : (kind + 1) * self.width]
         called: dict[str, Any] = {}
         pulls, new = [], []
@@ -117,7 +88,7 @@ class Laws:
         # stages come in the order normal, adhesion, damping, tangential, its damping, rolling, twisting; adhesion adds at the
         # end, so that the tangential stages see the load without it
         for law in self.laws:
-            p = law.parameters(*row[at_law : at_law + len(law.parameters._fields)])  # type: ignore[attr-defined]
+            p = law.parameters(*row[at_law : at_law + len(law.parameters._fields)])
             at_law += len(p)
             before = memory[at_memory : at_memory + len(law.memory())]
             at_memory += len(before)
@@ -143,7 +114,7 @@ class Laws:
         return together(contact, rotation, load, called, pulls, new)
 
 
-def pack_triple(numbers: Sequence[float]) -> float:
+def pack_triple(numbers):
     """The power of two of the largest, and each as a whole multiple of 2^-15 of it in 17 bits."""
     power = math.frexp(max(map(abs, (*numbers, 1e-280))) * (1.0 + 2.0**-16))[1] - 1
     bits = power + 1023 << 52
@@ -152,15 +123,13 @@ def pack_triple(numbers: Sequence[float]) -> float:
     return struct.unpack("<d", struct.pack("<q", bits))[0]
 
 
-def unpack_triple(one: float) -> list[float]:
-    """The numbers that `packed_triple` was given, rounded."""
+def unpack_triple(one):
     bits = struct.unpack("<q", struct.pack("<d", one))[0]
     fields, power = [bits >> place & 0x1FFFF for place in (34, 17, 0)], (bits >> 52) - 1023
     return [math.ldexp(field - (field >> 16 << 17), power - 15) for field in fields]
 
 
-def forecast_of(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[Any, list[float]]:
-    """The answer of one law and its new memory."""
+def forecast_of(law, seen, p, before):
     kernel, count = plain(law.kernel), len(law.history)
     if not before:
         return kernel(*seen, p), []
@@ -172,10 +141,7 @@ def forecast_of(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) ->
     return answer, [float(h) for h in history] + field.tolist()
 
 
-def together(
-    contact: Contact, rotation: Rotation, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]
-) -> Answer:
-    """The stages added up: dashpots fitted into their limits, works."""
+def together(contact, rotation, load, called, pulls, memory):
     normal, (turn, twist) = called["normal"], rotation
     force, stored, work, lost = load.force, normal.stored, normal.dissipated, 0.0
     viscous = [load.force - load.elastic, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -207,15 +173,12 @@ def together(
                   stored_t, work, memory, moment, moment_limit, about, about_limit, lost, viscous)  # fmt: skip
 
 
-def within(moment: float, viscous: float, limit: float) -> tuple[float, float]:
-    """A moment about the normal plus what the limit leaves of its viscous part; and that."""
+def within(moment, viscous, limit):
     taken = min(max(moment + viscous, -limit), limit) - moment
     return moment + taken, taken
 
 
-def fitted(
-    x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float
-) -> tuple[float, float, tuple[float, float]]:
+def fitted(x, y, viscosity, v_x, v_y, limit):
     """(x, y) plus the viscous part, returned to the limit along its own direction; and what that adds to (x, y)."""
     d_x, d_y = -viscosity * v_x, -viscosity * v_y
     size, most = math.hypot(x + d_x, y + d_y), max(limit, math.hypot(x, y))
@@ -227,16 +190,15 @@ def fitted(
 class Effects:
     """Body effects with their parameters, one after the other; behind them the end of settling, s, if one asks for it."""
 
-    def __init__(self, effects: Sequence[BodyEffect], parameters: Sequence[float]):
+    def __init__(self, effects, parameters):
         self.effects, self.parameters, first = effects, [], 0
         for effect in effects:
-            count = len(effect.parameters._fields)  # type: ignore[attr-defined]
+            count = len(effect.parameters._fields)
             self.parameters.append(effect.parameters(*parameters[first : first + count]))
             first += count
         self.until = parameters[first] if any(effect.settling for effect in effects) else math.inf
 
-    def on(self, B: list[float], time: float, dt: float) -> list[float]:
-        """Force and torque (6) of all effects on a body."""
+    def on(self, B, time, dt):
         mean = (B[INERTIA] + B[INERTIA + 1] + B[INERTIA + 2]) / 3.0
         moving = [*B[body.VELOCITY3], *B[body.SPIN3]]
         pushed = [*B[body.FORCE3], *B[body.TORQUE3]]
@@ -258,8 +220,7 @@ class Effects:
         return [summed(answers[1:], i, answers[0][i]) for i in range(6)]
 
 
-def summed(answers: Sequence[Any], component: int, start: float) -> float:
-    """`start` plus a component of all answers, in their order."""
+def summed(answers, component, start):
     for answer in answers:
         start += answer[component]
     return start

@@ -6,38 +6,17 @@ Only the columns of the tables are the engine's own. Sums are taken in the order
 engine's in another, so that numbers agree to rounding.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scalar_bodies import (
-    EFFECT_FORCE,
-    EFFECT_TORQUE,
-    UPPER_PUSH,
-    Vector,
-    act,
-    added,
-    arm_of,
-    cross,
-    drift,
-    kick,
-    place_now,
-    see_spin,
-    three,
-)
-from scalar_contact import Done, Surroundings, interact, let_go, touches, write_record
-from scalar_labels import update_labels
+import scalar_bodies
+from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, UPPER_PUSH, act, added, cross, drift, kick, place_now, see_spin, three
+from scalar_contact import Surroundings, interact, let_go, touches, update_labels, write_record
 from scalar_laws import Effects, Laws
-from scalar_plates import Patches, Plan
 
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.columns import body, contact_state, domain, run_totals, sphere
-
-Pair = tuple[int, int]
 
 TAKEN = {1: 10.0 / 3.0, 5: 14.0 / 3.0, 10: 14.0 / 3.0, 14: 10.0 / 3.0}
 """Steps of every 16, from 0 on, in which the spins of balls turn them, and for how many steps each stands."""
@@ -51,11 +30,10 @@ class Sums:
     damped: float = 0.0
     stored_n: float = 0.0
     stored_t: float = 0.0
-    upper: Vector = (0.0, 0.0, 0.0)
-    lower: Vector = (0.0, 0.0, 0.0)
+    upper: tuple = (0.0, 0.0, 0.0)
+    lower: tuple = (0.0, 0.0, 0.0)
 
-    def press(self, force: Vector, lower: bool) -> None:
-        """A plate acts on a body with a force, and the body on the plate."""
+    def press(self, force, lower):
         if lower:
             self.lower = added(self.lower, force, -1.0)
         else:
@@ -65,7 +43,7 @@ class Sums:
 class Reference:
     """A copy of a simulation at a synchronised instant, stepped without the engine. `B`, `S`, `P`, `A`, `M`: its tables."""
 
-    def __init__(self, simulation: Any):
+    def __init__(self, simulation):
         state, choice = simulation.state, simulation.choice
         self.physics, self.choice = state.physics, choice
         bodies, spheres = np.hstack((state.B, state.orientations, state.E)), state.S
@@ -77,13 +55,13 @@ class Reference:
         self.body, self.start = state.body.tolist(), state.start.tolist()
         self.offsets = [tuple(row) for row in state.offsets.tolist()]
         self.size = max(float(state.D[domain.LENGTH_X]), 0.0), max(float(state.D[domain.LENGTH_Y]), 0.0)
-        self.plan = Plan(state.schedule.tolist(), state.first.tolist())
-        self.patches = Patches(self.P, state.patch.tolist(), self.plan)
+        self.plan = scalar_bodies.Plan(state.schedule.tolist(), state.first.tolist())
+        self.patches = scalar_bodies.Patches(self.P, state.patch.tolist(), self.plan)
         self.laws = Laws(choice.chain.laws, state.physics.pairs.tolist())
         self.effects = Effects(choice.effects, state.physics.effect_parameters.tolist())
         self.drag = simulation.integrator.drag
-        self.memory: dict[Pair, list[float]] = {}
-        self.records: dict[Pair, list[float]] = {}
+        self.memory: dict = {}
+        self.records: dict = {}
         for pair, H, R in zip(pairs_of(state.slots), state.slots.H.tolist(), state.slots.R.tolist(), strict=True):
             self.memory[pair], self.records[pair] = H, R
         self.columns = state.slots.H.shape[1]
@@ -91,7 +69,7 @@ class Reference:
         self.lost = 0.0
         self.take(state.slots)
 
-    def take(self, slots: Any) -> None:
+    def take(self, slots):
         """Other candidates, after a search of the engine's. A closed contact that is none of them is lost: AssertionError."""
         pairs = pairs_of(slots)
         assert {pair for pair, memory in self.memory.items() if memory[contact_state.SLIP] != 0.0} <= set(pairs)
@@ -104,23 +82,19 @@ class Reference:
             if j >= 0:
                 self.of_sphere[j].append((k, -1.0))
 
-    def spheres(self, b: int) -> range:
-        """Numbers of the spheres of a body."""
+    def spheres(self, b):
         return range(self.start[b], self.start[b + 1])
 
-    def slots(self, b: int) -> list[tuple[int, float]]:
-        """The slots of a body, sphere by sphere, with 1 for the owner and -1 for the partner."""
+    def slots(self, b):
         return [entry for s in self.spheres(b) for entry in self.of_sphere[s]]
 
-    def advance(self, steps: int, dt: float) -> None:
-        """So many steps of velocity Verlet."""
+    def advance(self, steps, dt):
         for _ in range(steps):
             self.step(dt)
         for b, B in enumerate(self.B):
             place_now(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)])
 
-    def step(self, dt: float) -> None:
-        """One step, and what a labeller sees of it."""
+    def step(self, dt):
         t = self.A[run_totals.TIME]
         v = self.plan.rate(motion.X, t, dt), self.plan.rate(motion.Y, t, dt)
         sampled = self.physics.labels and (int(self.A[run_totals.STEPS]) + 1) % self.physics.stride == 0
@@ -138,8 +112,7 @@ class Reference:
             update_labels(self, v)
             self.A[run_totals.ELAPSED], self.A[run_totals.SHIFT_X], self.A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
-    def contacts(self, world: Surroundings) -> Sums:
-        """All contacts act on their bodies, in the order of the candidates."""
+    def contacts(self, world):
         total = Sums()
         for k in self.order():
             if touches(self.S, *self.pairs[k], world):
@@ -161,24 +134,21 @@ class Reference:
                 self.lose(k, lost)
         return total
 
-    def order(self) -> Sequence[int]:
-        """The slots, in the order in which their contacts act."""
+    def order(self):
         return range(len(self.pairs))
 
-    def give(self, b: int, force: Vector, torque: Vector, work: float, slip: float) -> None:
-        """A contact acts on a body, which has its shares of friction work and slip."""
+    def give(self, b, force, torque, work, slip):
         act(self.B[b], force, torque)
         self.B[b][body.FRICTION_WORK] += work
         self.B[b][body.SLIP_DISTANCE] += slip
 
-    def lose(self, k: int, lost: float) -> None:
-        """What an opened contact lost is friction work of its bodies."""
+    def lose(self, k, lost):
         i, j = self.pairs[k]
         self.B[self.body[i]][body.FRICTION_WORK] += lost if j < 0 else 0.5 * lost
         if j >= 0:
             self.B[self.body[j]][body.FRICTION_WORK] += 0.5 * lost
 
-    def meet(self, k: int, world: Surroundings) -> Done:
+    def meet(self, k, world):
         """What the closed contact in slot k does; its memory and its record are brought up to date."""
         (i, j), memory = self.pairs[k], self.memory[self.pairs[k]]
         self.closed += memory[contact_state.SLIP] == 0.0
@@ -186,8 +156,7 @@ class Reference:
         self.records[i, j] = write_record(self.S, i, j, done, world, self.physics.rolling)
         return done
 
-    def push(self, k: int, done: Done) -> None:
-        """The contact in slot k acts on its bodies."""
+    def push(self, k, done):
         i, j = self.pairs[k]
         here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
@@ -202,11 +171,11 @@ class Reference:
         self.give(here, force, torque, share, slip)
         self.give(there, against, back, share, slip)
 
-    def about(self, s: int, torque: Vector, force: Vector) -> Vector:
+    def about(self, s, torque, force):
         """Torque about the centre of mass, from that about the centre of sphere s and the force at it."""
-        return added(torque, cross(arm_of(self.S[s]), force))
+        return added(torque, cross(three(self.S[s], sphere.ARM), force))
 
-    def close(self, b: int, time: float, dt: float) -> list[float]:
+    def close(self, b, time, dt):
         """The closing half kick of a body and its effects; returns the powers of the effects along the axes, W."""
         B, powers = self.B[b], [0.0, 0.0, 0.0]
         kick(B, three(B, body.FORCE), three(B, body.TORQUE), dt)
@@ -221,12 +190,10 @@ class Reference:
             powers = [force[k] * B[body.VELOCITY + k] + torque[k] * B[body.SPIN + k] for k in range(3)]
         return powers
 
-    def total(self, powers: Sequence[list[float]]) -> float:
-        """Sum of the powers (3 each) of the effects on all bodies, W."""
+    def total(self, powers):
         return sum(power for body in powers for power in body)
 
-    def account(self, spent: Sums, effects: float, patches: tuple[float, ...], v: tuple[float, float], dt: float) -> None:
-        """The step in the ledger, by the trapezoid, and on the clock."""
+    def account(self, spent, effects, patches, v, dt):
         A, half, upper, lower = self.A, 0.5 * dt, spent.upper, spent.lower
         load, damping = patches[0] + patches[1], patches[2]
         A[run_totals.FRICTION_WORK] += spent.work
@@ -259,6 +226,5 @@ class Reference:
             A[run_totals.HEADING], A[run_totals.HEADING + 1] = v[0] / speed, v[1] / speed
 
 
-def pairs_of(slots: Any) -> list[Pair]:
-    """Who meets whom, candidate by candidate."""
+def pairs_of(slots):
     return list(zip(slots.own.tolist(), slots.partner.tolist(), strict=True))
