@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from ensembles import ROUGH, arrays, scene
-from steel import STEEL
+from steel import scene_text
 
 import thirdbody
 from thirdbody.assembly.populate import populate, sphere_centres
@@ -28,24 +28,7 @@ from thirdbody.surfaces.dilation import dilation
 from thirdbody.surfaces.surface import Surface
 from thirdbody.surfaces.waves import phases, sine_heights
 
-SCENE = (
-    STEEL
-    + """\
-{debris}
-[domain]
-size = ["100 um", "80 um"]
-[plates.lower]
-material = "steel"
-surface = {surface}
-[plates.upper]
-material = "steel"
-load = "1 mN"
-[solver]
-duration = "1 us"
-[output]
-every = "1 us"
-"""
-)
+SCENE = scene_text("{debris}", '["100 um", "80 um"]', 'load = "1 mN"', "surface = {surface}")
 A_WAVE = '{wave = {amplitude = "1 um", wavelength = "20 um"}}'
 RANDOM = '{rms = "0.5 um", long = "20 um", short = "4 um"}'
 LAYER = '[[debris]]\nmaterial = "steel"\nkind = "irregular"\ncount = 40\nsize = "8 um"\nspheres = 5\naspect = [1.0, 0.8, 0.6]\n'

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.clumps import shapes_of
 from thirdbody.errors import OutputError
@@ -36,16 +36,6 @@ unit = "1 um"
 spheres = 6
 count = 2
 """
-END = """\
-[domain]
-size = ["150 um", "150 um"]
-[plates.lower]
-material = "steel"
-[solver]
-duration = "1 us"
-[output]
-every = "1 us"
-"""
 
 
 @pytest.fixture
@@ -64,7 +54,7 @@ def call(command):
 @pytest.fixture
 def scene(tmp_path, rock):
     path = tmp_path / "scene.toml"
-    path.write_text(STEEL + DEBRIS + END, encoding="utf-8")
+    path.write_text(scene_text(DEBRIS, '["150 um", "150 um"]'), encoding="utf-8")
     return path
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from each import each
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
@@ -23,29 +23,10 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.speed_scale import at_speed
 from thirdbody.trajectory.reader import open_run
 
-TEXT = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-positions = [["50 um", "50 um", "5 um"]]
-[domain]
-size = ["100 um", "100 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-{upper}
-[solver]
-{length}
-settle = "3 us"
-time_step = "1 ns"
-[output]
-every = "{every}"
-"""
-)
+BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\n'
+AT = 'positions = [["50 um", "50 um", "5 um"]]'
+SOLVER = '{length}\nsettle = "3 us"\ntime_step = "1 ns"'
+TEXT = scene_text(BALL + AT, '["100 um", "100 um"]', "{upper}", solver=SOLVER, every="{every}")
 SETTLED = 3e-6
 TIMES = [0.0, 1e-7, 0.5e-6, 1e-6, 1.7e-6, 2.5e-6, 4e-6]
 MOTIONS = {
@@ -113,32 +94,11 @@ def test_a_factor_is_positive(read, factor):
         at_speed(read('load = "2 mN"'), factor)
 
 
-BED = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 60
-seed = 2
-placement = "dense"
-[domain]
-size = ["40 um", "25 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-pressure = "2.5 MPa"
-motion = {x = {velocity = "1 mm/s"}}
-[solver]
-distance = "0.2 um"
-settle = "0.2 us"
-inertial_number = 0.05
-[output]
-every = "0.05 um"
-"""
-)
+BED = scene_text(
+    BALL + 'count = 60\nseed = 2\nplacement = "dense"', '["40 um", "25 um"]',
+    'pressure = "2.5 MPa"\nmotion = {x = {velocity = "1 mm/s"}}',
+    solver='distance = "0.2 um"\nsettle = "0.2 us"\ninertial_number = 0.05', every="0.05 um",
+)  # fmt: skip
 # 60 balls of 10 um on 1000 um2: 52 um at a solid fraction of 0.6, 5.2 layers
 HEIGHT = 60 * math.pi / 6.0 * 1e-15 / 0.6 / 1000e-12
 INERTIAL_TIME = 10e-6 * math.sqrt(7850.0 / 2.5e6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 from scipy.integrate import quad
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
@@ -15,30 +15,13 @@ from thirdbody.errors import InputError
 from thirdbody.scene.debris.kinds.spheroid import corrugation, layout, number_of_spheres, spheres_in_rings
 from thirdbody.scene.model import Scene
 
-SCENE = (
-    STEEL
-    + """\
-[[debris]]
-material = "steel"
-kind = "spheroid"
-count = 12
-size = {size}
-{more}
-[domain]
-size = ["200 um", "150 um"]
-[plates.lower]
-material = "steel"
-[solver]
-duration = "1 us"
-[output]
-every = "1 us"
-"""
-)
+DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spheroid"\ncount = {count}\nsize = {size}\n{more}'
+SCENE = scene_text(DEBRIS, '["200 um", "150 um"]')
 SLOW = pytest.mark.full(kind="slow")
 
 
 def parsed(more: str, size: str = '"10 um"', count: int = 12) -> Scene:
-    return Scene.parse(SCENE.format(more=more, size=size).replace("count = 12", f"count = {count}"), "s.toml")
+    return Scene.parse(SCENE.format(more=more, size=size, count=count), "s.toml")
 
 
 def ellipsoid(form: str, r: float) -> tuple[float, np.ndarray]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from each import each
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.spots import rows, spot_body
@@ -13,26 +13,9 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
 
-SCENE = """\
-[[debris]]
-material = "steel"
-kind = "spots"
-{keys}
-[domain]
-size = ["20 um", "20 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {{x = {{velocity = "-0.01 m/s"}}{motion}}}
-{more}
-[solver]
-distance = "20 nm"
-[output]
-every = "1 nm"
-"""
+UPPER = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {{x = {{velocity = "-0.01 m/s"}}{motion}}}\n{more}'
+DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spots"\n{keys}'
+SCENE = scene_text(DEBRIS, '["20 um", "20 um"]', UPPER, solver='distance = "20 nm"', every="1 nm")
 SPOTS = """spots = [
   {side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
   {side = "lower", x = "-2 um", z = "-2 um", radius = "1 um"},
@@ -44,7 +27,7 @@ PLANAR = SPOTS + MASS + "planar = true\n"
 
 
 def scene(keys=SPOTS + MASS, motion="", more=""):
-    return Scene.parse(STEEL + SCENE.format(keys=keys, motion=motion, more=more), "s.toml")
+    return Scene.parse(SCENE.format(keys=keys, motion=motion, more=more), "s.toml")
 
 
 def test_summits_stand_on_the_plates_and_meet_their_own_side_only():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
@@ -17,23 +17,7 @@ from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check
 from thirdbody.scene.model import Scene
 
-PLATES = (
-    STEEL
-    + """\
-{debris}
-[domain]
-size = ["100 um", "100 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-{upper}
-[solver]
-{solver}
-[output]
-every = "1 us"
-"""
-)
+PLATES = scene_text("{debris}", '["100 um", "100 um"]', "{upper}", solver="{solver}")
 
 
 def ball(radius, x):
