@@ -66,12 +66,23 @@ def test_one_body_between_the_plates(name):
     assert found == pytest.approx([*(V * x for x in expected), 0.0], abs=1e-13 * V)
 
 
-def test_a_bed_is_sheared_between_the_bodies_at_its_plates():
+def test_beds_are_sheared_between_the_bodies_that_pass_load_on():
     bodies = [(0.1 * V, 0.2 * V / R), (0.5 * V, 0.4 * V / R), (0.9 * V, 0.05 * V / R)]
     between = (DEBRIS, (0.0, 0.0, R))
     contacts = [(0, BOTTOM, 2e-4), (1, between, 3e-4), (2, TOP, 2e-4)]
     # upper: V - 0.9 V - 0.05 V; lower: 0.1 V - 0.2 V; rolling: 0.05 V + 0.2 V; shear: 0.9 V - 0.1 V; not the body in the middle
     assert parts(bodies, contacts) == pytest.approx([0.05 * V, -0.1 * V, 0.25 * V, 0.8 * V], abs=1e-13 * V)
+    ball, thrown = (0.5 * V, 0.5 * V / R), (7.0 * V, 0.0)
+    contacts = [(0, TOP, 1e-4), (0, BOTTOM, 1.3e-4), (1, BOTTOM, 5e-4)]
+    for meet in (True, False):  # the second body rests on the lower plate: no load comes from the upper one
+        assert parts([ball, thrown], contacts, meet) == pytest.approx([0.0, 0.0, V, 0.0], abs=1e-13 * V)
+    assert np.isnan(parts([ball], [(0, TOP, 1e-4)], False)).all()
+    p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), True)
+    # body 0 and a third of body 1's load go straight down, the other 2 N through body 1, between bodies, and body 2
+    assert p == pytest.approx([0.4, 0.6, 0.0]) and q == pytest.approx([0.4, 0.2, 0.4])
+    p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), False)
+    assert p == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0]) and (p == q).all()
+    assert transmitting_weights(np.array([1.0, 0.0]), np.array([0.0, 1.0]), False) is None
 
 
 def test_the_parts_add_up_to_the_speed_of_the_plate_for_any_bodies():
@@ -83,23 +94,6 @@ def test_the_parts_add_up_to_the_speed_of_the_plate_for_any_bodies():
         found = parts(rng.normal(0.0, [V, V / R], (count, 2)), contacts, meet)
         assert sum(found) == pytest.approx(V, rel=1e-12)  # rounding of some hundred terms of the size of V
         assert meet or found[3] == 0.0
-
-
-def test_bodies_that_pass_no_load_on_do_not_count():
-    ball, thrown = (0.5 * V, 0.5 * V / R), (7.0 * V, 0.0)
-    contacts = [(0, TOP, 1e-4), (0, BOTTOM, 1.3e-4), (1, BOTTOM, 5e-4)]
-    for meet in (True, False):  # the second body rests on the lower plate: no load comes from the upper one
-        assert parts([ball, thrown], contacts, meet) == pytest.approx([0.0, 0.0, V, 0.0], abs=1e-13 * V)
-    assert np.isnan(parts([ball], [(0, TOP, 1e-4)], False)).all()
-
-
-def test_weights_follow_the_load():
-    p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), True)
-    # body 0 and a third of body 1's load go straight down, the other 2 N through body 1, between bodies, and body 2
-    assert p == pytest.approx([0.4, 0.6, 0.0]) and q == pytest.approx([0.4, 0.2, 0.4])
-    p, q = transmitting_weights(np.array([2.0, 3.0, 0.0]), np.array([2.0, 1.0, 2.0]), False)
-    assert p == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0]) and (p == q).all()
-    assert transmitting_weights(np.array([1.0, 0.0]), np.array([0.0, 1.0]), False) is None
 
 
 def test_a_plate_that_turns_still_has_the_speed_with_which_it_came():

@@ -78,21 +78,15 @@ def test_in_space_tangential_forces_are_vectors(write):
     assert not result.planar and (len(point.T[0]), len(point.u), len(point.phi)) == (2, 2, 3)
 
 
-def test_the_table_reports_what_changes(write, capsys):
+def test_the_table_reports_what_changes_stops_and_cannot_be_compared(write, capsys):
     balance_command(write(), level="mindlin")
     report = capsys.readouterr()
     assert "forecast: sticks for mu from 0, slides for mu from -0.325 to 0.55; possible: sticking, sliding" in report.out
     assert "sliding   friction_limit" in report.out
     # a particle without weight that slides on both sides: any place along the drag is in balance
     assert len(report.err.splitlines()) == 1 and "its place along the drag is undetermined" in report.err
-
-
-def test_a_path_that_ends_early_says_where(write):
     lines = table(balance(write(('  {side = "lower", x = "1.5 um", z = "-2 um", radius = "1.5 um"},\n', "")), "mindlin"))
     assert "no static state exists while it is pressed" in lines[-1]
-
-
-def test_unlike_materials_are_reported(write, capsys):
     balance_command(write(('shear_modulus = "80 GPa"', 'youngs_modulus = "5 GPa"')), level="mindlin")
     assert "upper side: not elastically similar" in capsys.readouterr().err
 
@@ -163,13 +157,10 @@ def test_no_quantity_of_the_picture_reads_as_a_unit(write, tmp_path):
     assert not [text for text in words if re.search(r"\(u[Nmr]|\$\\mu\$ ?N", text)]
 
 
-def test_the_package_offers_the_function():
+def test_the_package_and_the_command_line_have_the_function(write, monkeypatch, capsys):
     assert thirdbody.balance is balance and "balance" in dir(thirdbody)
     with pytest.raises(AttributeError, match="has no attribute 'balanse'"):
         thirdbody.balanse  # noqa: B018
-
-
-def test_the_command_line_knows_it(write, monkeypatch, capsys):
     from thirdbody.cli.main import main
 
     monkeypatch.setattr("sys.argv", ["thirdbody", "balance", str(write(("steps = 24", "step = 24"))), "--json"])

@@ -60,9 +60,6 @@ def test_the_solid_fraction_of_a_crystal():
     assert all(SERIES[name].unit == "1" for name in BED)
     series = measured(*crystal(2))  # a layer is no bed
     assert all(math.isnan(series[name]) for name in ("inertial_number", "inertial_number_largest", "solid_fraction"))
-
-
-def test_balls_that_reach_into_the_core_count_by_what_is_inside():
     state, gap = crystal(9)
     state.S[:, 2] += 0.7 * R
     # the slab cuts balls at both ends at the same height of the crystal: what one end loses the other gains
@@ -125,12 +122,9 @@ kind = "file"
 file = "column.csv"
 [domain]
 size = ["40 um", "40 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "rigid"
-load = "0.1 mN"
+[plates]
+lower = {{material = "steel"}}
+upper = {{material = "steel", support = "rigid", load = "0.1 mN"}}
 [contact]
 law = "three_spot"
 level = "mindlin"
@@ -172,11 +166,13 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
     assert summary["bed_verdict"].startswith("quasi-static: I = ")
 
 
-def test_without_debris_contact_there_are_no_measures(column, tmp_path):
+def test_what_is_no_bed_has_no_measures(column, tmp_path):
     alone = column.with_settings({"contact.debris_contact": "none"})
     loop = RunLoop(build(alone), RunFolder(tmp_path))
     assert loop.means is None and loop.maker.bed is None
     assert not set(BED) & set(loop.maker.frame(None).series)
+    with thirdbody.open(write_layer(tmp_path / "run.vtkhdf", 3, 4)) as run:
+        assert run.bed is None and "bed_verdict" not in run.summary()
 
 
 FRAMES = 41
@@ -214,11 +210,6 @@ def test_every_output_has_the_mean_over_the_steady_part(folder, capsys):
     assert "the bed is not quasi-static" in printed.err
     run_report(folder, json=True)
     assert json.loads(capsys.readouterr().out)["bed_verdict"] == bed.verdict
-
-
-def test_a_run_without_these_series_has_no_bed(tmp_path):
-    with thirdbody.open(write_layer(tmp_path / "run.vtkhdf", 3, 4)) as run:
-        assert run.bed is None and "bed_verdict" not in run.summary()
 
 
 DRAGS = [

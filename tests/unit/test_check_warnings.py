@@ -270,22 +270,17 @@ def test_every_installed_effect_is_on_or_off_with_a_reason():
     assert rows["debris-debris contact"]["on"] is False and part_warnings(three_spot()) == []
 
 
-def test_weight_is_warned_of_until_gravity_is_on():
+def test_weight_drags_near_the_wave_speed_and_close_spots_are_warned_of():
     heavy = {"debris__0__mass": "1e-7 kg", "plates__upper__load": "0.01 mN"}
     assert any("gravity is off" in line and "0.098" in line for line in part_warnings(three_spot(**heavy)))
     on = {"effects__gravity": '["0 m/s2", "0 m/s2", "-9.81 m/s2"]'}
     assert not any("gravity" in line for line in part_warnings(three_spot(**heavy, **on)))
 
-
-def test_a_drag_near_the_wave_speed_is_warned_of():
     # sqrt(60 GPa/7800 kg/m3) = 2774 m/s is the slowest
     def is_warned_of(speed):
         return any("slowest shear wave" in line for line in part_warnings(three_spot(plates__upper__motion__x__velocity=speed)))
 
     assert is_warned_of("300 m/s") and not is_warned_of("200 m/s")
-
-
-def test_spots_that_stand_close_are_warned_of():
     simulation = three_spot(debris__0__spots__1__x="-0.1 um", debris__0__spots__2__x="0.3 um")
     share, distance = neighbours(simulation)
     radius = 1.5e-6 * math.sqrt(simulation.upper.overlap)  # of the larger contact, a^2 = R d

@@ -39,7 +39,7 @@ def revolved_pair(d, r1, r2):
     return volume, axial, integral(lambda p: p * p / 4.0 + p * (x - middle) ** 2)
 
 
-def test_sphere_is_exact():
+def test_a_sphere_and_two_that_touch_are_exact():
     body, centroid, quaternion = clump_with_frame([[1.0, 2.0, 3.0]], [0.5])
     volume = 4.0 / 3.0 * math.pi * 0.5**3
     assert body.volume == pytest.approx(volume, rel=1e-15)  # closed form: rounding only
@@ -48,6 +48,12 @@ def test_sphere_is_exact():
     assert centroid == pytest.approx([1.0, 2.0, 3.0], rel=1e-15)
     assert quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert body.diameter == pytest.approx(1.0, rel=1e-15)
+    body = clump([[0, 0, 0], [0.9, 0, 1.2]], [1.0, 0.5])
+    v1, v2 = 4.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi * 0.125
+    axial = 0.4 * (v1 + 0.25 * v2)
+    transverse = axial + v1 * v2 / (v1 + v2) * 1.5**2
+    assert body.volume == pytest.approx(v1 + v2, rel=1e-12)  # smooth slices: rounding only
+    assert body.inertia == pytest.approx([axial, transverse, transverse], rel=1e-12)
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, 0.6, 0.64)])
@@ -62,15 +68,6 @@ def test_two_overlapping_spheres(axis):
         assert body.error < 1e-5
         assert body.volume == pytest.approx(volume, rel=min(body.error, 1e-9))
         assert body.inertia == pytest.approx([axial, transverse, transverse], rel=min(body.error, 1e-9))
-
-
-def test_tangent_spheres_add_up():
-    body = clump([[0, 0, 0], [0.9, 0, 1.2]], [1.0, 0.5])
-    v1, v2 = 4.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi * 0.125
-    axial = 0.4 * (v1 + 0.25 * v2)
-    transverse = axial + v1 * v2 / (v1 + v2) * 1.5**2
-    assert body.volume == pytest.approx(v1 + v2, rel=1e-12)  # smooth slices: rounding only
-    assert body.inertia == pytest.approx([axial, transverse, transverse], rel=1e-12)
 
 
 def test_coincident_and_swallowed_spheres_count_once():

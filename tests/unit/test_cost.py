@@ -25,13 +25,9 @@ radius = "5 um"
 count = 2
 [domain]
 size = ["100 um", "100 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {{x = {{velocity = "0.5 m/s"}}}}
+[plates]
+lower = {{material = "steel"}}
+upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "0.5 m/s"}}}}}}
 [contact]
 debris_contact = "none"
 [solver]

@@ -46,23 +46,17 @@ def test_published_values_and_integrated_impacts():
         assert integrated_restitution(damping_number(e)) == pytest.approx(e, rel=1e-7, abs=0.0)
 
 
-def test_the_number_and_the_restitution_are_inverse():
+def test_restitution_is_the_inverse_smooth_and_of_a_contact_that_does_not_pull():
     for restitution in (1e-3, 0.02, math.exp(-2.0), 0.4, 0.999, 1.0 - 1e-9):
         # the bisection ends within two roundings of alpha, and e changes by less than alpha does
         assert restitution_of(damping_number(restitution)) == pytest.approx(restitution, rel=1e-12, abs=0.0)
     # 0 is the lower end of the bracket: the elastic limit costs no damping at all
     assert damping_number(1.0) < 1e-14
-
-
-def test_restitution_is_smooth_through_critical_damping():
     critical = 2.5 * math.sqrt(0.8)
     values = [restitution_of(critical * (1.0 + shift)) for shift in (-1e-6, 0.0, 1e-6)]
     assert values[0] > values[1] > values[2]
     # steps of a millionth: a smooth curve bends by 1e-6 of its slope; the differences keep nine digits
     assert values[0] - values[1] == pytest.approx(values[1] - values[2], rel=1e-5, abs=0.0)
-
-
-def test_clipping_matters():
     # the formula for a contact that may pull gives e = .5503 instead of .5 when clipped (four decimals)
     alpha = -math.sqrt(5.0) * math.log(0.5) / math.hypot(math.log(0.5), math.pi)
     assert restitution_of(alpha) == pytest.approx(0.5503, abs=0.6e-4)

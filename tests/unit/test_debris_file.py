@@ -10,7 +10,6 @@ from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.clumps_from_table import load_bodies
-from thirdbody.engine.placed import Placed
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.debris.kinds.file import File
@@ -49,7 +48,7 @@ def arrays(**more):
 def placed(tmp_path):
     """Writes the table and a scene beside it; returns the bodies, the warnings and the scene."""
 
-    def make(table: str | dict, more: str = "") -> tuple[Placed, list[str], Scene]:
+    def make(table, more=""):
         name = "b.csv" if isinstance(table, str) else "b.npz"
         if isinstance(table, str):
             (tmp_path / name).write_text(table, encoding="utf-8")
@@ -68,16 +67,11 @@ def turn(axis, angle: float) -> list[float]:
     return [math.cos(angle / 2.0), *(math.sin(angle / 2.0) * axis)]
 
 
-def by_body(rows: np.ndarray) -> np.ndarray:
-    """Rows of the table in the order of the bodies."""
-    return rows[np.argsort([row[0] for row in SPHERES], kind="stable")]
-
-
 @pytest.mark.parametrize("table", [PLAIN, arrays()], ids=["csv", "npz"])
 def test_spheres_lie_where_the_file_says(placed, table):
     bodies, warnings, scene = placed(table)
     centres, radii, body = sphere_centres(bodies)
-    given = by_body(np.array(SPHERES, float)) * 1e-6
+    given = np.array(sorted(SPHERES, key=lambda row: row[0]), float) * 1e-6  # in the order of the bodies
     # into the principal frame and back, at 1e-4 m: rounding
     assert centres == pytest.approx(given[:, 1:4], abs=1e-18)
     assert radii == pytest.approx(given[:, 4], rel=1e-15)  # 4 um and 4 * 1e-6
@@ -98,13 +92,18 @@ def test_mass_is_that_of_the_union(placed):
     assert built.state.bodies.position[0] == pytest.approx([60e-6, 60e-6, 40e-6], rel=1e-15)
 
 
-def test_units_names_and_order_of_columns_are_free(placed):
+def test_units_names_and_order_of_columns_and_rows_are_free(placed):
     rows = [f"{r / 1000},{y}, {c} ,{x * 1000},{z}e-6" for c, x, y, z, r in SPHERES]
     other = "\ufeffRadius (mm),center_y [um], clump,X[nm],z [m]\r\n" + "\r\n\r\n".join(rows)
     (first, _, _), (second, _, _) = placed(PLAIN), placed(other)
     # the same decimal numbers, each rounded once
     assert second.positions.tolist() == first.positions.tolist()
     assert [body.radii.tolist() for body in second.clumps] == [body.radii.tolist() for body in first.clumps]
+    head, *rows = PLAIN.splitlines()
+    (first, _, _), (other, _, _) = placed(PLAIN), placed("\n".join([head, *rows[::-1]]))
+    # a sum over the spheres in another order
+    assert other.positions == pytest.approx(first.positions, rel=1e-9)
+    assert [body.volume for body in other.clumps] == pytest.approx([body.volume for body in first.clumps], rel=1e-9)
 
 
 def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
@@ -137,24 +136,18 @@ def test_csv_and_npz_say_the_same(placed):
     assert a.velocities[1] == pytest.approx([4e-3, 5e-3, 6e-3], rel=1e-15) and a.angular_velocities[0].tolist() == [-1, 0, 5]
 
 
-def test_quaternions_to_seven_digits_are_taken_as_unit(placed):
+def test_what_counts_as_numbers(placed, tmp_path):
     q = np.round([turn((1, 2, 3), 0.1 + k) for k in range(3)], 7)
     arms = arrays(quaternion=q)
     arms["center"][:, 2] += 30e-6
     bodies, _, _ = placed(arms)
     # made unit: what is left is rounding
     assert np.linalg.norm(bodies.quaternions, axis=1) == pytest.approx([1.0] * 3, rel=1e-15)
-
-
-def test_whole_numbers_and_single_precision_are_numbers(placed):
     table = arrays(velocity=np.zeros((3, 3)))
     table["velocity"], table["clump"] = np.ones((3, 3), np.int32), table["clump"].astype(np.uint64)
     table["radius"] = table["radius"].astype(np.float32)
     bodies, _, _ = placed(table)
     assert bodies.velocities.dtype == np.float64 and (bodies.velocities == 1.0).all()
-
-
-def test_quantities_are_rounded_once(tmp_path):
     (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n0,60,-0.1,3e2,6.6\n")
     bodies = load_bodies(tmp_path / "b.csv", parse)
     assert bodies.positions[0].tolist() == [60e-6, -0.1e-6, 300e-6] and bodies.clumps[0].radii.tolist() == [6.6e-6]
@@ -168,11 +161,10 @@ def test_copies_of_a_shape_share_their_clump(tmp_path):
     (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n" + "\n".join(rows))
     bodies = load_bodies(tmp_path / "b.csv", parse)
     # arms are rounded to 1e-11 radii, and places at 200 radii to 3e-14: one in hundreds falls across the edge of a digit
-    assert len({id(body_number) for body_number in bodies.clumps}) <= 5
+    assert len({id(body) for body in bodies.clumps}) <= 5
     alone = clump(np.array([[0, 0, 5], [3, 0, 6]]) * 1e-6, np.array([5, 4.5]) * 1e-6)
-    for body_number in bodies.clumps:
-        assert body_number.volume == pytest.approx(alone.volume, rel=1e-9)
-        assert body_number.inertia == pytest.approx(alone.inertia, rel=1e-9)
+    for body in bodies.clumps:
+        assert [body.volume, *body.inertia] == pytest.approx([alone.volume, *alone.inertia], rel=1e-9)
 
 
 def test_a_layer_takes_the_shapes_in_turn(placed):
@@ -215,11 +207,3 @@ def test_bodies_of_a_table_can_meet_each_other(tmp_path):
     pair = '[[pairs]]\nbetween = ["steel", "glass"]\nfriction = 0.3\nrestitution = 0.6\n'
     with pytest.raises(InputError, match=r"no pair for 'glass' and 'glass', which can meet \(the bodies of debris"):
         Scene.parse(text + glass + pair)
-
-
-def test_sharing_and_order_do_not_depend_on_the_order_of_rows(placed):
-    head, *rows = PLAIN.splitlines()
-    (first, _, _), (other, _, _) = placed(PLAIN), placed("\n".join([head, *rows[::-1]]))
-    # a sum over the spheres in another order
-    assert other.positions == pytest.approx(first.positions, rel=1e-9)
-    assert [body.volume for body in other.clumps] == pytest.approx([body.volume for body in first.clumps], rel=1e-9)

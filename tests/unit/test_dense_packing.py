@@ -126,13 +126,10 @@ def test_dense_populations_are_mixed():
     assert abs(heights[:30].mean() - heights[30:].mean()) < 0.2
 
 
-def test_a_height_means_a_fraction():
+def test_heights_of_dense_and_dilute_debris():
     placed, warnings = built('placement = "dense"\nheight = "18 um"', 'placement = "dense"\nheight = "18 um"')
     centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6
-
-
-def test_dilute_debris_fills_its_height():
     for key, height in (("", None), ('\nheight = "60 um"', 60e-6), ("\nsolid_fraction = 0.1", None)):
         placed, warnings = built(f'placement = "dilute"{key}', 'placement = "dilute"')
         volume = sum(body.volume for body in placed.clumps)
@@ -140,9 +137,6 @@ def test_dilute_debris_fills_its_height():
         # 60 bodies: the highest lies in the uppermost tenth but with a probability of 0.9^60 = 0.002
         assert 0.85 * height < placed.positions[:, 2].max() < height
         assert "dilute: 60 bodies fill" in warnings[0]
-
-
-def test_dilute_debris_lies_clear_of_a_layer():
     # that nothing overlaps populate itself checks
     placed, _ = built('placement = "dilute"\nheight = "40 um"', 'placement = "layer"', side="35 um")
     assert placed.positions[:30, 2].max() > 20e-6 > placed.positions[30:, 2].max()

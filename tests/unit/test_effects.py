@@ -15,14 +15,9 @@ from thirdbody.scene.model import Scene
 
 TEXT = """\
 scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[materials.brass]
-youngs_modulus = "105 GPa"
-poisson_ratio = 0.34
-density = "8500 kg/m3"
+[materials]
+steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}
+brass = {youngs_modulus = "105 GPa", poisson_ratio = 0.34, density = "8500 kg/m3"}
 [[pairs]]
 between = ["steel", "brass"]
 friction = 0.30
@@ -116,13 +111,10 @@ def test_the_ledger_of_a_sheared_layer_closes_and_moments_are_balanced():
     assert np.allclose(torque, state.bodies.torque, rtol=0.0, atol=1e-12 * np.abs(torque).max())
 
 
-def test_a_pair_may_have_its_own_coefficient():
+def test_a_pair_may_have_its_own_coefficient_if_the_effect_is_on():
     rows = build(scene(ROLLING, "rolling_friction = 0.2")).choice.rows
     assert [row[-1].mu_r for row in rows] == [0.2, 0.05]
     assert Scene.parse(scene(ROLLING, "rolling_friction = 0.2").to_toml()).pairs[0].rolling_friction == 0.2
-
-
-def test_a_pair_s_value_without_its_effect_is_refused():
     for key, remedy in (
         ("rolling_friction = 0.2", "rolling_resistance = {coefficient = ...}"),
         ('work_of_adhesion = "5 mJ/m2"', "adhesion = {work_of_adhesion = ...}"),

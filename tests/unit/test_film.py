@@ -114,8 +114,7 @@ def test_a_film_reports_how_far_it_is(layer, tmp_path):
     """Each picture is told when it is drawn; without a terminal no bar is drawn."""
     report: list[tuple[int, int]] = []
     skip_unless_drawable()
-    tell = lambda done, total: report.append((done, total))  # noqa: E731
-    render(layer, tmp_path / "a.gif", size=(320, 200), frames="0:2", progress=tell)
+    render(layer, tmp_path / "a.gif", size=(320, 200), frames="0:2", progress=lambda done, total: report.append((done, total)))
     assert report == [(1, 2), (2, 2)]
 
 
@@ -173,7 +172,7 @@ def test_the_spots_of_a_body_and_their_cones(layer):
     assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(R, rel=1e-9))  # wrapped like its body
 
 
-def test_the_other_body_of_a_contact_feels_the_opposite_force():
+def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_image():
     contacts = {"position": np.array([[10.0, 5.0, 0.0]]), "body": np.array([1]), "partner": np.array([0]),
                 "force": np.array([[3.0, 0.0, 4.0]])}  # fmt: skip
     bodies = {"position": np.array([[9.9, 5.0, 0.0], [0.1, 5.0, 0.0]]), "id": np.array([0, 1])}
@@ -183,9 +182,6 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force():
     # One tube from each centre to the contact between them, across the edge of the domain: 0.1 each, not 9.9.
     assert np.linalg.norm(tubes.end - tubes.start, axis=1) == pytest.approx([0.1, 0.1], rel=1e-9)
     assert tubes.full_scale == pytest.approx(5.0, rel=1e-12)
-
-
-def test_the_nearest_image_is_never_farther_than_half_the_domain():
     path = np.array([[9.0, -6.0, 3.0], [4.9, 5.1, -7.0]])
     np.testing.assert_allclose(nearest_image(path, np.array([10.0, 10.0])), [[-1.0, 4.0, 3.0], [4.9, -4.9, -7.0]], atol=1e-12)
     assert nearest_image(path, None) is path

@@ -205,17 +205,18 @@ def test_what_is_drawn_of_a_run(tmp_path):
     # the plain fact is a turn by more than a/R: bodies 1 and 2, told to slide, turned by 1.2 and 0.8 of it whatever their labels
     with open_run(write_run(tmp_path / "told", message=(2, 3, 3, 4, 4))) as run:
         assert compare_forecast(run)["by_rotation"] == [2, 3]
-
-
-def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
-    """Coarse output showed bodies that tip onto a better seat as never rolling; the length that they rolled tells it."""
+    # coarse output showed bodies that tip onto a better seat as never rolling; the length that they rolled tells it
     rolled = np.zeros((4, 5))
     rolled[1:, 2] = 1e-8  # in the pressing: does not count
     rolled[2:, 3] = 2e-8  # between the frames 1 and 2
-    with open_run(write_run(tmp_path / "run", rolled=rolled)) as run:
+    with open_run(write_run(tmp_path / "rolled", rolled=rolled)) as run:
         assert forecasts(run).fact.tolist() == ["sliding", "rolling", "sticking", "rolling"]
         counted = compare_forecast(run)
     assert counted["agree"] == 4 and counted["rolls_as_forecast"] == [1, 3] and counted["slides_instead"] == []
+    with open_run(write_run(tmp_path / "few", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
+        counted = compare_forecast(run)
+        assert len(forecasts(run).body) == 0
+    assert (counted["forecast"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
 
 
 FOUND, PER_PARTICLE = {"support", "frames"}, 'support = "load_per_particle"'
@@ -239,13 +240,6 @@ def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monk
     # body 3 was told to roll and did not turn; labels have it the same way here
     assert counted["by_rotation"] == [3, 4]
     assert counted["clear"] == [3, 4] and counted["alone"] == ([2, 2] if "partner" in words else [3, 4])
-
-
-def test_bodies_without_a_frame_in_the_watched_drag_are_not_compared(tmp_path):
-    with open_run(write_run(tmp_path / "run", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
-        counted = compare_forecast(run)
-        assert len(forecasts(run).body) == 0
-    assert (counted["forecast"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
 
 
 def test_the_command_draws_beside_its_tables(command, tmp_path):

@@ -95,7 +95,7 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
     assert friction(u, np.linspace(0.3, 0.4, 400)).verdict == "still rising by 13 % over the second half"
 
 
-def test_few_frames_are_no_verdict():
+def test_few_frames_or_cycles_are_no_verdict():
     u = 1e-7 * np.arange(5)
     few = friction(u, np.full(5, 0.3))
     assert few.value == pytest.approx(0.3) and few.stationary is None
@@ -103,6 +103,10 @@ def test_few_frames_are_no_verdict():
     still = friction(0.0 * u, np.full(5, np.nan))
     assert math.isnan(still.value) and str(still) == "no sliding"
     assert str(friction(u, np.full(5, np.nan))) == "unloaded"
+    two, one, none = (friction(*square_loop(cycles)) for cycles in (2.0, 1.0, 0.75))
+    assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
+    assert one.value == pytest.approx(0.1) and one.stationary is None
+    assert math.isnan(none.value) and none.verdict == "no whole cycle yet"
 
 
 def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
@@ -158,13 +162,6 @@ def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path):
         assert [float(row["energy [J]"]) for row in rows] == run.cycles["energy"].tolist()
         pytest.importorskip("pandas")
         assert run.to_pandas("cycles").attrs["units"]["displacement_min"] == "m"
-
-
-def test_strokes_that_still_change_are_reported():
-    two, one, none = (friction(*square_loop(cycles)) for cycles in (2.0, 1.0, 0.75))
-    assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
-    assert one.value == pytest.approx(0.1) and one.stationary is None
-    assert math.isnan(none.value) and none.verdict == "no whole cycle yet"
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
