@@ -1,12 +1,11 @@
-"""What a measurement was made on."""
+"""What a measurement was made on, and where it is printed."""
 
 from typing import Any
 
+from rich.console import Console
+
 from thirdbody.jit import cache_dir
 from thirdbody.studies import machine_info as studies
-from thirdbody.studies.machine_info import described
-
-__all__ = ["described", "machine"]
 
 
 def machine() -> dict[str, Any]:
@@ -14,4 +13,16 @@ def machine() -> dict[str, Any]:
     report = studies.machine()
     del report["threads"]  # every benchmark tells its own
     report["versions"]["sources"] = cache_dir.folder().name
+    return report
+
+
+def screen() -> Console:
+    """The terminal as wide as it is; a file or a pipe, whose width is not known, wide enough for every table."""
+    return Console() if Console().is_terminal else Console(width=150)
+
+
+def head(console: Console) -> dict[str, Any]:
+    """Print and return what the measurement is made on."""
+    report = machine()
+    console.print(f"{studies.described(report)}, {report['cores']} cores, load {report['load']}")
     return report

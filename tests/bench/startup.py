@@ -1,4 +1,7 @@
-"""How long the program takes to its first step, and to tell its help."""
+"""How long the program takes to its first step and to tell its help; and what a step costs that has hardly anything to do.
+
+python tests/bench/startup.py [--small]
+"""
 
 import os
 import statistics
@@ -9,9 +12,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from machine import screen
+from ours import advance
+from peers_scenes import count_contacts, generated, simulation_of, spheres_of, start_of
 from rich.console import Console
 from rich.table import Table
-from screen import screen
+
+from thirdbody.runner.simulate import set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 
@@ -28,6 +35,10 @@ COLD = 2
 
 BUDGET = {"cold": 10.0, "warm": 1.5, "help": 0.3}
 """What is promised, s."""
+
+NUMBERS = (1, 10, 100, 1000)
+STEPS, COUNTED = 20_000, 1_280
+"""Most steps of a timing, which has ten times as many sphere-steps at most; and of the count of what Python does."""
 
 
 def measure_startup(rounds: int) -> dict[str, Any]:
@@ -55,17 +66,79 @@ def _seconds(command: list[str], environment: dict[str, str]) -> dict[str, float
     return {"wall": wall, "cpu": busy}
 
 
+def _spread(values: list[float], form: str) -> str:
+    """Median, least and largest."""
+    return f"{statistics.median(values):{form}}  ({min(values):{form}} .. {max(values):{form}})"
+
+
 def print_startup(report: dict[str, Any], console: Console) -> None:
-    """Medians, least and largest."""
     table = Table("start", "wall, s", "processor, s", "budget, s", title=f"start-up: {SCENE.name} to the first step")
     for name, times in report.items():
-        cells = []
-        for kind in ("wall", "cpu"):
-            values = [row[kind] for row in times]
-            cells.append(f"{statistics.median(values):.2f}  ({min(values):.2f} .. {max(values):.2f})")
-        table.add_row(name, *cells, f"{BUDGET[name]:g}")
+        table.add_row(name, *(_spread([row[kind] for row in times], ".2f") for kind in ("wall", "cpu")), f"{BUDGET[name]:g}")
+    console.print(table)
+
+
+def measure_small(rounds: int) -> list[dict[str, Any]]:
+    """For each number of bodies: ns per step on one thread, and how often Python is at work in between, per step."""
+    set_threads(1)
+    return [_measure(number, rounds) for number in NUMBERS]
+
+
+def _measure(bodies: int, rounds: int) -> dict[str, Any]:
+    """Spheres in a shear flow as in S, but few of them."""
+    start = start_of("S", generated(bodies))
+    simulation = simulation_of(start)
+    steps = max(200, min(STEPS, 10 * STEPS // bodies))
+    advance(simulation, min(steps, 2000))
+    searches = simulation.integrator.summary()["searches"]
+    seconds = []
+    for _ in range(rounds):
+        began = time.perf_counter()
+        taken = advance(simulation, steps)
+        seconds.append((time.perf_counter() - began) / taken)
+    searches = simulation.integrator.summary()["searches"] - searches
+    calls, events = _python(simulation, min(steps, COUNTED))
+    return {
+        "bodies": bodies, "steps": steps, "ns_per_step": [1e9 * t for t in seconds],
+        "contacts": sum(count_contacts(start, spheres_of(simulation)["points"])),
+        "steps_per_search": rounds * steps / max(1, searches), "python_calls_per_step": calls, "events_per_step": events,
+    }  # fmt: skip
+
+
+def _python(simulation: Any, steps: int) -> tuple[float, float]:
+    """Calls of Python functions, and of `watch`, per step: both in a run of its own, which the counting makes slow."""
+    calls, events = [0], [0]
+
+    def count(frame: Any, event: str, argument: Any) -> None:
+        calls[0] += event == "call"  # those inside numba too: it looks for the version to call
+
+    def watch() -> None:
+        events[0] += 1
+
+    state = simulation.state
+    sys.setprofile(count)
+    try:
+        simulation.integrator.advance_to(time=state.time + (steps - 0.5) * state.dt, watch=watch)
+    finally:
+        sys.setprofile(None)
+    return (calls[0] - events[0]) / steps, events[0] / steps
+
+
+def print_small(rows: list[dict[str, Any]], console: Console) -> None:
+    table = Table("bodies", "contacts", "ns/step", "ns/sphere-step", "steps/search", "Python calls/step", "events/step",
+                  title="few bodies: a step and what Python adds to it")  # fmt: skip
+    for row in rows:
+        each = statistics.median(row["ns_per_step"]) / row["bodies"]
+        table.add_row(f"{row['bodies']}", f"{row['contacts']}", _spread(row["ns_per_step"], ".0f"), f"{each:.0f}",
+                      f"{row['steps_per_search']:.0f}", f"{row['python_calls_per_step']:.3f}",
+                      f"{row['events_per_step']:.4f}")  # fmt: skip
     console.print(table)
 
 
 if __name__ == "__main__":
-    print_startup(measure_startup(5), screen())
+    if sys.argv[1:] == ["--small"]:
+        print_small(measure_small(5), screen())
+    elif sys.argv[1:]:
+        sys.exit(__doc__)
+    else:
+        print_startup(measure_startup(5), screen())
