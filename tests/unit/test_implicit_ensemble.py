@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.energy import Ledger
@@ -35,31 +34,28 @@ STOPS = (1e-5, 2e-5, 2e-4)
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    """Batches of eight bodies: twenty are then an ensemble."""
     for module in (implicit, implicit_ensemble):
         monkeypatch.setattr(module, "BATCH", 8)
 
 
-def built(**settings) -> Simulation:
+def built(**settings):
     """Return the scene with a few bodies, built."""
     return prepare(Scene.load(SCENE).with_settings(SETTINGS | settings))
 
 
-def with_all_rows(monkeypatch) -> Simulation:
-    """Return the same without batches."""
+def with_all_rows(monkeypatch, use=lambda simulation: simulation, **settings):
     with monkeypatch.context() as patch:
         patch.setattr(implicit_ensemble, "is_ensemble", lambda state: False)
-        return built()
+        return use(built(**settings))
 
 
-def advanced(simulation: Simulation, stops=STOPS) -> Simulation:
-    """Return the simulation at the last of the stops [s]."""
+def advanced(simulation, stops=STOPS):
     for stop in stops:
         simulation.integrator.advance_to(time=stop)
     return simulation
 
 
-def assert_same(one: Simulation, other: Simulation) -> None:
+def assert_same(one, other):
     """Fail unless bodies, contacts, labels and energies have the same bits."""
     for name in ("B", "E", "orientations", "P", "M", "A"):
         np.testing.assert_array_equal(getattr(one.state, name), getattr(other.state, name))
@@ -84,7 +80,7 @@ def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
 
 
-def behind_a_wall(table: np.ndarray) -> np.ndarray:
+def behind_a_wall(table):
     """Return a copy of a table; memory before it cannot be read: a process that tries is killed."""
     wall = -(-(1 << 20) // mmap.PAGESIZE) * mmap.PAGESIZE
     memory = mmap.mmap(-1, wall + table.nbytes)
@@ -95,14 +91,13 @@ def behind_a_wall(table: np.ndarray) -> np.ndarray:
     return copy
 
 
-def run_behind_walls() -> None:
-    """Integrate bodies whose tables have nothing before them."""
+def run_behind_walls():
     for module in (implicit, implicit_ensemble):
         module.BATCH = 8
     integrator = built().integrator
     make = integrator._make_scratch
 
-    def make_behind_walls() -> implicit_ensemble.Scratch:
+    def make_behind_walls():
         scratch = make()
         one = scratch.one._replace(**{name: behind_a_wall(getattr(scratch.one, name)) for name in "HRS"})
         return scratch._replace(one=one)
@@ -114,7 +109,6 @@ def run_behind_walls() -> None:
 
 
 def test_no_row_of_another_body_is_read():
-    """Tables of a body begin with its rows: the first rows of all, which kernels may read for any other, do not exist."""
     child = get_context("spawn").Process(target=run_behind_walls)
     child.start()
     child.join()
@@ -129,29 +123,22 @@ def test_snapshot_goes_on_with_the_same_bits(small_batches):
     assert_same(advanced(later, STOPS[1:]), advanced(straight))
 
 
-def test_checkpoint_holds_closed_contacts_only(small_batches, tmp_path):
-    simulation = built()
-    execute(simulation, tmp_path / "run", times=WallTimes())
-    arrays, rows = read_checkpoint(tmp_path / "run").snapshot.arrays, simulation.state.slots.rows
-    assert "S" not in arrays and len(arrays["slots_H"]) == len(arrays["slots_R"]) == len(rows.closed())
-    for name, pieces in zip(("slots_H", "slots_R"), rows.pieces(), strict=True):
-        np.testing.assert_array_equal(arrays[name], np.concatenate(pieces))
-
-
 def test_memory_of_a_body_is_at_most_4_kB():
-    """More than a batch; rows that fill later are counted as expected."""
     simulation = built(**{"debris.0.count": 600, "domain.size": ["600 um", "450 um"]})
     assert isinstance(simulation.state.slots.rows, ClosedRows)
     assert memory_of(simulation) <= 4000 * 600 + 2 * 4000 * implicit.BATCH  # of a batch, tables of spheres and contacts
 
 
-def test_a_sample_has_its_contacts(small_batches, monkeypatch, tmp_path):
+def test_a_sample_has_its_contacts_and_a_checkpoint_closed_ones_only(small_batches, monkeypatch, tmp_path):
     settings = {"output.sample": 5, "output.blocks": ["clumps", "contacts"]}
     few, whole = (tmp_path / name for name in ("few", "whole"))
-    execute(built(**settings), few)
-    with monkeypatch.context() as patch:
-        patch.setattr(implicit_ensemble, "is_ensemble", lambda state: False)
-        execute(built(**settings), whole)
+    simulation = built(**settings)
+    execute(simulation, few, times=WallTimes())
+    arrays, rows = read_checkpoint(few).snapshot.arrays, simulation.state.slots.rows
+    assert "S" not in arrays and len(arrays["slots_H"]) == len(arrays["slots_R"]) == len(rows.closed())
+    for name, pieces in zip(("slots_H", "slots_R"), rows.pieces(), strict=True):
+        np.testing.assert_array_equal(arrays[name], np.concatenate(pieces))
+    with_all_rows(monkeypatch, lambda simulation: execute(simulation, whole), **settings)
     with open_run(few) as one, open_run(whole) as other:
         first, second = one.contacts(-1), other.contacts(-1)
         assert len(first["body"]) > 0 and set(first) == set(second)
@@ -160,7 +147,7 @@ def test_a_sample_has_its_contacts(small_batches, monkeypatch, tmp_path):
 
 
 def test_rows_of_a_body_are_expanded_and_kept():
-    """Three bodies of 4, 0 and 3 candidates; the first is advanced, which opens one contact and closes another."""
+    # three bodies of 4, 0 and 3 candidates; the first is advanced, which opens one contact and closes another
     rng, edges = np.random.default_rng(1), (0, 4, 4, 7)
     closed = ClosedContacts(np.array([1, 3, 4, 6], np.int32), rng.random((4, 8)), rng.random((4, 5)))
     new = ClosedContacts(np.zeros(7, np.int32), np.zeros((7, 8)), np.zeros((7, 5)))

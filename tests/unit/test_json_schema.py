@@ -5,7 +5,6 @@ import tomllib
 from pathlib import Path
 
 import jsonschema
-import pytest
 
 from thirdbody.scene.model import Scene
 
@@ -13,19 +12,12 @@ SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.toml"))
 GOOD = tomllib.loads((Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8"))
 
 
-@pytest.fixture(scope="module")
-def validator():
+def test_shipped_scenes_are_valid_and_faults_are_not():
     schema = Scene.model_json_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
-    return jsonschema.Draft202012Validator(schema)
-
-
-def test_shipped_scenes_are_valid(validator):
+    validator = jsonschema.Draft202012Validator(schema)
     for path in SCENES:
         assert list(validator.iter_errors(tomllib.loads(path.read_text(encoding="utf-8")))) == [], path.stem
-
-
-def test_faults_are_not_valid(validator):
     assert list(validator.iter_errors(GOOD)) == []
     for table, key, value in (
         ("solver", "distance", 2e-5),  # a bare number has no unit

@@ -83,7 +83,7 @@ def test_populations_that_share_a_mesh_share_its_fit(tmp_path, rock):
         assert found[0] is not one[0] and found[0].volume == pytest.approx(factor**3 * one[0].volume, rel=1e-9)
 
 
-def test_bodies_take_several_meshes_in_turn(tmp_path):
+def test_bodies_take_several_meshes_in_turn_as_the_scene_that_is_saved(tmp_path):
     b, a, c = rocks(tmp_path / "scans", "b.stl", "a.ply", "c.STL")
     (tmp_path / "scans" / "notes.txt").write_text("no mesh")
     (tmp_path / "scans" / "._a.ply").write_bytes(b"what a file manager leaves behind")
@@ -93,17 +93,10 @@ def test_bodies_take_several_meshes_in_turn(tmp_path):
         # STL holds single precision
         assert volumes_of(scene_of(tmp_path, file), warnings) == pytest.approx(1e-18 * np.resize(order, 7), rel=1e-6, abs=0.0)
         assert len(warnings) == 1 and "3 meshes in turn" in warnings[0]
-
-
-def test_meshes_beyond_the_last_body_are_reported(tmp_path):
-    rocks(tmp_path / "scans", "0.stl", "1.stl", "2.stl")
     warnings = []
     volumes_of(scene_of(tmp_path, '"scans"', count=2), warnings)
     assert "debris[0]: 2 bodies of 3 meshes: the last ones are not used" in warnings
-
-
-def test_a_scene_of_several_meshes_is_saved_as_it_was(tmp_path):
-    scene = scene_of(tmp_path, '["a.stl", "b.stl"]')
+    scene = scene_of(tmp_path, '["a.stl", "b.stl"]')  # saved as it was
     scene.save(tmp_path / "again.toml")
     again = Scene.load(tmp_path / "again.toml")
     assert again.debris[0].file == ["a.stl", "b.stl"] and again.document() == scene.document()
@@ -117,18 +110,15 @@ def test_a_study_finds_the_meshes_from_its_own_folder(tmp_path):
         assert volumes_of(scene) == volumes_of(Scene.load(tmp_path / name / "scene.toml"))
 
 
-@pytest.mark.parametrize(
-    "file, key, words",
-    [
+def test_every_bad_mesh_is_reported_at_its_place(tmp_path):
+    rocks(tmp_path, "a.stl")
+    (tmp_path / "empty").mkdir()
+    for file, keys, words in (
         ('["a.stl", "absent.stl", "b.obj"]', ["file[1]", "file[2]"], "no such file"),
         ('"empty"', ["file"], "holds no mesh file"),
         ("[]", ["file"], "a file, a folder or a list of files"),
         ('["a.stl", 3]', ["file"], "a file, a folder or a list of files"),
-    ],
-)
-def test_every_bad_mesh_is_reported_at_its_place(tmp_path, file, key, words):
-    rocks(tmp_path, "a.stl")
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=words) as caught:
-        shapes_of(scene_of(tmp_path, file), 0, [])
-    assert [fault.key for fault in caught.value.faults] == [f"debris[0].{k}" for k in key]
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            shapes_of(scene_of(tmp_path, file), 0, [])
+        assert [fault.key for fault in caught.value.faults] == [f"debris[0].{key}" for key in keys]

@@ -9,10 +9,9 @@ import pytest
 from numba import njit, prange, types
 from numba.core.runtime import _nrt_python, rtsys
 
-from thirdbody.jit.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
+from thirdbody.jit.options import CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.jit.packed_arguments import argument_specs, make_unpacker, pack
 
-FULL = pytest.mark.full(kind="slow")
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
 
 
@@ -88,7 +87,7 @@ def stepped(table):
     return total, k, a, b
 
 
-@pytest.mark.parametrize("function", [written, stepped, pytest.param(branched, marks=FULL)])
+@pytest.mark.parametrize("function", [written, stepped, pytest.param(branched, marks=pytest.mark.full(kind="slow"))])
 def test_tables_are_read_and_written_as_numba_does(function):
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
@@ -140,27 +139,13 @@ def test_references_are_counted():
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free > 0
 
 
-@FULL
-def test_functions_of_others_may_use_all_of_python_and_linear_algebra():
-    @njit(**uncached(OTHERS))
-    def solved(a, b):
-        def twice(x):
-            return 2.0 * x
-
-        return [twice(x) for x in np.dot(a, np.linalg.solve(a, b))]
-
-    a, b = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 2.0])
-    assert np.allclose(solved(a, b), 2.0 * b, atol=1e-14)  # some ulp: the matrix is well conditioned
-
-
-@pytest.mark.parametrize("options", [OPTIONS, pytest.param(OTHERS, marks=FULL)])
-def test_parallel_loops_are_shared_out(options):
+def test_parallel_loops_are_shared_out():
     def shared(found):
         for k in prange(found.shape[0]):
             found[k] = k
 
     found = np.zeros(64)
-    compiled = njit(parallel=True, **uncached(options))(shared)
+    compiled = njit(parallel=True, **uncached(OPTIONS))(shared)
     compiled(found)
     assert list(found) == list(range(64))
     (made,) = compiled.overloads.values()
