@@ -40,9 +40,6 @@ def test_bodies_of_known_poses():
         assert resting_poses(clump(centers, radii))[1] == pytest.approx(expected, rel=1e-12)
     # A cone on its side: a common tangent plane touches all three, and the family is found by every pair.
     assert len(resting_poses(clump([[0, 0, 0], [1, 0, 0], [1.9, 0, 0]], [1.0, 0.9, 0.81]))[1]) == 1
-
-
-def test_a_weighted_ball_rights_itself_and_a_stool_may_fall():
     # A hemisphere-like lump: the centroid below the center of the large sphere, with no other contact near.
     body = Clump(np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.2]]), np.array([1.0, 0.3]), 4.2, np.ones(3), 0.0)
     quaternions, heights = resting_poses(body)
@@ -55,6 +52,10 @@ def test_a_weighted_ball_rights_itself_and_a_stool_may_fall():
     # Upright, the second order lets it roll over the edge; hanging below its feet the same edge holds it.
     assert max(ups[:, 2]) < 0.9
     assert min(ups[:, 2]) == pytest.approx(-1.0, rel=1e-12)
+    # two spheres that nearly coincide rest
+    for apart in (0.0, 1e-16, 1e-12, 9e-10, 1e-9, 2e-9, 5e-9, 1e-7, 1e-4):
+        _, heights = resting_poses(clump([[0.0, 0.0, 0.0], [apart * 5e-6, 0.0, 0.0]], [5e-6, 5e-6]))
+        assert heights[0] == pytest.approx(5e-6, rel=1e-9), apart  # spheres nearer than 1e-9 radii are one
 
 
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 12), marks=SLOW)], ids=str)
@@ -123,12 +124,6 @@ def test_settled_together_or_one_after_the_other():
         assert q == pytest.approx(alone, abs=1e-13)  # the order of sums in products of matrices
         assert h == pytest.approx(level, rel=1e-13)
     assert settle_all([], rng)[0].shape == (0, 4)
-
-
-def test_two_spheres_that_nearly_coincide_rest():
-    for apart in (0.0, 1e-16, 1e-12, 9e-10, 1e-9, 2e-9, 5e-9, 1e-7, 1e-4):
-        _, heights = resting_poses(clump([[0.0, 0.0, 0.0], [apart * 5e-6, 0.0, 0.0]], [5e-6, 5e-6]))
-        assert heights[0] == pytest.approx(5e-6, rel=1e-9), apart  # spheres nearer than 1e-9 radii are one
 
 
 def test_every_small_cluster_rests():

@@ -66,9 +66,7 @@ def test_a_layer_lies_on_the_rough_plate_and_its_bodies_do_not_overlap():
     scene = Scene.parse(SCENE.format(debris=ball, surface=A_WAVE))
     with pytest.raises(InputError, match="body 0 starts 1 um deep in the lower plate"):
         populate(scene, [], plate_surfaces(scene))
-
-
-def test_the_upper_plate_starts_above_what_it_touches_first():
+    # the upper plate starts above what it touches first
     surface, radii = surface_of(A_WAVE), np.array([2e-6, 2e-6])
     centres = np.array([[0.0, 0.0, 3e-6], [10e-6, 0.0, 3e-6]])
     crest, valley = plate_heights(surface, centres, radii)
@@ -141,7 +139,7 @@ def test_a_sphere_touches_at_several_points_where_a_valley_is_sharper(capsys):
     assert scales_of(1e-9, limit).merging == 0.0
 
 
-def test_contacts_that_are_wide_against_the_waves_give_a_warning():
+def test_contacts_that_are_wide_against_the_waves_give_a_warning(capsys):
     for factor, count in ((0.9, 0), (1.1, 1)):
         scales = scales_of(1e-9, (factor * NARROW * WAVELENGTH / RADIUS) ** 2)
         assert scales.width == pytest.approx(factor * NARROW) and len(scales.warnings("lower")) == count
@@ -151,9 +149,7 @@ def test_contacts_that_are_wide_against_the_waves_give_a_warning():
     ratio = 1.0 + RADIUS * scales.statistics.crest_curvature
     assert scales.crest_contact_radius == pytest.approx(0.1 * RADIUS / ratio ** (1.0 / 3.0), rel=1e-12)
     assert "of that of the sharpest crest" in scales.warnings("upper")[0]
-
-
-def test_steps_are_noticed_and_nothing_is_said_of_an_unknown_load(capsys):
+    # steps are noticed and nothing is said of an unknown load
     step = np.where(np.arange(128) < 64, 1e-6, -1e-6)[None, :] * np.ones((8, 1))
     scales = surface_scales({"lower": Surface(step, (40e-6, 20e-6), 20e-6)}, RADIUS, 0.0)["lower"]
     assert "does the file hold steps?" in scales.warnings("lower")[0]

@@ -102,11 +102,11 @@ try:
 except OutputError as error:
     print(error)
 """
-SLOW = pytest.mark.full(kind="slow")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
-@pytest.mark.parametrize("limit", [9_000_851, pytest.param(9_352_888, marks=SLOW), pytest.param(9_646_605, marks=SLOW)])
+@pytest.mark.full(kind="slow")
+@pytest.mark.parametrize("limit", [9_000_851, 9_352_888, 9_646_605])
 def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
     """A fault of the system that a look at the free space cannot foresee; the limits leave room for the hole and some frames."""
     path, code = tmp_path / "run.vtkhdf", LIMITED.format(tests=str(Path(__file__).parents[1]))

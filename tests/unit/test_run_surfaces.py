@@ -93,9 +93,7 @@ def test_pyvista_gets_the_surfaces_where_the_plates_are(rough, surfaces):
     np.testing.assert_allclose(z, corner[2] - expected, rtol=1e-12)  # it looks down
     assert np.ptp(x) == pytest.approx(surface.size[0], rel=1e-12)
     assert blocks["lower_surface"].n_points == 65 * 97
-
-
-def test_a_drawn_surface_is_the_spline_moved_with_its_plate(rough, surfaces):
+    # a drawn surface is the spline moved with its plate
     with open_run(rough) as run:
         first, data = (read_picture_data(run, frame, "state") for frame in (0, -1))
     # the upper plate is drawn clear of the bodies

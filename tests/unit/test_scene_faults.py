@@ -161,9 +161,7 @@ def test_all_faults_are_reported_at_once_in_the_order_of_the_file():
         "debris[0].size.median",
         "effects.gravity[0]",
     ]
-
-
-def test_no_debris_and_an_empty_file():
+    # no debris and an empty file
     for text in ("debris = []", ""):
         found = faults_of(text + "\n" + BEFORE_DEBRIS + AFTER_DEBRIS)
         assert [fault.partition(": ")[2] for fault in found] == ["debris: at least one [[debris]] table is needed"]

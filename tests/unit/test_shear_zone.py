@@ -56,9 +56,7 @@ def test_two_blocks_that_slide_shear_over_one_diameter():
     # a bed that moves as a whole has no rate, one layer no zone
     assert shear_zone(z, flow(np.zeros(len(z))), mass, D).rate == pytest.approx(0.0, abs=1e-9)
     assert shear_zone(0.1 * z, flow(z), mass, D) is None
-
-
-def test_the_profile_never_falls_and_is_the_nearest_one():
+    # the profile never falls and is the nearest one
     values = np.array([1.0, 3.0, 2.0, 2.0, 5.0, 4.0])
     weights = np.array([1.0, 2.0, 1.0, 1.0, 3.0, 1.0])
     pooled = [1.0, 2.5, 2.5, 2.5, 4.75, 4.75]  # means of the runs that fall, by weight

@@ -137,9 +137,7 @@ def test_the_speed_is_that_of_the_wanted_inertial_number_and_never_above():
     assert lowered.factor < 1.0 and 0.05 / 1.1 < lowered.inertial_number <= 0.05
     assert built.planned_distance == 0.2e-6
     assert built.scene_time(built.planned_time) - built.settle == pytest.approx(0.2e-6 / 1e-3, rel=1e-9)
-
-
-def test_a_stroke_keeps_its_length_and_changes_its_frequency():
+    # a stroke keeps its length and changes its frequency
     stroke = {"stroke": "0.1 um", "frequency": "100 Hz"}
     built = build(scene(plates__upper__motion__x=stroke, solver__duration="0.02 s", output__every="2 ms"))
     scale, segment = built.speed_scale, built.schedule.x[0]
@@ -160,9 +158,7 @@ def test_check_prints_both_speeds_and_both_wall_times():
     assert f"speed: 1 mm/s requested, computed at {scale['text'].split(' at ')[1]}; about" in text and " instead of " in text
     assert "debris of 5.2 layers of 10 um (median diameter), inertial number 0.0" in text
     assert "not quasi-static" in text and json.dumps(report["bed"])
-
-
-def test_a_fast_bed_gives_a_warning_with_the_remedy():
+    # a fast bed gives a warning with the remedy
     fast = build(scene(solver__inertial_number=None, plates__upper__motion__x__velocity="10 m/s"))
     warning = next(text for text in fast.warnings if "not quasi-static: its inertial number" in text)
     assert "solver.inertial_number = 0.001 would run at 93" in warning and "times as many steps" in warning

@@ -39,9 +39,7 @@ def test_summits_stand_on_the_plates_and_meet_their_own_side_only():
     assert candidates == [(0, -1 - BASINS), (1, -1), (2, -1)]
     assert state.bodies.mass[0] == pytest.approx(1e-13, rel=1e-15)
     assert state.bodies.inertia[0] == pytest.approx([2e-25] * 3, rel=1e-15)
-
-
-def test_spots_do_not_meet_other_bodies():
+    # spots do not meet other bodies
     built = build(scene(SPOTS + MASS + 'positions = [["10 um", "10 um"], ["11 um", "10 um"]]\n'))
     built.integrator.advance_to(time=0.5 * built.settle)
     assert np.all(built.state.slots.partner < 0) and built.state.slots.count == 6

@@ -66,7 +66,7 @@ def folder(tmp_path):
     return write(tmp_path / "run", populations=NAMES)
 
 
-def test_summary_reports_states_by_population_material_and_size(folder):
+def test_summary_and_first_screens_report_states_by_population_material_and_size(folder, capsys):
     with thirdbody.open(folder) as run:
         found = run.summary()
     soft, hard, dust = found["populations"]
@@ -81,9 +81,7 @@ def test_summary_reports_states_by_population_material_and_size(folder):
     assert [row["bodies"] for row in sizes] == [5, 5, 5, 5] and sizes[0]["smallest"] == 1e-6 and sizes[-1]["largest"] == 7e-6
     # of the smallest five four are dust; of the largest five all are hard, and the one that slides is not among them
     assert sizes[0]["fractions"]["free"] == 0.8 and sizes[-1]["fractions"]["rolling"] == 1.0
-
-
-def test_the_first_screens_report_it(folder, capsys):
+    # the first screens report it
     run_report(folder, json=False)
     out = capsys.readouterr().out
     assert "hard grains" in out and "83 % rolling, 17 % sliding (of 6, 55 % of the load)" in out and "70 % sliding" in out

@@ -28,7 +28,7 @@ def old(tmp_path):
     return tmp_path / "study"
 
 
-def test_a_complete_study_replaces_the_older_one(old):
+def test_a_complete_study_replaces_the_older_one(old, tmp_path):
     new = ("scene.toml", "effects.json", "variants/gravity/0/run.vtkhdf")
     with new_study_folder(old, overwrite=True) as place:
         write(place, "new", new)
@@ -42,6 +42,13 @@ def test_a_complete_study_replaces_the_older_one(old):
         assert list(place.iterdir()) == []
         write(place, "new")
     assert set(contents(old).values()) == {"new"} and len(contents(old)) == len(NAMES)
+    # links are no files of a study
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "run.vtkhdf").write_text("mine")
+    (old / "variants" / "link").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match=r"\(variants/link\)"), new_study_folder(old, overwrite=True):
+        pass
+    assert (tmp_path / "elsewhere" / "run.vtkhdf").read_text() == "mine"
 
 
 def test_a_study_that_fails_leaves_the_older_one(old):
@@ -63,15 +70,6 @@ def test_other_files_are_named_and_stay(tmp_path):
         with pytest.raises(OutputError, match=rf"holds other files than those of a study \({named}\)"):
             cost_command(StudySource(old / "scene.toml", {}, old, []), StudyOptions(3), True, False, print)
         assert contents(old) == before
-
-
-def test_links_are_no_files_of_a_study(old, tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "run.vtkhdf").write_text("mine")
-    (old / "variants" / "link").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match=r"\(variants/link\)"), new_study_folder(old, overwrite=True):
-        pass
-    assert (tmp_path / "elsewhere" / "run.vtkhdf").read_text() == "mine"
 
 
 def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch):

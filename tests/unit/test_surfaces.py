@@ -105,9 +105,7 @@ def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surf
     np.testing.assert_allclose(spline[::4, ::4], coarse, atol=1e-13 * 0.2e-6)
     # the docstring of POINTS_PER_WAVE says 3e-5 to 8e-5 for a decade of wavelengths; shorter ones weigh more here
     assert (spline - fine).std() < 2e-4 * 0.2e-6
-
-
-def test_a_sine_has_the_statistics_of_a_sine():
+    # a sine has the statistics of a sine
     amplitude, wavelength = 0.3e-6, 20e-6
     surface = plate_surfaces(scene({"wave": {"amplitude": amplitude, "wavelength": wavelength, "phase": 1.0}}))["lower"]
     statistics, k = surface_statistics(surface.heights, surface.spacing), 2.0 * math.pi / wavelength
@@ -223,13 +221,11 @@ def test_faults_of_a_surface_name_what_is_allowed(case):
     assert text in error and "plates.lower.surface" in error
 
 
-def test_all_faults_of_both_plates_come_at_once():
+def test_all_faults_of_both_plates_come_at_once(tmp_path):
     upper = {"wave": [{"amplitude": 1e-7, "wavelength": 20e-6}, {"amplitude": 1.0}]}
     keys = {fault.key for fault in faults_of({"rms": -1e-7, "long": 9e-6, "shrt": 4e-6}, upper).faults}
     assert keys == {"plates.lower.surface.rms", "plates.lower.surface.shrt", "plates.upper.surface.wave[1].wavelength"}
-
-
-def test_a_scene_with_surfaces_is_saved_and_read_again(tmp_path):
+    # a scene with surfaces is saved and read again
     groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}
     wave = [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]
     given = scene({"wave": wave}, {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}})

@@ -44,10 +44,7 @@ def test_a_grid_combines_all_values_the_last_axis_fastest():
     assert list(sweep_of_python(points, {}).points) == points
     [fault] = faults(lambda: of_options("a=0:1:20000", "b=0:1:20000"))
     assert "400000000 points, at most 1000000" in fault
-
-
-def test_values_of_an_interval_are_the_numbers_a_user_would_write():
-    """Each is the nearest float to the exact value: 0.05 + 2 * 0.05 in floats is 0.15000000000000002."""
+    # Each is the nearest float to the exact value: 0.05 + 2 * 0.05 in floats is 0.15000000000000002.
     values = [point["mu"] for point in of_options("mu=0.05:0.6:12")]
     assert values == [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6]
     # quantities keep their unit and whole numbers stay whole
@@ -78,9 +75,7 @@ def test_paths_may_be_written_as_tables_and_keys_move_together(tmp_path):
     assert definition.points[1] == {
         "pairs.0.friction": 0.1, "debris.0.count": 5, "plates.upper.load": "2 mN", "debris.0.seed": 2,
     }  # fmt: skip
-
-
-def test_zip_takes_values_side_by_side(tmp_path):
+    # zip takes values side by side
     assert of_options("a=1,2,3", "b=0.1:0.3:3", design="zip") == [{"a": 1, "b": 0.1}, {"a": 2, "b": 0.2}, {"a": 3, "b": 0.3}]
     [fault] = faults(lambda: of_options("a=1,2,3", "b=1,2", design="zip"))
     assert fault.startswith("design: ") and "a 3, b 2" in fault
@@ -218,9 +213,7 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
     assert np.ma.count_masked(np.ma.masked_invalid(cells)) == 1  # the failed point
     # point 7 of 9 loads: mu = 0.1, the eighth load
     assert np.isnan(np.ma.filled(cells, np.nan)[7, 0]) and float(cells[0, 4]) == 0.5
-
-
-def test_wrong_axes_and_panels_are_refused_with_the_nearest_name(tmp_path):
+    # wrong axes and panels are refused with the nearest name
     sweep = finished(tmp_path, {MU: [0.1, 0.2], "title": ["first", "second"]})
     for options, text in (
         ({"x": "pairs.0.frction"}, "did you mean 'pairs.0.friction'"), ({"panels": ["lod"]}, "did you mean 'load'"),

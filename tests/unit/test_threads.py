@@ -165,9 +165,7 @@ def test_threads_with_a_core_each_stay_and_those_that_wait_yield_to_one():
     assert pace.threads(2, 0.0) == 2
     report(pace, 0.0, 0.1, wall=0.7 * MIN_MEASUREMENT)
     assert pace.threads(2, 0.0) == 1
-
-
-def test_trials_that_fail_come_less_and_less_often_until_one_does_not():
+    # trials that fail come less and less often until one does not
     pace, now, pauses = ThreadTuner(), 0.0, []
     for _ in range(8):
         report(pace, now, 0.1)
@@ -179,17 +177,7 @@ def test_trials_that_fail_come_less_and_less_often_until_one_does_not():
     assert pace.threads(2, now) == 2
     report(pace, now, 0.1)
     assert pace.until - now == PAUSE
-
-
-def test_short_steps_go_on_the_threads_that_take_less():
-    """One thread is tried now and then, and two, for some hundredths of a second: a per cent of the time. Not for long steps."""
-    slower, faster = played(1e-4, 1.4e-4, 60.0), played(3e-4, 2e-4, 60.0)
-    assert 0.0 < slower[2] < 0.01 * slower[1] and 0.0 < faster[1] < 0.01 * faster[2]
-    assert played(2.0 * SHORT, 1.1 * SHORT, 60.0)[1] == 0.0
-
-
-def test_a_step_that_becomes_slower_on_all_threads_is_noticed():
-    """As where others come to use the cores, or most bodies leave the contacts that they had."""
+    # As where others come to use the cores, or most bodies leave the contacts that they had.
     pace = ThreadTuner()
     report(pace, 1.0, 1.8, steps=200)
     report(pace, 1.0 + CALL, 1.0, threads=1, steps=100)
@@ -197,3 +185,10 @@ def test_a_step_that_becomes_slower_on_all_threads_is_noticed():
     assert pace.threads(2, 2.0) == 2
     report(pace, 3.0, 1.8, steps=99)
     assert pace.threads(2, 3.0) == 1
+
+
+def test_short_steps_go_on_the_threads_that_take_less():
+    """One thread is tried now and then, and two, for some hundredths of a second: a per cent of the time. Not for long steps."""
+    slower, faster = played(1e-4, 1.4e-4, 60.0), played(3e-4, 2e-4, 60.0)
+    assert 0.0 < slower[2] < 0.01 * slower[1] and 0.0 < faster[1] < 0.01 * faster[2]
+    assert played(2.0 * SHORT, 1.1 * SHORT, 60.0)[1] == 0.0

@@ -35,7 +35,7 @@ def moved(text, start=0.0):
     return schedule(scene(f'load = "1 mN"\nmotion = {{x = {text}}}'), start)
 
 
-def test_stages_follow_each_other():
+def test_schedules_are_those_of_the_closed_forms():
     first = '{ramp = "2 m/s", duration = "2 us"}, {velocity = "2 m/s", duration = "1 us"}'
     for text, places in (
         # ramp: v t/2 = 2 um; then 2 um at 2 m/s; rest; back at 1 m/s
@@ -50,9 +50,7 @@ def test_stages_follow_each_other():
     assert made.displacement_at(4e-6) == (0.0, 0.0)
     assert made.displacement_at(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
     assert made.direction() == (1.0, 0.0)
-
-
-def test_strokes_are_peak_to_peak():
+    # strokes are peak to peak
     sine = moved('{stroke = "2 um", frequency = "1 MHz"}')
     triangle = moved('{stroke = "2 um", frequency = "1 MHz", shape = "triangle"}')
     for made in (sine, triangle):
@@ -66,9 +64,7 @@ def test_strokes_are_peak_to_peak():
         segment, h = Segment(0.0, kind, 1.0, 2.0, 3.0), 1e-6
         slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
         assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
-
-
-def test_path_and_its_inverse():
+    # path and its inverse
     made = moved('{stroke = "2 um", frequency = "1 MHz"}')
     # to and fro: 4 um a cycle; chords of a thousandth of a period fall short by (pi/1000)^2/24 at most
     assert made.path(0.0, 3e-6) == pytest.approx(12e-6, rel=1e-6)
