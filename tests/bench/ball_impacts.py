@@ -79,7 +79,6 @@ def lammps(program: str, script: str, word: str) -> list[float]:
 
 
 def rebound(program: str, law: str, balls: str, skin: float, step: float, count: int, walls: str = "") -> float:
-    """Return the speed of the rebound in LAMMPS after so many steps [s]."""
     script = SCRIPT.format(law=law, balls=balls, skin=skin, step=1e6 * step, count=count, walls=walls)
     return lammps(program, script, "REBOUND")[0]
 
@@ -91,7 +90,6 @@ def loop(y: float) -> float:
 
 
 def neck(program: str) -> None:
-    """Print the table of the ball with a neck."""
     part, star = loop(3.0 ** (1.0 / 3.0)) / loop(1.0), 0.5 * STAR
     print(f"loop of a neck that breaks at the largest pull over that of one that lasts: {part:.3f}")
     a = (math.pi * WORK * RADIUS**2 / (8.0 * star)) ** (1.0 / 3.0)
@@ -137,7 +135,6 @@ def thornton(ratio: float) -> float:
 
 
 def yielding_pair(program: str) -> None:
-    """Print the table of balls that yield."""
     yielding = 8.0 / 15.0 * STAR * math.sqrt(RADIUS) * FIRST**2.5  # elastic energy of a ball at first yield
     first = math.sqrt(2.0 * yielding / MASS)
     print(f"V_y = {first:.4f} m/s; columns: V/V_y, LAMMPS with 400 and 1600 steps, its own law, Thornton")

@@ -76,7 +76,6 @@ GROUPS: Mapping[str, Mapping[str, Settings]] = {
 
 
 def started(integrator: str, effects: dict[str, Any]) -> Simulation:
-    """Return a run with these effects at the start of the drag, compiled."""
     settings = {"debris.0.count": 200, "solver.integrator": integrator, "effects.elastic_plastic": None}
     settings |= {f"effects.{name}": given for name, given in effects.items()}
     run = prepare(thirdbody.Scene.load(SCENE).with_settings(settings))
@@ -94,7 +93,6 @@ def seconds(run: Simulation, distance: float) -> float:
 
 
 def cost(integrators: list[str]) -> None:
-    """Print median and range of the pairs."""
     allow_threads(1)
     for integrator in integrators or PIECES:
         for effect, options in EFFECTS.items():
@@ -125,7 +123,6 @@ def print_row(name: str, result: Story, base: Story) -> None:
 
 
 def labels(groups: list[str]) -> None:
-    """Print the table of each group."""
     for group in groups or GROUPS:
         (first, settings), *others = GROUPS[group].items()
         print(group)
@@ -137,7 +134,6 @@ def labels(groups: list[str]) -> None:
 
 
 def relief(scenes: list[str]) -> None:
-    """Print reliefs over the mean overlap."""
     scene = thirdbody.Scene.load(scenes[0] if scenes else SHEARED)
     run = prepare(scene)
     run.integrator.advance_to(time=run.settle)

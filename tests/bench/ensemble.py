@@ -52,7 +52,6 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The engine in a table."""
         return f"{self.integrator}, {self.level}" + (f" {SPRINGS}" if self.level == "mdr" else "")
 
 
@@ -96,7 +95,6 @@ def covered_fraction(bodies: int, seed: int) -> float:
 
 
 def warm_up(integrator: str, level: str) -> float:
-    """Compile everything that a case runs; seconds that it took."""
     started = time.perf_counter()
     simulation = prepare(scene_of(Case(integrator, level, 1.0, 4)), force=True)
     simulation.integrator.advance_to(simulation.settle)
@@ -116,7 +114,6 @@ def settled(case: Case, threads: int | None = 1) -> tuple[Any, dict[str, float]]
 
 
 def middle(values: list[float]) -> dict[str, Any]:
-    """Median, all values, and the spread: largest less smallest over the median."""
     median = statistics.median(values)
     return {"median": median, "spread": (max(values) - min(values)) / median if median else 0.0, "values": values}
 

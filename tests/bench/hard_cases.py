@@ -50,7 +50,6 @@ def print_rows(rows: Sequence[Row]) -> None:
 
 
 def picture(rows: Sequence[Row]) -> Figure:
-    """Residual of the energy balance, and largest stable time step, of every row."""
     cases = list(dict.fromkeys(row.case for row in rows))
     figure = Figure(figsize=(7.2, 1.45 + 0.25 * max(len(cases), 3)), layout="constrained")
     energy, step = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (1.15, 1.0)})

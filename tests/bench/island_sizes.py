@@ -80,21 +80,18 @@ every = "{EVERY!r} m"
 
 
 def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
-    """Return the scene of an island: a chain, or a layer of this area fraction."""
     if shape == "chain":
         return chain(bodies)
     return scene_of(Case("implicit", "mindlin", SPEED, bodies, PATH, EVERY, float(shape))).with_settings({"debris.0.seed": seed})
 
 
 def measure(shape: str, bodies: int, path: float, gap: float) -> dict[str, Any]:
-    """Return the medians of the figures of some islands of one size."""
     seeds = 1 if shape == "chain" else max(1, min(SEEDS, 500 // bodies))
     rows = [one(shape, bodies, path, gap, seed) for seed in range(1, seeds + 1)]
     return rows[0] | {name: statistics.median(row[name] for row in rows) for name, value in rows[0].items() if name not in KEYS}
 
 
 def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str, Any]:
-    """Return the figures of one island."""
     simulation = prepare(island(shape, bodies, seed), force=True)
     integrator = simulation.integrator
     set_threads(1)
@@ -123,7 +120,6 @@ def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str
 
 
 def _counts(integrator: Any) -> tuple[float, float, float]:
-    """Return the sums over the bodies of steps, tried steps and iterations."""
     memory = integrator.memory
     columns = memory[:, step_memory.TRIES], memory[:, step_memory.ITERATIONS]
     return float(integrator.totals[:, run_totals.STEPS].sum()), *(float(column.sum()) for column in columns)
@@ -137,7 +133,6 @@ def explicit_seconds(shape: str) -> float:
 
 
 def main() -> None:
-    """Measure all islands and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", metavar="FILE")
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)

@@ -146,7 +146,6 @@ def make_start(path: Path) -> None:
 
 
 def main() -> None:
-    """Print the table, or make the start."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("program", nargs="?")
     parser.add_argument("--start", type=Path)

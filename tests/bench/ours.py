@@ -26,7 +26,6 @@ WARM, REPS = 200, 3
 
 
 def arguments() -> argparse.Namespace:
-    """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=["S", "C", "T"])
     parser.add_argument("number", type=int)
@@ -51,7 +50,6 @@ def tiles(text: str) -> tuple[int, int]:
 
 
 def measure(requested: argparse.Namespace) -> dict[str, Any]:
-    """Build, warm up, and time the segments."""
     # imported here: what the imports take is not the scene's memory
     from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of, tiled
 
@@ -105,7 +103,6 @@ def measure(requested: argparse.Namespace) -> dict[str, Any]:
 
 
 def time_segment(simulation: Any, steps: int, report: dict[str, list[Any]]) -> None:
-    """Seconds per step, share of the processor, and steps per search of one segment."""
     searches = simulation.integrator.summary()["searches"]
     began, busy = time.perf_counter(), time.process_time()
     taken = advance(simulation, steps)
@@ -139,7 +136,6 @@ def resident(simulation: Any) -> int:
 
 
 def note(report: dict[str, list[Any]], found: tuple[int, int]) -> None:
-    """Keep a count of contacts."""
     report["contacts"].append(found[0])
     report["plate"].append(found[1])
 
@@ -154,7 +150,6 @@ def reset_peak() -> int:
 
 
 def peak() -> int:
-    """Peak resident memory, bytes."""
     try:
         return _status("VmHWM")
     except OSError:
@@ -169,7 +164,6 @@ def _status(key: str) -> int:
 
 
 def show(report: dict[str, Any]) -> None:
-    """The result in words."""
     each = ", ".join(f"{t:.1f}" for t in report["ns_per_sphere_step"])
     touching = f"{report['contacts']} + {report['plate']} with plates (at the start {report['start'][0]} + {report['start'][1]})"
     print(f"{report['scene']} {report['N']}: {report['spheres']} spheres, {report['bodies']} bodies, {report['cores']} threads")

@@ -150,7 +150,6 @@ def run_peer(
 
 
 def main() -> None:
-    """Run what is asked for, print it and write its JSON."""
     requested = arguments()
     console = screen()
     report: dict[str, Any] = {"machine": head(console)}

@@ -63,12 +63,10 @@ class Start:
 
     @property
     def spheres(self) -> int:
-        """Number of spheres."""
         return len(self.radii)
 
     @property
     def bodies(self) -> int:
-        """Number of bodies."""
         return len(self.mass)
 
 
@@ -92,7 +90,6 @@ def tiled(given: Arrays, columns: int, rows: int) -> Arrays:
 
 
 def start_of(kind: str, given: Arrays) -> Start:
-    """The arrays of a file in SI."""
     radii, x = LENGTH * given["rad"], LENGTH * given["x"]
     if kind == "S":
         mass = DENSITY * 4.0 / 3.0 * math.pi * radii**3
@@ -129,7 +126,6 @@ def simulation_of(start: Start) -> Simulation:
 
 
 def scene_of(start: Start) -> Scene:
-    """The scene without its bodies."""
     width, depth = start.size
     return Scene.model_validate({
         "title": f"{start.kind} of the peers",

@@ -63,7 +63,6 @@ def _bytes(array: np.ndarray) -> bytes:
 
 
 def contents(path: Path) -> tuple[Tables, dict[str, str]]:
-    """Return the arrays of a run file, attributes included, and the digests of its texts, by name."""
     arrays: Tables = {}
     texts: dict[str, str] = {}
 
@@ -82,7 +81,6 @@ def contents(path: Path) -> tuple[Tables, dict[str, str]]:
 
 
 def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers and texts of nested tables by their paths."""
     if isinstance(value, dict | list | tuple):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
             if key not in CHANGING:
@@ -117,7 +115,6 @@ class CompileTimer:
 
 
 def simulate(name: str, folder: Path, threads: int | None, compiler: CompileTimer) -> Tables:
-    """Run a scene and return what its file holds. Child processes may compile too, before the first frame."""
     marks: Tables = {}
 
     def report(_: Any) -> None:
@@ -151,7 +148,6 @@ def simulate(name: str, folder: Path, threads: int | None, compiler: CompileTime
 
 
 def balance(name: str, compiler: CompileTimer) -> Tables:
-    """Return the path of a particle in static balance, like a run."""
     level = {"balance_mdr": "mdr"}.get(name, "exact")
     compiled, begun = compiler.seconds, time.perf_counter()
     result = thirdbody.balance(BALANCE | BALANCES[name], level).to_dict()
@@ -168,7 +164,6 @@ def balance(name: str, compiler: CompileTimer) -> Tables:
 
 
 def environment() -> Tables:
-    """Return what bits and times may depend on."""
     import llvmlite.binding
     import numba
 
@@ -239,7 +234,6 @@ def difference(one: Tables, other: Tables) -> tuple[float, str]:
 
 
 def compare_arrays(one: Tables, other: Tables) -> list[str]:
-    """Return lines on the arrays of a scene whose bits differ."""
     lines = []
     for title, names in (("missing", one.keys() - other.keys()), ("new", other.keys() - one.keys())):
         if names:
@@ -296,7 +290,6 @@ def compare(before: Tables, after: Tables, numbers_only: bool) -> int:
 
 
 def print_seconds(pairs: list[tuple[Tables, Tables]]) -> None:
-    """Print sums over the scenes, and the median of the ratios."""
     for key in ("integration", "processor", "before_first_frame", "compiling", "total"):
         times = [(one[key], other[key]) for one, other in pairs if key in one and key in other]
         ratios = [other / one for one, other in times if one > 0.0]
@@ -305,7 +298,6 @@ def print_seconds(pairs: list[tuple[Tables, Tables]]) -> None:
 
 
 def main() -> int:
-    """Read the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     commands = parser.add_subparsers(dest="command", required=True)
     runs = commands.add_parser("run", help="run the scenes and write a report")

@@ -178,7 +178,6 @@ BALANCE: Tables = {
 
 
 def tables_of(changes: Tables) -> Tables:
-    """Return the tables of a scene."""
     tables = copy.deepcopy(BASE)
     for key, value in changes.items():
         *path, last = key.split(".")

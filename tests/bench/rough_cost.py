@@ -33,7 +33,6 @@ WARM = 0.3e-6
 
 
 def built(bodies: int, integrator: str, rough: dict[str, Any]) -> Any:
-    """Return the simulation of so many clumps after pressing and a short drag."""
     length = 20.0 * round(8.0 * math.sqrt(bodies / 60.0))
     settings = {
         "domain.size": [f"{length} um", f"{length} um"], "contact.debris_contact": "none", "solver.integrator": integrator,
@@ -57,7 +56,6 @@ def segment(simulation: Any, integrator: str) -> float:
 
 
 def measure(bodies: int, integrator: str, rms: str, rounds: int) -> dict[str, float]:
-    """Return medians of the times, flat and rough, and of their ratio."""
     flat = built(bodies, integrator, {})
     radius = float(np.median(flat.state.S[:, sphere.RADIUS]))
     surface = {"rms": rms, "long": "40 um", "short": f"{1e6 * radius!r} um"}
@@ -75,7 +73,6 @@ def measure(bodies: int, integrator: str, rms: str, rounds: int) -> dict[str, fl
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", type=int, default=200)
     parser.add_argument("--rms", default="0.1", help="rms height of both surfaces, um (default %(default)s)")

@@ -96,8 +96,6 @@ def _slide(simulation: Any, threads: int | None, seconds: dict[str, float]) -> t
 
 
 def _clocked(function: Callable, seconds: dict[str, float], part: str) -> Callable:
-    """The function, with the time that it takes added up."""
-
     @wraps(function)
     def timed(*arguments: Any, **named: Any) -> Any:
         started = time.perf_counter()

@@ -72,7 +72,6 @@ Rows = list[dict[str, Any]]
 
 
 def main() -> None:
-    """Run one part of the benchmark, print it and write its JSON."""
     requested = arguments()
     console = screen()
     report: dict[str, Any] = {"machine": head(console)}
@@ -84,7 +83,6 @@ def main() -> None:
 
 
 def arguments() -> argparse.Namespace:
-    """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
     parser.add_argument("--bodies", type=int, default=300, help="particles of the ensemble (default %(default)s)")
@@ -111,7 +109,6 @@ def arguments() -> argparse.Namespace:
 
 
 def part_speeds(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Time all engines at all speeds on one core."""
     compiled = {"explicit": warm_up("explicit", "mindlin"), **{level: warm_up("implicit", level) for level in LEVELS}}
     ensemble = ensemble_of(requested.bodies)
     ours = [
@@ -154,7 +151,6 @@ def peer_rows(requested: argparse.Namespace, ensemble: dict[str, float], steps: 
 
 
 def print_speeds(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
-    """The main table: an engine a line, a speed a column."""
     title = (
         f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {requested.bodies} particles, median of "
         f"{requested.repeats}"
@@ -186,7 +182,6 @@ def _speed(v: float) -> str:
 
 
 def print_explicit(rows: Rows, console: Console) -> None:
-    """How the explicit figures came about."""
     table = Table("speed", "share of the way run", "time step", "steps for the way", "ns per sphere and step", "settling, all",
                   "CPU", title=f"{EXPLICIT}: the rest of the way is extrapolated")  # fmt: skip
     for row in rows:
@@ -197,7 +192,6 @@ def print_explicit(rows: Rows, console: Console) -> None:
 
 
 def print_implicit(rows: Rows, console: Console) -> None:
-    """Steps of single particles, and whether all of them were solved."""
     table = Table("engine", "speed", "steps per particle", "median, 99 %, largest", "us per step", "unsolved",
                   "settling, all", "CPU", title="implicit: the whole way is run")  # fmt: skip
     for row in rows:
@@ -222,7 +216,6 @@ def part_scale(requested: argparse.Namespace, console: Console) -> dict[str, Any
 
 
 def print_scale(rows: Rows, path: float, console: Console) -> None:
-    """Wall seconds of the parts of a run."""
     parts = ["shapes", "poses", "places", "build", "settle", "slide", "output"]
     title = f"wall seconds, {1e6 * path:g} um at {_speed(SPEEDS[-1])} on all cores (build holds shapes, poses and places)"
     table = Table("engine", "particles", "slide, s each", "steps", "largest", *parts, "unsolved", title=title)
@@ -235,7 +228,6 @@ def print_scale(rows: Rows, path: float, console: Console) -> None:
 
 
 def print_memory(rows: Rows, console: Console) -> None:
-    """Peak memory, and the arrays that a particle needs."""
     kinds = ["process", "bodies", "contacts", "integrator"]
     table = Table("engine", "particles", "peak, MB", "built, MB", "imported, MB", *(f"{kind}, B" for kind in kinds), "disk, MB",
                   title="memory: peak of the process; bytes per particle: growth of the process, and arrays")  # fmt: skip
@@ -247,7 +239,6 @@ def print_memory(rows: Rows, console: Console) -> None:
 
 
 def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Layers whose bodies meet: an area fraction a line."""
     for integrator in ("implicit", "explicit"):
         warm_up(integrator, "mindlin")
     fractions = QUICK_FRACTIONS if requested.quick else FRACTIONS
@@ -259,7 +250,6 @@ def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, An
 
 
 def layers_of(fraction: float, requested: argparse.Namespace) -> dict[str, Any]:
-    """Time both engines in layers of one area fraction with different debris."""
     path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (LAYER_PATH, LAYER_EVERY)
     row: dict[str, Any] = {"fraction": fraction, "implicit": [], "explicit": []}
     for seed in range(1, requested.seeds + 1):
@@ -272,7 +262,6 @@ def layers_of(fraction: float, requested: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw_layers(rows: Rows, path: Path) -> None:
-    """The cost of a particle of both engines against the area fraction, with the ratio."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -296,18 +285,15 @@ def draw_layers(rows: Rows, path: Path) -> None:
 
 
 def _layer_costs(row: dict[str, Any], engine: str) -> list[float]:
-    """Return the processor seconds per particle and um for each seed."""
     return [float(run["seconds_per_particle"]["median"]) * 1e-6 / PATH for run in row[engine]]
 
 
 def _ratio(row: dict[str, Any]) -> float:
-    """Return the median over the seeds of the explicit cost over the implicit one."""
     pairs = zip(_layer_costs(row, "explicit"), _layer_costs(row, "implicit"), strict=True)
     return statistics.median(explicit / implicit for explicit, implicit in pairs)
 
 
 def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
-    """Seconds per particle of both engines, and their ratio."""
     title = (
         f"processor seconds per particle and um of sliding at {_speed(SPEEDS[-1])}, one thread; {requested.bodies} particles, "
         f"median (smallest to largest) of {requested.seeds} layers"
@@ -322,7 +308,6 @@ def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) ->
 
 
 def _with_range(values: list[float]) -> str:
-    """Return the median of values with the smallest and the largest one."""
     return f"{statistics.median(values):.3g} ({min(values):.3g} to {max(values):.3g})"
 
 

@@ -67,7 +67,6 @@ def _seconds(command: list[str], environment: dict[str, str]) -> dict[str, float
 
 
 def _spread(values: list[float], form: str) -> str:
-    """Median, least and largest."""
     return f"{statistics.median(values):{form}}  ({min(values):{form}} .. {max(values):{form}})"
 
 
@@ -85,7 +84,6 @@ def measure_small(rounds: int) -> list[dict[str, Any]]:
 
 
 def _measure(bodies: int, rounds: int) -> dict[str, Any]:
-    """Spheres in a shear flow as in S, but few of them."""
     start = start_of("S", generated(bodies))
     simulation = simulation_of(start)
     steps = max(200, min(STEPS, 10 * STEPS // bodies))
