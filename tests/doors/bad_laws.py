@@ -1,7 +1,5 @@
 """Contact laws with one fault each, as people write them. The conformance suite must find every one."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple
@@ -20,6 +18,7 @@ from thirdbody.plugin import (
     Tangential,
     e_star,
     g_star,
+    helper,
     kernel,
 )
 
@@ -27,8 +26,6 @@ mindlin_tangent = MINDLIN.tangent
 
 
 class Scale(NamedTuple):
-    """One number."""
-
     scale: float
 
 
@@ -40,24 +37,26 @@ class Shear(NamedTuple):
 
 
 def mix_scale(pair, _options):
-    """E*."""
     return Scale(e_star(pair.a, pair.b))
 
 
 def mix_shear(pair, _options):
-    """G* and friction."""
     return Shear(g_star(pair.a, pair.b), pair.friction)
+
+
+@helper
+def length(x, y):
+    return math.sqrt(x * x + y * y)
 
 
 @kernel
 def stored_displacement(c, load, p, h):
     """F = k_t(d) xi, cut at mu N by shortening xi: pressed while sheared it makes energy."""
-    k = 2.0 * p.g_star * load.contact_radius
+    k, limit = 2.0 * p.g_star * load.contact_radius, p.mu * load.force
     x, y = h[0] + c.slip_x, h[1] + c.slip_y
-    limit = p.mu * load.force
-    size = k * math.sqrt(x * x + y * y)
+    size = k * length(x, y)
     back = limit / max(size, limit, 1e-300)
-    slip = (1.0 - back) * math.sqrt(x * x + y * y)
+    slip = (1.0 - back) * length(x, y)
     x, y = back * x, back * y
     return Tangential(-k * x, -k * y, limit, 0.0, slip, 0.5 * k * (x * x + y * y), back * size * slip), (x, y)
 
@@ -65,18 +64,15 @@ def stored_displacement(c, load, p, h):
 @kernel
 def beyond_friction(c, load, p):
     """Full sliding, with more force than it admits."""
-    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
-    limit = p.mu * load.force
+    size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
     force = 1.0001 * limit
-    work = force * size
-    return Tangential(-force * c.slip_x / size, -force * c.slip_y / size, limit, 0.0, size, 0.0, work)
+    return Tangential(-force * c.slip_x / size, -force * c.slip_y / size, limit, 0.0, size, 0.0, force * size)
 
 
 @kernel
 def generous_limit(c, load, p):
     """Full sliding within a limit that is not mu N."""
-    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
-    limit = 1.1 * p.mu * load.force
+    size, limit = max(length(c.slip_x, c.slip_y), 1e-300), 1.1 * p.mu * load.force
     return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, limit * size)
 
 
@@ -84,28 +80,24 @@ def generous_limit(c, load, p):
 def square_friction(c, load, p):
     """Each component cut on its own: the square that stands in the circle, but turned with the frame."""
     limit = p.mu * load.force
-    k = math.sqrt(0.5) * limit / max(1e-6 * c.radius, 1e-300)
-    edge = math.sqrt(0.5) * limit
+    edge, k = math.sqrt(0.5) * limit, math.sqrt(0.5) * limit / max(1e-6 * c.radius, 1e-300)
     x, y = -min(max(k * c.slip_x, -edge), edge), -min(max(k * c.slip_y, -edge), edge)
-    work = -x * c.slip_x - y * c.slip_y
-    return Tangential(x, y, limit, 0.0, 0.0, 0.0, work)
+    return Tangential(x, y, limit, 0.0, 0.0, 0.0, -x * c.slip_x - y * c.slip_y)
 
 
 @kernel
 def swirl(c, load, p):
     """Part of the force always to the left of the slip: turns with the frame, but has a hand."""
-    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
-    limit = p.mu * load.force
+    size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
     e_x, e_y = c.slip_x / size, c.slip_y / size
-    work = 0.8 * limit * math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
+    work = 0.8 * limit * length(c.slip_x, c.slip_y)
     return Tangential(-limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work)
 
 
 @kernel
 def lossless_ledger(c, load, p, h):
     """Full friction whose work appears nowhere."""
-    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
-    limit = p.mu * load.force
+    size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
     return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, 0.0), (0.0,)
 
 
@@ -136,8 +128,7 @@ def faint(c, p):
     """Hertz with the mean pressure given as the largest."""
     a = math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.scale * a * c.overlap
-    mean = force / (math.pi * max(a * a, 1e-300))
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 0.999 * mean, c.radius)
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 0.999 * force / (math.pi * max(a * a, 1e-300)), c.radius)
 
 
 @kernel
@@ -151,8 +142,7 @@ def fixed_area(c, p):
 @kernel
 def of_spheres(c, load, p, h):
     """The tangent of `mindlin` with da/dd = R/(2 a), whatever the normal law."""
-    sphere = Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius)
-    return mindlin_tangent(c, sphere, p, h)
+    return mindlin_tangent(c, Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius), p, h)
 
 
 @kernel
@@ -186,8 +176,7 @@ def pushing_dashpot(c, n, p):
 @kernel
 def heavy_roller(c, turn, load, p):
     """Full moment, with more of it than it admits."""
-    size = max(math.sqrt(turn.x * turn.x + turn.y * turn.y), 1e-300)
-    limit = p.mu * c.radius * load.force
+    size, limit = max(length(turn.x, turn.y), 1e-300), p.mu * c.radius * load.force
     moment = 1.0001 * limit
     return Rolling(-moment * turn.x / size, -moment * turn.y / size, limit, 0.0, size, 0.0, moment * size)
 
@@ -195,12 +184,11 @@ def heavy_roller(c, turn, load, p):
 @kernel
 def rocking_motor(c, turn, load, p, h):
     """M = k(d) theta, cut by shortening theta: pressed while it is bent it makes energy."""
-    k = p.g_star * load.contact_radius * c.radius * c.radius
+    k, limit = p.g_star * load.contact_radius * c.radius * c.radius, p.mu * c.radius * load.force
     x, y = h[0] + turn.x, h[1] + turn.y
-    limit = p.mu * c.radius * load.force
-    size = k * math.sqrt(x * x + y * y)
+    size = k * length(x, y)
     back = limit / max(size, limit, 1e-300)
-    turned = (1.0 - back) * math.sqrt(x * x + y * y)
+    turned = (1.0 - back) * length(x, y)
     x, y = back * x, back * y
     return Rolling(-k * x, -k * y, limit, 0.0, turned, 0.5 * k * (x * x + y * y), back * size * turned), (x, y)
 

@@ -1,19 +1,14 @@
 """A scene of four balls to spoil."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 from balls import BALLS, edited
 
 
 @pytest.fixture
-def balls(tmp_path: Path) -> Callable[..., Path]:
+def balls(tmp_path):
     """Writes the scene of four balls with texts replaced, as scene.toml in the test's folder; returns its path."""
 
-    def write(*changes: tuple[str, str]) -> Path:
+    def write(*changes):
         path = tmp_path / "scene.toml"
         path.write_text(edited(BALLS, *changes), encoding="utf-8")
         return path

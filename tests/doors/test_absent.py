@@ -5,9 +5,6 @@ which hash their text and the source of all that they call, the columns that are
 of the result file, and the ledger.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +13,7 @@ import numpy as np
 import pytest
 from balls import BALLS, edited
 
-from thirdbody.assembly.simulation import Simulation, build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.snapshot import snapshot
 from thirdbody.kernels.columns import contact_state
@@ -31,46 +28,34 @@ from thirdbody.trajectory.reader import FILE_NAME
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
 
 SCENE = edited(
-    BALLS,
-    ('title = "four balls"\n', ""),
-    ("count = 4", "count = 6"),
-    ('["80 um", "60 um"]', '["60 um", "50 um"]'),
+    BALLS, ('title = "four balls"\n', ""), ("count = 4", "count = 6"), ('["80 um", "60 um"]', '["60 um", "50 um"]'),
     ("[solver]", '[contact]\nlaw = "three_spot"\nlevel = "mindlin"\n[solver]\nintegrator = "explicit"'),
-    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "40 nm"\nsettle = "0.2 us"'),
-    ("0.05 um", "20 nm"),
-)
-
+    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "40 nm"\nsettle = "0.2 us"'), ("0.05 um", "20 nm"),
+)  # fmt: skip
+STICKY = {"work_of_adhesion": "50 mJ/m2"}
 EFFECTS = {
-    "gravity": ["0 m/s2", "0 m/s2", "-9.81 m/s2"],
-    "damping": {"rate": "1e3 1/s"},
-    "local_damping": {"coefficient": 0.3},
-    "rolling_resistance": {"coefficient": 0.05},
-    "dmt_adhesion": {"work_of_adhesion": "50 mJ/m2"},
-    "elastic_plastic": {},
-    "pivoting": {},
-    "adhesion": {"work_of_adhesion": "50 mJ/m2"},
-    "close_spots": {},
-}
+    "gravity": ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "damping": {"rate": "1e3 1/s"}, "local_damping": {"coefficient": 0.3},
+    "rolling_resistance": {"coefficient": 0.05}, "elastic_plastic": {}, "pivoting": {}, "close_spots": {},
+    "dmt_adhesion": STICKY, "adhesion": STICKY,
+}  # fmt: skip
 ADDED = {
-    "rolling_resistance": {"moment", "rolling_utilisation"},
-    "elastic_plastic": {"plastic_work", "energy_plastic"},
-    "pivoting": {"twist_moment", "twist_utilisation"},
-    "adhesion": {"adhesion_work", "energy_adhesion", "agglomerate"},
-}
+    "rolling_resistance": {"moment", "rolling_utilisation"}, "elastic_plastic": {"plastic_work", "energy_plastic"},
+    "pivoting": {"twist_moment", "twist_utilisation"}, "adhesion": {"adhesion_work", "energy_adhesion", "agglomerate"},
+}  # fmt: skip
 """Arrays that the effects of contacts add to the file: those that remember."""
 
 
-def scene(**changes) -> Scene:
+def scene(**changes):
     return Scene.parse(SCENE).with_settings({key.replace("__", "."): value for key, value in changes.items()})
 
 
-def engine(without: str = "") -> Registry:
+def engine(without=""):
     """All that is installed and the adhesion of the template, less one effect."""
     found = discover([DMT])
     return Registry(tuple(replace(p, effects=tuple(e for e in p.effects if e.name != without)) for p in found.plugins))
 
 
-def less(family: str, **changes) -> Registry:
+def less(family, **changes):
     """The same with a family changed; the other families of its plug-in and all labellers stay or go with it."""
     found = discover([DMT])
     return Registry(tuple(
@@ -78,7 +63,7 @@ def less(family: str, **changes) -> Registry:
     ))  # fmt: skip
 
 
-def modules(built: Simulation) -> dict[str, str]:
+def modules(built):
     """Names of the generated modules of a scene, each of which holds a hash, and what its tangents would be generated from."""
     physics, laws = built.choice.physics, built.choice.chain.laws
     found = {name: plain(getattr(physics, name)).__module__ for name in ("law", "stiffness", "effects", "observe", "label")}
@@ -87,7 +72,7 @@ def modules(built: Simulation) -> dict[str, str]:
     return found | {"tangents": module_text(laws, tangents=True) + "".join(map(str, files))}  # compiling them would take minutes
 
 
-def tables(built: Simulation) -> dict[str, object]:
+def tables(built):
     """What is kept per body, contact and pair: shapes, names, and the numbers that laws and effects are given."""
     state, physics = built.state, built.state.physics
     shapes = {name: getattr(state, name).shape for name in ("B", "S", "P", "M", "A")}
@@ -99,8 +84,7 @@ def tables(built: Simulation) -> dict[str, object]:
     }  # fmt: skip
 
 
-def results(built: Simulation, folder: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Every dataset of the file of a run, and the ledger of its summary."""
+def results(built, folder):
     summary = execute(built, folder, threads=1)
     found: dict[str, np.ndarray] = {}
     with h5py.File(folder / FILE_NAME) as file:
@@ -110,43 +94,55 @@ def results(built: Simulation, folder: Path) -> tuple[dict[str, np.ndarray], dic
     return found, summary["energy"]
 
 
-def ends(names: Iterable[str]) -> set[str]:
+def ends(names):
     """What stands behind the last slash: an array and its offsets have the same name."""
     return {name.split("/")[-1] for name in names}
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_an_effect_that_is_not_named_never_was(effect, tmp_path):
-    bare, never = build(scene(), engine()), build(scene(), engine(without=effect))
-    assert modules(bare) == modules(never)
-    assert tables(bare) == tables(never)
-    (first, ledger), (second, same) = results(bare, tmp_path / "bare"), results(never, tmp_path / "never")
+QUICK = ("gravity", "local_damping", "rolling_resistance", "adhesion", "close_spots")
+SLOW = pytest.mark.full(kind="slow")
+effects = pytest.mark.parametrize("effect", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in EFFECTS])
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """The scene without effects: as it is built, its modules and tables, and what its run gives."""
+    built = build(scene(), engine())
+    return built, modules(built), tables(built), *results(built, tmp_path_factory.mktemp("bare") / "run")
+
+
+def equal(first, second):
+    return np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
+
+
+@effects
+def test_an_effect_that_is_not_named_never_was(effect, bare, tmp_path):
+    never = build(scene(), engine(without=effect))
+    _, names, kept, first, ledger = bare
+    assert names == modules(never) and kept == tables(never)
+    second, same = results(never, tmp_path / "never")
     assert first.keys() == second.keys() and ledger == same
-    for name in first:
-        assert np.array_equal(first[name], second[name], equal_nan=first[name].dtype.kind == "f"), name
+    assert not [name for name in first if not equal(first[name], second[name])]
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path):
+@effects
+def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, bare, tmp_path):
     """Else the test above compares nothing: here the modules differ, and only the one that the effect belongs to."""
-    bare, named = build(scene(), engine()), build(scene(**{f"effects__{effect}": EFFECTS[effect]}), engine())
-    contact, body = isinstance(engine().effects[effect], Law), isinstance(engine().effects[effect], BodyEffect)
-    differ = {name for name, module in modules(named).items() if modules(bare)[name] != module}
+    named, (built, names, _, first, ledger) = build(scene(**{f"effects__{effect}": EFFECTS[effect]}), engine()), bare
+    contact, body = (isinstance(engine().effects[effect], kind) for kind in (Law, BodyEffect))
+    differ = {name for name, module in modules(named).items() if names[name] != module}
     # the stiffness stands in the module of the law, and so do tangents in one of their own; labels see forces on bodies
     # the interaction of spots is no kernel of a scene, but a table of numbers
     assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"} if body else set())
     assert (len(named.state.physics.interaction) > 0) == (not contact and not body)
     # a law of moments has a spring and a dashpot, whose energy and moment are remembered with those of the others
     own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment", "springs"))}
-    assert set(named.state.physics.history) - own == set(bare.state.physics.history)
-    assert bool(own) == (effect in ADDED)
-    first, second = results(bare, tmp_path / "bare"), results(named, tmp_path / "named")
-    added = {"energy_body_effects"} if body else ADDED.get(effect, set())
-    assert ends(second[0].keys() - first[0].keys()) == added
-    assert not first[0].keys() - second[0].keys()
+    assert set(named.state.physics.history) - own == set(built.state.physics.history) and bool(own) == (effect in ADDED)
+    second, work = results(named, tmp_path / "named")
+    assert ends(second.keys() - first.keys()) == ({"energy_body_effects"} if body else ADDED.get(effect, set()))
+    assert not first.keys() - second.keys()
     # no body effect, no line in the ledger; and their work is no rounding of zero with them
-    assert "body_effects" not in first[1]
-    assert (second[1].get("body_effects", 0.0) != 0.0) == body
+    assert "body_effects" not in ledger and (work.get("body_effects", 0.0) != 0.0) == body
 
 
 def test_a_measure_that_is_not_named_never_was():
@@ -185,45 +181,35 @@ def test_a_level_without_friction_remembers_nothing():
     bare, rough = (build(scene(contact__law="hertz_mindlin", contact__level=level)) for level in ("frictionless", "mindlin"))
     assert bare.state.physics.history == ("viscous.force",)  # which the ledger needs, not a law
     assert set(rough.state.physics.history) == {"viscous.force", "mindlin.force_x", "mindlin.force_y", "mindlin.energy"}
-    assert (
-        rough.state.slots.H.shape[1]
-        == bare.state.slots.H.shape[1]
-        == contact_state.MIN_WIDTH + 2 * rough.state.physics.contact_memory
-    )
+    widths = {one.state.slots.H.shape[1] for one in (rough, bare)}
+    assert widths == {contact_state.MIN_WIDTH + 2 * rough.state.physics.contact_memory}
 
 
-def test_without_a_labeller_no_body_has_labels(tmp_path):
-    bare, labelled = build(scene(), less("three_spot", labeller=None)), build(scene(), engine())
-    assert modules(bare)["law"] == modules(labelled)["law"] and modules(bare)["effects"] == modules(labelled)["effects"]
+def test_without_a_labeller_no_body_has_labels(bare, tmp_path):
+    labelled, names, _, second, _ = bare
+    bare = build(scene(), less("three_spot", labeller=None))
+    assert all(modules(bare)[name] == names[name] for name in ("law", "effects"))
     assert bare.state.physics.memory == bare.state.physics.contact_memory == 0
     assert bare.state.slots.H.shape[1] == contact_state.LAW + len(bare.state.physics.history) < labelled.state.slots.H.shape[1]
-    first, second = results(bare, tmp_path / "bare")[0], results(labelled, tmp_path / "labelled")[0]
+    first = results(bare, tmp_path / "bare")[0]
     assert not any(word in name for name in first for word in ("state", "margin", "fraction_"))
     added = ends(second.keys() - first.keys())
     assert {"state", "state_reason"} <= added and any(name.startswith("fraction_") for name in added)
-    # labels look on: what both files hold is the same to the last bit
-    assert all(np.array_equal(first[name], second[name], equal_nan=first[name].dtype.kind == "f") for name in first)
+    assert all(equal(first[name], second[name]) for name in first)  # labels look on: both files hold the same bits
 
 
-def test_bodies_that_do_not_meet_are_not_searched_for():
-    alone, together = build(scene(contact__debris_contact="none")), build(scene())
-    assert modules(alone) == modules(together), "debris meets debris by the same laws"
+def test_bodies_that_do_not_meet_are_not_searched_for_and_a_load_that_changes_is_no_other_law(bare):
+    """How the load changes is data of the plate: the generated code is that of a constant load, and so are all columns."""
+    varied = build(scene(plates__upper__loading={"load": "0.2 mN", "duration": "20 ns"}), engine())
+    assert modules(varied) == bare[1] and tables(varied) == bare[2]
+    assert modules(build(scene(contact__debris_contact="none"), engine())) == bare[1], "debris meets debris by the same laws"
     near = {"domain__size": ["40 um", "30 um"]}  # six balls of 10 um
     alone, together = build(scene(contact__debris_contact="none", **near)), build(scene(**near))
     assert np.all(alone.state.slots.partner < 0) and np.any(together.state.slots.partner >= 0)
 
 
-def test_a_foundation_s_energy_appears_in_the_ledger_only_with_one(tmp_path):
-    bare = build(scene())
+def test_a_foundation_s_energy_appears_in_the_ledger_only_with_one(bare, tmp_path):
     founded = build(scene(plates__upper__support="foundation", plates__upper__stiffness="1e5 N/m", plates__upper__load="0.6 mN"))
-    first, second = results(bare, tmp_path / "bare"), results(founded, tmp_path / "founded")
-    assert second[1].keys() - first[1].keys() == {"foundation"}
-    assert second[0].keys() - first[0].keys() >= {"series/energy_foundation"}
-    assert "series/energy_foundation" not in first[0]
-
-
-def test_a_load_that_changes_is_no_other_law():
-    """How the load changes is data of the plate: the generated code is that of a constant load, and so are all columns."""
-    steady = build(scene())
-    varied = build(scene(plates__upper__loading={"load": "0.2 mN", "duration": "20 ns"}))
-    assert modules(steady) == modules(varied) and tables(steady) == tables(varied)
+    (first, ledger), (second, founded_ledger) = bare[-2:], results(founded, tmp_path / "founded")
+    assert founded_ledger.keys() - ledger.keys() == {"foundation"}
+    assert "series/energy_foundation" in second.keys() - first.keys()

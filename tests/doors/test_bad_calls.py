@@ -152,8 +152,6 @@ def test_a_name_that_is_nearly_too_long(balls, command, tmp_path):
         assert (tmp_path / ("b" * letters)).exists() == (report.code == 0)
 
 
-# sweeps -------------------------------------------------------------------------------------------------------------------
-
 MU = "pairs.0.friction"
 SWEEP = f'sweep = 1\nscene = "balls.toml"\n[vary]\n"{MU}" = [0.1, 0.2]\n'
 
@@ -200,14 +198,10 @@ def test_wrong_arguments_of_a_sweep_are_named(files, command):
         report = command("sweep", *arguments)
         assert report.code == code and all(text in report.err for text in texts), (arguments, report)
         assert "Traceback" not in report.err and sorted(files.rglob("*")) == before
-
-
-def test_wrong_keys_hide_no_others_and_blame_no_results(files, command):
-    report = command("sweep", *vary("pairs.0.frction=0.1,0.2", "debris.0.sed=1,2"))
+    report = command("sweep", *vary("pairs.0.frction=0.1,0.2", "debris.0.sed=1,2"))  # they hide no others and blame no results
     assert report.code == 3 and report.err.splitlines() == [
-        "pairs[0].frction: unknown key, did you mean 'friction'?",
-        "debris[0].sed: unknown key, did you mean 'seed'?",
-    ]
+        "pairs[0].frction: unknown key, did you mean 'friction'?", "debris[0].sed: unknown key, did you mean 'seed'?",
+    ]  # fmt: skip
 
 
 FAULTY_SWEEP = """sweep = 1
@@ -248,9 +242,6 @@ def test_wrong_files_of_a_sweep_are_named(files, command):
         (files / "sweep.toml").write_text(SWEEP.replace(old, new), encoding="utf-8")
         report = command("sweep", "sweep.toml")
         assert report.code == 3 and text in report.err and not (files / "sweeps").exists(), report.err
-
-
-def test_a_damaged_folder_of_a_sweep_is_named(files, command):
     (files / "old").mkdir()
     (files / "old" / "sweep.json").write_text("{")
     for words in (["sweep", "old", "--resume"], ["plot", "old"]):

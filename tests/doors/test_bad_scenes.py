@@ -14,17 +14,14 @@ LOWER, DOMAIN = '[plates.lower]\nmaterial = "steel"', '["80 um", "60 um"]'
 
 
 def given(x, z="5 um"):
-    """Two balls at given positions, the second one at x, z."""
     return "count = 4\nseed = 1", f'positions = [["10 um", "10 um", "5 um"], ["{x}", "10 um", "{z}"]]'
 
 
 def above(text):
-    """Tables above that of the solver."""
     return "[solver]", f"{text}\n[solver]"
 
 
 def solver(text):
-    """Another key in place of the solver's settling time."""
     return 'settle = "1 us"', text
 
 

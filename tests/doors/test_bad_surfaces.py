@@ -1,12 +1,12 @@
 """Files of measured surfaces that are spoilt: one clear message each, at the key of the scene, exit code 3."""
 
+import contextlib
 import hashlib
 import io
 import pickle
 import sys
 import types
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ output = {every = "1 us"}
 """
 
 
-def archive(**members: bytes | str) -> bytes:
+def archive(**members):
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in members.items():
@@ -39,42 +39,33 @@ def archive(**members: bytes | str) -> bytes:
     return stream.getvalue()
 
 
-def npz(drop: str = "", **changes: object) -> bytes:
+def archive_of(heights):
+    return archive(**{"heights.npy": heights, "spacing.npy": b"", "unit.npy": b""})
+
+
+def npz(drop="", **changes):
     arrays = {"heights": HEIGHTS * 1e6, "spacing": STEP * 1e6, "unit": "um"} | changes
     stream = io.BytesIO()
     np.savez(stream, **{name: np.asarray(value) for name, value in arrays.items() if name != drop})
     return stream.getvalue()
 
 
-def lying_bomb() -> bytes:
+def lying_bomb():
     """An archive whose first member unpacks to 20 MB, of which its directory says 200 bytes."""
-    data = bytearray(
-        archive(**{"heights.npy": npy_header((1600, 1600)) + bytes(20_480_000), "spacing.npy": b"", "unit.npy": b""})
-    )
+    data = bytearray(archive_of(npy_header((1600, 1600)) + bytes(20_480_000)))
     at = data.index(b"PK\x01\x02") + 24
     data[at : at + 4] = (200).to_bytes(4, "little")
     return bytes(data)
 
 
-def npy_header(shape: tuple[int, ...]) -> bytes:
+def npy_header(shape):
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return stream.getvalue()
 
 
-def xml(letter: str = "D", extra: str = "", **texts: object) -> str:
-    t = {
-        "feature": "SUR",
-        "axis": "I",
-        "dx": STEP,
-        "dy": STEP,
-        "nx": N_X,
-        "ny": N_Y,
-        "nz": 1,
-        "z": "",
-        "link": "bindata/data.bin",
-    }
-    t |= texts
+def xml(letter="D", extra="", **texts):
+    t = dict(feature="SUR", axis="I", dx=STEP, dy=STEP, nx=N_X, ny=N_Y, nz=1, z="", link="bindata/data.bin") | texts
     return f"""<?xml version="1.0" encoding="UTF-8"?>{extra}
 <p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2"><Record1><Revision>ISO5436 - 2000</Revision>
 <FeatureType>{t["feature"]}</FeatureType><Axes>
@@ -85,7 +76,7 @@ def xml(letter: str = "D", extra: str = "", **texts: object) -> str:
 <DataLink><PointDataLink>{t["link"]}</PointDataLink>{t.get("more", "")}</DataLink></Record3></p:ISO5436_2>"""
 
 
-def x3p(main: str | None = None, data: bytes | None = None, **members: bytes) -> bytes:
+def x3p(main=None, data=None, **members):
     raw = HEIGHTS.astype("<f8").tobytes() if data is None else data
     return archive(**{"main.xml": xml() if main is None else main, "bindata/data.bin": raw} | members)
 
@@ -116,11 +107,9 @@ BAD = {
     "infinite": ("a.npz", npz(heights=np.where(HEIGHTS > 2e-7, np.inf, HEIGHTS)), ["of its points are infinite"]),
     "heights in nm": ("a.npz", npz(heights=HEIGHTS * 1e12), ["from lowest to highest on", "is the unit right?"]),
     "kilometres": ("a.npz", npz(unit="km", heights=HEIGHTS), ["apart", "is the unit right?"]),
-    "1e9 points": ("a.npz", archive(**{"heights.npy": npy_header((10**5, 10**4)), "spacing.npy": b"", "unit.npy": b""}),
-                   ["1e+09 points, at most 3e+07"]),
+    "1e9 points": ("a.npz", archive_of(npy_header((10**5, 10**4))), ["1e+09 points, at most 3e+07"]),
     "lying bomb": ("a.npz", lying_bomb(), ["damaged or cut short"]),
-    "short array": ("a.npz", archive(**{"heights.npy": npy_header((50, 60)), "spacing.npy": b"", "unit.npy": b""}),
-                    ["is cut short"]),
+    "short array": ("a.npz", archive_of(npy_header((50, 60))), ["is cut short"]),
     "cut x3p": ("a.x3p", x3p()[:9000], ["damaged or cut short"]),
     "no main.xml": ("a.x3p", archive(other=b"x"), ["main.xml", "is missing in the archive"]),
     "no data": ("a.x3p", archive(**{"main.xml": xml()}), ["bindata/data.bin", "is missing in the archive"]),
@@ -148,18 +137,16 @@ BAD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_a_spoilt_file_gives_one_clear_message(case, tmp_path):
-    name, data, words = BAD[case]
-    if data is not None:
-        (tmp_path / name).write_bytes(data)
-    (tmp_path / "scene.toml").write_text(SCENE.replace("FILE", name), encoding="utf-8")
-    with pytest.raises(InputError) as error:
-        plate_surfaces(Scene.load(tmp_path / "scene.toml"))
-    text = str(error.value)
-    assert all(word in text for word in words), text
-    assert "scene.toml:7:" in text and "plates.lower.surface." in text and name in text
-    assert len(error.value.faults) == 1 and error.value.exit_code == 3
+def test_a_spoilt_file_gives_one_clear_message(tmp_path):
+    for case, (name, data, words) in BAD.items():
+        if data is not None:
+            (tmp_path / name).write_bytes(data)
+        (tmp_path / "scene.toml").write_text(SCENE.replace("FILE", name), encoding="utf-8")
+        with pytest.raises(InputError) as error:
+            plate_surfaces(Scene.load(tmp_path / "scene.toml"))
+        text = str(error.value)
+        assert all(word in text for word in (*words, "scene.toml:7:", "plates.lower.surface.", name)), (case, text)
+        assert len(error.value.faults) == 1 and error.value.exit_code == 3
 
 
 def test_bodies_between_rough_plates_are_not_pushed_apart():
@@ -203,7 +190,7 @@ def test_npz_units_of_heights_and_spacing_may_differ(tmp_path):
     np.testing.assert_allclose(scan.heights, HEIGHTS, rtol=1e-15)
 
 
-def test_the_readers_agree_with_surface_topography(tmp_path: Path):
+def test_the_readers_agree_with_surface_topography(tmp_path):
     topography = pytest.importorskip("SurfaceTopography")
     from SurfaceTopography.IO.X3P import write_x3p
 
@@ -228,18 +215,9 @@ def test_a_foreign_format_of_a_billion_points_is_refused_before_they_are_read(tm
         def heights(self):
             raise AssertionError("reads the heights")
 
-    class File:
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            return None
-
-        def topography(self):
-            return Topography()
-
+    file = contextlib.nullcontext(types.SimpleNamespace(topography=Topography))
     module = types.ModuleType("SurfaceTopography.IO")
-    monkeypatch.setattr(module, "open_topography", lambda _: File(), raising=False)
+    monkeypatch.setattr(module, "open_topography", lambda _: file, raising=False)
     monkeypatch.setitem(sys.modules, "SurfaceTopography", types.ModuleType("SurfaceTopography"))
     monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", module)
     (tmp_path / "a.opd").write_bytes(b"x" * 100)

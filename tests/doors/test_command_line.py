@@ -1,19 +1,25 @@
-"""The command line itself: its help, short options, unknown commands, completion in shells, limits of options."""
+"""The command line itself: its help, short options, unknown commands, completion in shells, limits of options; what is installed
+to start from: the shipped scenes and the plug-in template, from the source tree and from a wheel."""
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import warnings
+import zipfile
 from pathlib import Path
 
 import pytest
 from portable import PATIENCE
 
 import thirdbody
-from thirdbody.cli import main
+from thirdbody.cli import main, starter_files
 from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
+from thirdbody.laws.registry import load_file
+from thirdbody.scene.model import Scene
 
 COMMANDS = (
     "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
@@ -21,25 +27,17 @@ COMMANDS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_speaks_of_files_and_numbers_not_of_types_of_python(name, command):
-    report = command(name, "--help")
-    assert report.code == 0
-    assert not re.findall(r"<(?!scene)[^>]*>|\b(?:TEXT|INTEGER|FLOAT|RANGE|list\[)", report.out)  # runs/<scene name> may stay
-    assert "--install-completion" not in report.out  # an option of `thirdbody` alone
+def test_help_speaks_of_files_and_numbers_not_of_types_of_python(command):
+    for name in COMMANDS:
+        report = command(name, "--help")
+        assert report.code == 0 and report == command(name, "-h")
+        types = r"<(?!scene)[^>]*>|\b(?:TEXT|INTEGER|FLOAT|RANGE|list\[)"  # runs/<scene name> may stay
+        assert not re.findall(types, report.out) and "--install-completion" not in report.out  # an option of `thirdbody` alone
+    assert command("-h") == command("--help")
 
 
-@pytest.mark.parametrize("name", [(), *((name,) for name in COMMANDS)], ids=lambda words: " ".join(words) or "thirdbody")
-def test_h_is_help(name, command):
-    assert command(*name, "-h") == command(*name, "--help")
-
-
-def test_v_is_version(command):
-    assert command("-V") == command("--version")
-    assert command("-V").out == f"thirdbody {thirdbody.__version__}\n"
-
-
-def test_python_m_is_the_same_program():
+def test_version_and_the_same_program_as_a_module(command):
+    assert command("-V") == command("--version") == (0, f"thirdbody {thirdbody.__version__}\n", "")
     done = subprocess.run([sys.executable, "-m", "thirdbody", "run", "--help"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("Usage: thirdbody run")
 
@@ -51,14 +49,15 @@ def test_an_unknown_command_is_answered_with_those_that_exist(command):
     assert report.code == 2 and report.err == "thirdbody: no command 'blance', did you mean 'balance'?\n"
 
 
-@pytest.mark.parametrize("words", [*REMOVED_OPTIONS, *((name,) for name in REMOVED_COMMANDS)], ids=" ".join)
-def test_what_is_gone_is_answered_with_what_does_its_job(words, balls, command, tmp_path):
+def test_what_is_gone_is_answered_with_what_does_its_job(balls, command, tmp_path):
     """One message, also where the option has a value, and nothing is written."""
     balls()
-    text = REMOVED_OPTIONS[words] if len(words) == 2 else REMOVED_COMMANDS[words[0]]
-    for line in ((words[0], "scene.toml", *words[1:], "4"), (words[0], "scene.toml", f"{words[-1]}=4")):
-        report = command(*line) if len(words) == 2 else command(*words)
-        assert report.code == 2 and report.err == f"thirdbody: {words[-1]}: {text}\n" and not report.out
+    rows = [((name,), name, text) for name, text in REMOVED_COMMANDS.items()]
+    for (name, option), text in REMOVED_OPTIONS.items():
+        rows += [((name, "scene.toml", option, "4"), option, text), ((name, "scene.toml", f"{option}=4"), option, text)]
+    for words, name, text in rows:
+        assert command(*words) == (2, "", f"thirdbody: {name}: {text}\n")
+    assert "--effects" in command("cost", "scene.toml", "--verify").err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
@@ -71,12 +70,11 @@ def test_memory_that_runs_out_is_no_bug(text, command, monkeypatch):
     assert command("laws") == (5, "", f"thirdbody: not enough memory{f' ({text})' if text else ''}\n")
 
 
-@pytest.mark.parametrize("option", ["--wall-limit", "--checkpoint-every"])
-def test_a_time_without_a_unit_is_not_guessed(option, balls, command):
+def test_a_time_without_a_unit_is_not_guessed(balls, command):
     balls()
-    report = command("run", "scene.toml", option, "5")
-    wanted = "expected a unit of time (ps, ns, us, ms, s, min, h)"
-    assert report.code == 2 and report.err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
+    for option in ("--wall-limit", "--checkpoint-every"):
+        wanted = "expected a unit of time (ps, ns, us, ms, s, min, h)"
+        assert command("run", "scene.toml", option, "5").err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
 
 
 def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path):
@@ -90,11 +88,8 @@ def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path
         thirdbody.run(scene, tmp_path / "one", threads=1, progress=False)
 
 
-# completion ---------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
-def home(tmp_path: Path) -> dict[str, str]:
+def home(tmp_path):
     """The environment of a user whose home is empty, with the command `thirdbody` on the path."""
     program = tmp_path / "bin" / "thirdbody"
     program.parent.mkdir()
@@ -103,8 +98,7 @@ def home(tmp_path: Path) -> dict[str, str]:
     return {**os.environ, "HOME": str(tmp_path), "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"}
 
 
-def shell(name: str, script: str, home: dict[str, str]) -> str:
-    """What a script prints in a shell."""
+def shell(name, script, home):
     if not shutil.which(name):
         pytest.skip(f"no {name} here")
     words = [name, "-f"] if name == "zsh" else [name]
@@ -123,6 +117,7 @@ asked run --install
 """
 
 
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("how", ['eval "$(thirdbody --show-completion)"', "thirdbody --install-completion; source ~/.bashrc"])
 def test_bash_completes_commands_and_options(how, home):
     lines = [set(line.split()) for line in shell("bash", f"{how}\n{BASH}", home).splitlines()[-5:]]
@@ -179,7 +174,100 @@ def test_completion_in_an_unknown_shell_is_refused_with_those_that_work(home, tm
     assert done.returncode == 2 and "bash, zsh and fish" in done.stderr and done.stdout == ""
 
 
-def test_an_option_that_is_no_more_is_answered_with_what_does_its_work(command):
-    report = command("cost", "scene.toml", "--verify")
-    assert report.code == 2 and report.err.count("\n") == 1
-    assert report.err.startswith("thirdbody: --verify: ") and "--effects" in report.err
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = {path.relative_to(ROOT / "scenes").with_suffix("").as_posix(): path for path in (ROOT / "scenes").rglob("*.toml")}
+SWEEPS = [name for name, path in SCENES.items() if "sweep" in tomllib.loads(path.read_text(encoding="utf-8"))]
+
+
+def test_every_shipped_scene_is_listed_with_its_question(command):
+    report = command("new", "--list")
+    assert report.code == 0
+    lines = {line.split()[0]: line for line in report.out.splitlines() if line}
+    for name, path in SCENES.items():
+        question = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        assert question in lines[name]
+    rows = json.loads(command("new", "--list", "--json").out)
+    assert {row["name"] for row in rows} == SCENES.keys() and all("?" in row["question"] for row in rows)
+
+
+def test_a_copy_has_all_that_the_scene_needs(command, tmp_path):
+    for name, path in SCENES.items():
+        mine = f"{name.replace('/', '_')}.toml"
+        report = command("new", mine, "--from", name)
+        assert report.code == 0 and report.out.startswith(mine)
+        assert (tmp_path / mine).read_bytes() == path.read_bytes()
+        kind = "balance" if name.startswith("balance/") else "sweep --dry-run" if name in SWEEPS else "check"
+        assert f"next: thirdbody {kind} {mine}" in report.out
+        scene = Scene.load(mine) if kind == "check" else None
+        for debris in scene.debris if scene else ():
+            assert not hasattr(debris, "file") or scene.beside(debris.file).is_file()
+
+
+@pytest.mark.full(kind="slow")
+@pytest.mark.parametrize("name", SWEEPS)
+def test_a_copy_of_a_sweep_can_be_planned(name, command):
+    assert command("new", "mine.toml", "--from", name).code == 0
+    assert command("sweep", "--dry-run", "mine.toml").code == 0
+
+
+def test_a_file_that_a_scene_needs_is_copied_once_and_never_over_another(command, tmp_path):
+    assert command("new", "--from", "scanned_debris.toml").code == 0
+    mesh = tmp_path / "debris_particle.stl"
+    assert mesh.read_bytes() == (ROOT / "scenes" / "debris_particle.stl").read_bytes()
+    report = command("new", "again.toml", "--from", "scanned_debris")
+    assert report.code == 0 and "stl" not in report.out
+    mesh.write_bytes(b"my own")
+    report = command("new", "third.toml", "--from", "scanned_debris")
+    assert report.code == 5 and "debris_particle.stl: exists already" in report.err
+    assert mesh.read_bytes() == b"my own" and not (tmp_path / "third.toml").exists()
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
+    def full(path, content):
+        if path.suffix == ".stl":
+            raise OSError(28, "No space left on device")
+        path.write_bytes(content)
+
+    monkeypatch.setattr(starter_files, "write_whole", full)
+    with pytest.raises(starter_files.OutputError, match="debris_particle.stl: cannot be written .No space left"):
+        starter_files.copy_scene("scanned_debris", tmp_path / "x.toml")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plug_in_to_start_from(command, tmp_path):
+    report = command("new", "--plugin", "sticky.py")
+    assert report.code == 0 and "next: thirdbody laws --check sticky.py" in report.out
+    assert (tmp_path / "sticky.py").read_bytes() == (ROOT / "plugins" / "dmt_adhesion.py").read_bytes()
+    assert load_file(tmp_path / "sticky.py").effects
+    assert command("new", "--plugin", "sticky.py").code == 5
+
+
+def test_calls_that_cannot_work(command, tmp_path):
+    for *arguments, message in (
+        ("--from", "freting", "--from freting: no such scene, did you mean 'fretting'?"),
+        ("--from", "../plugins/x", "no such scene"),
+        ("--from", "fretting", "--plugin", "give one of them"),
+        ("--json", "only with --list"),
+    ):
+        done = command("new", "x.toml", *arguments)
+        assert done.code == 2 and message in done.err and done.err.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_a_wheel_carries_them_and_no_pictures(tmp_path):
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path)
+    for name in ("src", "plugins", "scenes"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.egg-info", "__pycache__"))
+    build = "from setuptools.build_meta import build_wheel; build_wheel('.')"
+    subprocess.run([sys.executable, "-c", build], cwd=tmp_path, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {f"thirdbody_scenes/{name}.toml" for name in SCENES} <= set(names)
+    assert {"thirdbody_scenes/debris_particle.stl", "thirdbody_template/dmt_adhesion.py", "thirdbody/__main__.py"} <= set(names)
+    assert not [name for name in names if name.endswith((".png", ".ipynb"))]
+
+
+def test_the_build_asks_for_a_setuptools_that_knows_its_keys():
+    """A licence as an SPDX expression is read since setuptools 77.0.3; older ones refuse it."""
+    (requested,) = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    assert tuple(map(int, requested.removeprefix("setuptools>=").split("."))) >= (77, 0, 3)

@@ -1,7 +1,5 @@
 """Plug-ins: found, refused, told about; an edited law is never run from a stale cache."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -32,89 +30,70 @@ PLUGIN = Plugin("push", effects=(BodyEffect("push", push, Numbers, lambda option
 
 FLIGHT = """\
 scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-positions = [["10 um", "10 um", "10 um"]]
-[domain]
-size = ["80 um", "60 um"]
-[effects]
-push = true
-[solver]
-duration = "1 us"
-[output]
-every = "1 us"
+materials.steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}
+debris = [{material = "steel", kind = "spheres", radius = "5 um", positions = [["10 um", "10 um", "10 um"]]}]
+domain = {size = ["80 um", "60 um"]}
+effects = {push = true}
+solver = {duration = "1 us"}
+output = {every = "1 us"}
 """
 
 
-def fly(folder: Path, out: str, installed: Path | None = None) -> float:
-    """Speed along x after 1 us under the push, simulated in a process of its own, with a folder of installed packages."""
-    command = [sys.executable, "-m", "thirdbody.cli.main", "run", "flight.toml", "-o", out, "-q", "--plugin", "push.py"]
-    paths = os.pathsep.join(filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": paths})
-    assert done.returncode == 0, done.stderr
-    with thirdbody.open(folder / out) as run:
-        return float(run.bodies(-1)["velocity"][0, 0]) / float(run.times[-1])
+def flown(folder, edits):
+    """Speed along x over time under the push, before and after each edit of files, {path: text}: each in a process of its own,
+    with a folder of packages."""
+    (folder / "flight.toml").write_text(FLIGHT)
+    found, paths = [], os.pathsep.join(filter(None, [str(folder / "site"), os.environ.get("PYTHONPATH")]))
+    for k, texts in enumerate(edits):
+        for name, text in texts.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+        words = [sys.executable, "-m", "thirdbody", "run", "flight.toml", "-o", f"run{k}", "-q", "--plugin", "push.py"]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": paths})
+        assert done.returncode == 0, done.stderr
+        with thirdbody.open(folder / f"run{k}") as run:
+            found.append(float(run.bodies(-1)["velocity"][0, 0]) / float(run.times[-1]))
+    return found
 
 
-def test_an_edited_plug_in_is_compiled_anew(tmp_path):
-    """The acceleration is push over mass, so doubling the constant in the file must double it; back again, too."""
-    (tmp_path / "flight.toml").write_text(FLIGHT)
-    found = []
-    for k, push in enumerate(("1e-9", "2e-9", "1e-9")):
-        (tmp_path / "push.py").write_text(PUSH.format(push=push))
-        found.append(fly(tmp_path, f"run{k}"))
-    mass = 7850.0 * 4.0 / 3.0 * np.pi * 5e-6**3
-    # a constant force: velocity Verlet is exact, what is left is rounding over some thousand steps
-    assert found == pytest.approx([1e-9 / mass, 2e-9 / mass, 1e-9 / mass], rel=1e-10)
-    assert found[0] == found[2]
-
-
+# what a kernel reaches is part of the name of its module: tests/unit/test_dependencies.py
+@pytest.mark.full(kind="slow")
 def test_an_edited_neighbour_of_a_plug_in_is_noticed(tmp_path):
     """The kernel's own file stays the same; what changes is a kernel that it takes from a file beside it."""
-    (tmp_path / "flight.toml").write_text(FLIGHT)
     beside = "import sys\nsys.path.insert(0, __file__.rpartition('/')[0])\nfrom push_strength import strength\n"
-    (tmp_path / "push.py").write_text(beside + PUSH.format(push="strength(b)"))
-    found = []
-    for k, push in enumerate(("1e-9", "3e-9")):
-        source = f"from thirdbody.plugin import kernel\n@kernel\ndef strength(b):\n    return {push}\n"
-        (tmp_path / "push_strength.py").write_text(source)
-        found.append(fly(tmp_path, f"run{k}"))
-    assert found[1] == pytest.approx(3.0 * found[0], rel=1e-10)
+    source = "from thirdbody.plugin import kernel\n@kernel\ndef strength(b):\n    return {}\n"
+    first = {"push.py": beside + PUSH.format(push="strength(b)"), "push_strength.py": source.format("1e-9")}
+    found = flown(tmp_path, [first, {"push_strength.py": source.format("3e-9")}])
+    mass = 7850.0 * 4.0 / 3.0 * np.pi * 5e-6**3
+    # a constant force: velocity Verlet is exact, what is left is rounding over some thousand steps
+    assert found == pytest.approx([1e-9 / mass, 3e-9 / mass], rel=1e-10)
 
 
+@pytest.mark.full(kind="slow")
+def test_an_edited_plug_in_is_compiled_anew_also_as_it_was(tmp_path):
+    found = flown(tmp_path, [{"push.py": PUSH.format(push=push)} for push in ("1e-9", "2e-9", "1e-9")])
+    assert found[1] == pytest.approx(2.0 * found[0], rel=1e-10) and found[0] == found[2]
+
+
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize("part", ["helper.py", "strength.txt"])
 def test_an_edited_part_of_an_installed_package_is_noticed(part, tmp_path):
     """A plug-in takes a kernel from a package, which multiplies it by a number that it reads from a file."""
-    (tmp_path / "flight.toml").write_text(FLIGHT)
-    (tmp_path / "push.py").write_text("from push_package.helper import strength\n" + PUSH.format(push="strength(b)"))
-    package = tmp_path / "site-packages" / "push_package"
-    package.mkdir(parents=True)
     read = "float((Path(__file__).parent / 'strength.txt').read_text())"
     helper = f"from pathlib import Path\nfrom numba import njit\nREAD = {read}\n@njit\ndef strength(b):\n    return {{}} * READ\n"
-    found = []
-    for k, factor in enumerate((1.0, 3.0)):
-        (package / "helper.py").write_text(helper.format(factor if part == "helper.py" else 1.0))
-        (package / "strength.txt").write_text(str(1e-9 * (factor if part == "strength.txt" else 1.0)))
-        found.append(fly(tmp_path, f"run{k}", package.parent))
+    first = {"push.py": "from push_package.helper import strength\n" + PUSH.format(push="strength(b)"),
+             "site/push_package/helper.py": helper.format(1.0), "site/push_package/strength.txt": "1e-9"}  # fmt: skip
+    found = flown(tmp_path, [first, {f"site/push_package/{part}": helper.format(3.0) if part == "helper.py" else "3e-9"}])
     assert found[1] == pytest.approx(3.0 * found[0], rel=1e-10)
-
-
-# entry points -------------------------------------------------------------------------------------------------------------
 
 
 class Point:
     """An installed entry point that gives what it is told to."""
 
-    def __init__(self, name: str, result: object):
+    def __init__(self, name, result):
         self.name, self.result, self.module = name, result, f"module_of_{name}"
 
-    def load(self) -> object:
+    def load(self):
         if isinstance(self.result, Exception):
             raise self.result
         return self.result
@@ -122,11 +101,10 @@ class Point:
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Puts entry points of a group beside those that are really installed."""
     real = registry.entry_points
 
-    def put(wanted: str, *points: Point) -> None:
-        def found(group: str) -> list[object]:
+    def put(wanted, *points):
+        def found(group):
             return [*real(group=group), *(points if group == wanted else [])]
 
         monkeypatch.setattr(registry, "entry_points", found)
@@ -144,14 +122,9 @@ def test_a_broken_plug_in_is_reported_and_stops_nothing(installed, balls, comman
     assert "three_spot" in report.out
     balls()
     assert command("check", "scene.toml").code == 0
-
-
-def test_a_law_of_a_broken_plug_in_is_reported_with_the_reason(installed, balls, command):
-    installed("thirdbody.plugins", Point("rusty", ModuleNotFoundError("No module named 'rust'")))
     balls(("[solver]", '[contact]\nlaw = "rusty"\n[solver]'))
     report = command("check", "scene.toml")
-    assert report.code == 3
-    assert "no law 'rusty' is installed" in report.err and "No module named 'rust'" in report.err
+    assert report.code == 3 and "no law 'rusty' is installed" in report.err and "No module named 'rust'" in report.err
 
 
 def test_two_plug_ins_with_one_name_are_refused(installed, balls, command):
@@ -161,14 +134,6 @@ def test_two_plug_ins_with_one_name_are_refused(installed, balls, command):
     balls()
     report = command("check", "scene.toml", "--plugin", DMT)
     assert report.code == 2 and "both bring 'dmt_adhesion'" in report.err and "Traceback" not in report.err
-
-
-def test_real_entry_points_bring_the_flagship():
-    found = discover()
-    assert "three_spot" in found.families and not found.failures
-
-
-# commands -----------------------------------------------------------------------------------------------------------------
 
 
 def test_a_plug_in_brings_a_command(installed, command):
@@ -186,15 +151,11 @@ def test_a_plug_in_brings_a_command(installed, command):
 
 
 def test_help_lists_commands_of_plug_ins_without_importing_them(installed, command):
-    point = Point("weigh", AssertionError("imported"))
-    installed("thirdbody.commands", point)
+    installed("thirdbody.commands", Point("weigh", AssertionError("imported")))
     report = command("--help")
     assert report.code == 0 and "weigh" in report.out and "module_of_weigh" in report.out
-
-
-def test_help_reports_what_a_command_of_a_plug_in_does(command):
-    report = " ".join(command("--help").out.split())
-    assert "balance Balance of a single particle between two bodies" in report and "map Draw the map of regimes" in report
+    told = " ".join(report.out.split())
+    assert "balance Balance of a single particle between two bodies" in told and "map Draw the map of regimes" in told
 
 
 def test_a_broken_command_is_reported(installed, command):
@@ -202,9 +163,7 @@ def test_a_broken_command_is_reported(installed, command):
     report = command("weigh", "3")
     assert report.code == 2 and "Traceback" not in report.err
     assert "weigh: this command of module_of_weigh does not load: ImportError: no scales" in report.err
-
-
-def test_a_plug_in_cannot_take_the_name_of_a_command(installed, command):
+    # and a plug-in cannot take the name of a command
     installed("thirdbody.commands", Point("laws", ImportError("never loaded")))
     assert "three_spot" in command("laws").out
 
@@ -213,9 +172,6 @@ def test_entry_points_have_what_the_commands_use():
     """The stand-in above must not hide a change of the real class."""
     point = EntryPoint("weigh", "scales:weigh", "thirdbody.commands")
     assert (point.name, point.module, point.attr) == ("weigh", "scales", "weigh")
-
-
-# the template -------------------------------------------------------------------------------------------------------------
 
 
 def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
@@ -234,7 +190,7 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
     assert command("run", "scene.toml", "-o", "dry", "-q").code == 0
     balls(*still, ("[solver]", f'[effects.dmt_adhesion]\nwork_of_adhesion = "{work} J/m2"\n[solver]'))
     report = command("run", "scene.toml", "-o", "without", "-q")
-    assert report.code == 3 and "no effect 'dmt_adhesion' is installed" in report.err
+    assert report.code == 3 and "no effect 'dmt_adhesion' is installed" in report.err and "--plugin FILE" in report.err
     assert command("run", "scene.toml", "-o", "sticky", "-q", "--plugin", DMT).code == 0
     with thirdbody.open("dry") as dry, thirdbody.open("sticky") as sticky:
         sunk = [2.0 * radius - run.series["gap"][-1] for run in (dry, sticky)]
@@ -243,51 +199,35 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
         assert expected > 1.05
 
 
-# faults of a plug-in file ---------------------------------------------------------------------------------------------------
-
-TYPOS = {
-    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line {line}']),
-    "a name that is not there": ("Adhesion(-pull_off,", "Adhesion(-pull_of,", ["NameError", "'pull_of'"]),
-    "a function that is not there": ("math.pi *", "math.pie *", ["'math'", "'pie'"]),
-    "an answer that lacks a part": (
-        "Adhesion(-pull_off, -pull_off * c.overlap)",
-        "Adhesion(-pull_off)",
-        ["Adhesion", "'stored'"],
-    ),
-}
+TYPOS = [
+    ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
+    ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
+    ("math.pi *", "math.pie *", "'math'", "'pie'"),
+    ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
+]
 
 
-@pytest.mark.parametrize(("right", "wrong", "words"), TYPOS.values(), ids=TYPOS)
-def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(right, wrong, words, balls, command, tmp_path):
+def test_a_typo_in_a_kernel_is_reported_alike_by_the_suite_and_by_a_scene(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
-    assert text.count(right) == 1
-    words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
-    (tmp_path / "law.py").write_text(text.replace(right, wrong), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    report = command("laws", "--check", "law.py")
-    (line,) = [line for line in report.out.splitlines() if line.startswith("FAIL")]
-    assert report.code == 2 and "dmt_adhesion" in line and "cannot be compiled" in line and "pipeline" not in line
-    assert all(word in line for word in words), line
-    report = command("check", "scene.toml", "--plugin", "law.py")
-    assert (
-        report.code == 2
-        and report.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ")
-        and report.err.count("\n") == 1
-    )
-    assert all(word in report.err for word in words), report.err
+    for k, (right, wrong, *words) in enumerate(TYPOS):
+        assert text.count(right) == 1
+        words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
+        (tmp_path / f"law{k}.py").write_text(text.replace(right, wrong), encoding="utf-8")
+        report = command("laws", "--check", f"law{k}.py")
+        (line,) = [line for line in report.out.splitlines() if line.startswith("FAIL")]
+        assert report.code == 2 and "dmt_adhesion" in line and "cannot be compiled" in line and "pipeline" not in line
+        assert all(word in line for word in words), line
+        report = command("check", "scene.toml", "--plugin", f"law{k}.py")
+        assert report.code == 2 and report.err.count("\n") == 1 and all(word in report.err for word in words), report.err
+        assert report.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ")
 
 
-@pytest.mark.parametrize("arguments", [("laws", "--check", "law.py"), ("check", "scene.toml", "--plugin", "law.py")])
-def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(arguments, balls, command, tmp_path):
+def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     (tmp_path / "law.py").write_text(text.replace('"energy_per_area"', '"energy_per_aera"'), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    report = command(*arguments)
-    assert report.code == 2 and "option 'work_of_adhesion': unknown dimension 'energy_per_aera'" in report.err
-    assert "did you mean 'energy_per_area'?" in report.err and "law.py" in report.err and report.err.count("\n") == 1
-
-
-def test_an_effect_that_is_missing_is_reported_with_the_option_that_brings_it(balls, command):
-    balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
-    report = command("check", "scene.toml")
-    assert report.code == 3 and "no effect 'dmt_adhesion' is installed" in report.err and "--plugin FILE" in report.err
+    for arguments in (("laws", "--check", "law.py"), ("check", "scene.toml", "--plugin", "law.py")):
+        report = command(*arguments)
+        assert report.code == 2 and "option 'work_of_adhesion': unknown dimension 'energy_per_aera'" in report.err
+        assert "did you mean 'energy_per_area'?" in report.err and "law.py" in report.err and report.err.count("\n") == 1
