@@ -6,8 +6,6 @@ mechanical frictional contacts subject to arbitrary 2D loading, Int. J. Solids S
 mpmath's.
 """
 
-from __future__ import annotations
-
 
 class MemoryDiagram:
     """A contact with N = stiffness d^1.5, friction mu, kappa = mu E*/G*; positive slip gives positive T."""

@@ -1,12 +1,11 @@
 """Contact between bodies in the implicit integrator: balances in closed form, impacts, and what must not change the result."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from slow import slow
 
 from thirdbody.engine import implicit_islands
 from thirdbody.engine.energy import Ledger
@@ -24,17 +23,11 @@ from thirdbody.scene import model
 R, LOAD, MU = 5e-6, 1e-4, 0.3
 RIGID = {"support": "rigid", "load": 8.0 * LOAD}
 FOUNDATION = {"support": "foundation", "load": 8.0 * LOAD, "stiffness": 1e5, "preload": 0.1 * LOAD}
-plates = pytest.mark.parametrize("plate", [None, RIGID, FOUNDATION], ids=["patches", "rigid", "foundation"])
 common_plates = pytest.mark.parametrize("plate", [RIGID, FOUNDATION], ids=["rigid", "foundation"])
-SIZE, MIDDLE, GAP = 2e-4, 1e-4, 2e-8
-"""Side of the domain, place of the obstacle, and gaps between bodies, m."""
-
-CLOSED = 1e-6
-"""Largest residual of the ledger: Newton's method leaves 1e-9 of the forces unbalanced in a step."""
-
+SIZE, MIDDLE, GAP = 2e-4, 1e-4, 2e-8  # side of the domain, place of the obstacle, and gaps between bodies, m
+CLOSED = 1e-6  # largest residual of the ledger: Newton's method leaves 1e-9 of the forces unbalanced in a step
 STIFF = 2e-3
 """Deviation of a force from its value for rigid bodies: overlaps tilt the forces by an overlap of 30 nm over the radius."""
-
 BLOCK = tuple(
     {"center": (4e-6 * x, 4e-6 * y, 0.0), "radius": R}
     for x, y in [(0.0, 0.0)] + [(math.cos(k * math.pi / 3.0), math.sin(k * math.pi / 3.0)) for k in range(6)]
@@ -97,52 +90,24 @@ def test_two_equal_balls_that_touch_roll_on_together(make):
     assert all(contact[record.NORMAL_FORCE] < 1e-4 * LOAD for contact in between_bodies(simulation))
 
 
-def forces_of_a_row(balls, mu, mu_pair):
-    """Normal forces over the load in a row of balls that the drag presses against an obstacle, from the last ball on.
+@pytest.mark.parametrize(("mu_pair", "balls"), [(0.0, 1), (MU, 3), slow(0.0, 2), slow(0.0, 3), slow(MU, 1), slow(MU, 2)])
+def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, balls, mu_pair):
+    """Their tops slip, the plate feels mu W from each; between two balls the friction is MU, and mu_pair at the block.
 
     A ball at rest whose top slips feels mu W there and T below; its neighbours press by N_1 from behind and N_2 from ahead, and
-    rub by mu_pair of it. Balance of forces: N_2 - N_1 = mu W + T; of moments: mu W = T + mu_pair (N_1 + N_2).
+    rub by mu_1 and mu_2 of it. Balance of forces: N_2 - N_1 = mu W + T; of moments: mu W = T + mu_1 N_1 + mu_2 N_2.
     """
-    forces = [0.0]
-    for _ in range(balls):
-        forces.append((2.0 * mu + (1.0 - mu_pair) * forces[-1]) / (1.0 + mu_pair))
-    return forces[1:]
-
-
-@pytest.mark.parametrize("balls", [1, 2, 3])
-@pytest.mark.parametrize("mu_pair", [0.0, MU])
-def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, balls, mu_pair):
-    """Their tops slip, the plate feels mu W from each; between two balls the friction is MU."""
     simulation = dragged(make, row(make, balls), {("block", "floor"): 5.0, ("ball", "block"): mu_pair})
     lines, residual = ledger_after(simulation, 4e-6)
-    forces = sorted(between_bodies(simulation)[:, record.NORMAL_FORCE] / LOAD)
-    expected = forces_of_a_row(balls - 1, MU, MU)
-    ahead = expected[-1] if expected else 0.0
-    # the contact with the block rubs less than those between balls
-    last = (2.0 * MU + (1.0 - MU) * ahead) / (1.0 + mu_pair)
-    assert forces == pytest.approx(sorted([*expected, last]), rel=STIFF)
+    forces, expected = sorted(between_bodies(simulation)[:, record.NORMAL_FORCE] / LOAD), [0.0]
+    for ahead in [MU] * (balls - 1) + [mu_pair]:
+        expected.append((2.0 * MU + (1.0 - MU) * expected[-1]) / (1.0 + ahead))
+    assert forces == pytest.approx(sorted(expected[1:]), rel=STIFF)
     upper = simulation.state.A[run_totals.UPPER_FORCE3]
     # the upper plate is of the material of the balls
     assert -upper[0] / LOAD == pytest.approx(balls * MU + mu_pair, rel=1e-6)
     assert [make.label(simulation, body) for body in range(balls + 1)] == ["sliding"] * (balls + 1)
     assert residual < CLOSED and abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
-
-
-def hertz_overlap(make, force):
-    """Overlap (m) of a ball of steel on steel under a force (N)."""
-    modulus = make.STEEL.youngs_modulus / (2.0 * (1.0 - make.STEEL.poisson_ratio**2))
-    return (0.75 * force / (modulus * math.sqrt(R))) ** (2.0 / 3.0)
-
-
-def contacts_of(simulation, number):
-    """Normal forces over LOAD of a body by the kind of its partner: the lower plate, the upper plate, another body."""
-    state, slots = simulation.state, simulation.state.slots
-    found = {}
-    for own, partner, row_ in zip(slots.own, slots.partner, slots.R, strict=True):
-        bodies = {int(state.order[state.body[own]])} | ({int(state.order[state.body[partner]])} if partner >= 0 else set())
-        if number in bodies and row_[record.NORMAL_FORCE] > 0.0:
-            found["body" if partner >= 0 else "lower" if partner == -1 else "upper"] = row_[record.NORMAL_FORCE] / LOAD
-    return found
 
 
 @common_plates
@@ -151,16 +116,20 @@ def test_a_ball_and_the_body_that_stops_it_share_the_load_of_one_plate(make, pla
     simulation = dragged(make, row(make, 1), {("block", "floor"): 5.0}, plate=plate)
     assert isinstance(simulation.integrator, ImplicitCommonPlateIslands)
     lines, residual = ledger_after(simulation, 4e-6)
-    state, forces, total = simulation.state, contacts_of(simulation, 1), 8.0 + 2.0 * plate.get("preload", 0.0) / LOAD
-    top, push = forces["upper"], forces["body"]
+    state, slots, total = simulation.state, simulation.state.slots, 8.0 + 2.0 * plate.get("preload", 0.0) / LOAD
+    is_ball = state.order[state.body[slots.own]] == 1
+    on = slots.R[:, record.NORMAL_FORCE] / LOAD
+    top, bottom = (float(on[is_ball & side].sum()) for side in (slots.partner < -1, slots.partner == -1))
+    push = float(on[slots.partner >= 0].sum())
     assert push == pytest.approx(2.0 * MU * top / (1.0 + MU), rel=STIFF)
-    assert top - forces["lower"] == pytest.approx(MU * push, abs=STIFF * push)
+    assert top - bottom == pytest.approx(MU * push, abs=STIFF * push)
     # momentum: what the plates feel is all that they give to each other
     upper, lower = state.A[run_totals.UPPER_FORCE3] / LOAD, state.A[run_totals.LOWER_FORCE3] / LOAD
     np.testing.assert_allclose(upper, [-MU * total, 0.0, total], atol=1e-6 * total)
     np.testing.assert_allclose(lower, -upper, atol=1e-6 * total)
     own = state.P[state.patch[int(np.flatnonzero(state.order == 1)[0])]]
-    squeezed = hertz_overlap(make, top * LOAD) + hertz_overlap(make, forces["lower"] * LOAD)
+    modulus = make.STEEL.youngs_modulus / (2.0 * (1.0 - make.STEEL.poisson_ratio**2))
+    squeezed = sum((0.75 * part * LOAD / (modulus * math.sqrt(R))) ** (2.0 / 3.0) for part in (top, bottom))
     assert 2.0 * R - own[patch.HEIGHT] == pytest.approx(squeezed, rel=1e-6)
     if plate is FOUNDATION:
         spring = plate["stiffness"] * (own[patch.HEIGHT] - state.P[-1, patch.HEIGHT])
@@ -173,9 +142,8 @@ def test_a_ball_and_the_body_that_stops_it_share_the_load_of_one_plate(make, pla
 def test_slopes_of_an_island_are_difference_quotients(make, plate):
     """Change of the force of each body on the plate as it rises, the whole island in balance."""
     # the ball slips above and sticks below: nowhere is friction just at its limit
-    simulation = dragged(
-        make, row(make, 1), {("block", "floor"): 5.0, ("ball", "floor"): 1.0, ("ball", "block"): 0.0}, plate=plate
-    )
+    frictions = {("block", "floor"): 5.0, ("ball", "floor"): 1.0, ("ball", "block"): 0.0}
+    simulation = dragged(make, row(make, 1), frictions, plate=plate)
     ledger_after(simulation, 2e-6)
     one = simulation.integrator
     one._search()
@@ -241,8 +209,7 @@ def test_a_contact_across_a_periodic_face_is_any_other(make):
     np.testing.assert_allclose(*forces, rtol=1e-6)
 
 
-APPROACH = np.array([[0.2, 0.0], [-0.1, 0.0]])
-"""Velocities before an impact, m/s."""
+APPROACH = np.array([[0.2, 0.0], [-0.1, 0.0]])  # velocities before an impact, m/s
 
 
 def impact(make, tolerance):
@@ -276,7 +243,6 @@ def test_an_impact_off_centre_keeps_the_momentum_and_converges_with_the_second_o
 SWAY, TURN = 0.02, -10.0
 """Velocity across the drag, and of the surface of a ball that is set in rotation, m/s. The first one strains contacts by less
 than what makes them slip, the second one lets all contacts of the ball slip for longer than is computed."""
-
 BEGIN, SPAN, COUNTS = 3e-8, 6e-8, (30, 60, 120, 960)
 """Time in which the contacts begin to swing or to slip, time computed thereafter, s, and numbers of equal steps. The contact
 between ball and block swings with a period of some 60 ns."""
@@ -324,13 +290,6 @@ def test_coupled_steps_are_of_second_order_where_contacts_stick_or_slip(make, ki
     assert slope == pytest.approx(-2.0, abs=0.2)
 
 
-def bits(simulation):
-    """The state of a run, and the totals of its bodies."""
-    state = simulation.state
-    on = state.slots.histories.slip > 0.0
-    return [state.B, state.S[:, :3], state.slots.H[on], state.slots.partner[on], simulation.integrator.totals]
-
-
 def chain(make, plate=None, **solver):
     """A row of balls of different sizes with gaps between them, driven against a block."""
     debris = row(make, 0)
@@ -343,19 +302,22 @@ def chain(make, plate=None, **solver):
     return dragged(make, debris, {("block", "floor"): 5.0}, plate=plate, **solver)
 
 
+def tables(simulation):
+    state, on = simulation.state, simulation.state.slots.histories.slip > 0.0
+    return state.B, state.S[:, :3], state.slots.H[on], state.slots.partner[on], simulation.integrator.totals
+
+
 def copy_of(simulation):
-    """A snapshot that does not change with the run."""
     kept = snapshot(simulation.state, simulation.integrator, Ledger(simulation.state))
     return replace(kept, arrays={name: array.copy() for name, array in kept.arrays.items()})
 
 
 def resumed(simulation, kept):
-    """Put a new run to where a snapshot was taken."""
     restore(kept, simulation.state, simulation.integrator, Ledger(simulation.state))
     return simulation
 
 
-@plates
+@pytest.mark.parametrize("plate", [None, slow(RIGID), FOUNDATION], ids=["patches", "rigid", "foundation"])
 def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
     """Snapshots are taken at a stop and between two stops, as a run that is interrupted there takes them."""
     runs, between = [], []
@@ -379,7 +341,7 @@ def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
             for stop in (1e-6, 2e-6):
                 runs[-1].integrator.advance_to(distance=stop)
     for other in runs[1:]:
-        for one, same in zip(bits(runs[0]), bits(other), strict=True):
+        for one, same in zip(*map(tables, (runs[0], other)), strict=True):
             np.testing.assert_array_equal(one, same)
 
 

@@ -3,8 +3,6 @@
 The law is smooth: what is checked is geometry, and the tangents of the real laws are checked by the conformance suite.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -27,8 +25,6 @@ from thirdbody.kernels.columns import (
     law_input,
     law_output,
     patch,
-    rolling_input,
-    rolling_output,
     run_totals,
     sphere,
     step_memory,
@@ -36,6 +32,8 @@ from thirdbody.kernels.columns import (
     step_start,
     surface_contact,
 )
+from thirdbody.kernels.columns import rolling_input as turn_in
+from thirdbody.kernels.columns import rolling_output as turn_out
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.band_matrix import entry, row_length
@@ -55,12 +53,8 @@ from thirdbody.kernels.signatures import LAW
 from thirdbody.rotations import rotation_matrices
 
 UNCACHED = OPTIONS | {"cache": False}
-
 FLAT = np.zeros((0, surface_contact.WIDTH))
-
-HISTORY = 5
-"""Force, moment and moment about the normal of a contact at the start of the step."""
-
+HISTORY = 5  # force, moment and moment about the normal of a contact at the start of the step
 STIFF, SHEAR, ROLL, TORSION = 1.3, 0.9, 0.2, 0.7
 
 
@@ -77,33 +71,32 @@ def law(I, O, n, _):  # noqa: E741
         O[law_output.TANGENTIAL_X * TILE + q] = I[old] - k_t * (x + 0.1 * y)
         O[law_output.TANGENTIAL_Y * TILE + q] = I[old + TILE] - k_t * (y - 0.1 * x)
         turn, to = (law_input.HISTORY + HISTORY) * TILE + q, (law_output.HISTORY + HISTORY) * TILE + q
-        a, b = I[turn + rolling_input.ROTATION_X * TILE], I[turn + rolling_input.ROTATION_Y * TILE]
-        O[to + rolling_output.MOMENT_X * TILE] = I[old + 2 * TILE] - ROLL * d * (a + 0.1 * b)
-        O[to + rolling_output.MOMENT_Y * TILE] = I[old + 3 * TILE] - ROLL * d * (b - 0.1 * a)
-        O[to + rolling_output.TWIST_MOMENT * TILE] = I[old + 4 * TILE] - TORSION * d**1.5 * I[turn + rolling_input.TWIST * TILE]
+        a, b = I[turn + turn_in.ROTATION_X * TILE], I[turn + turn_in.ROTATION_Y * TILE]
+        O[to + turn_out.MOMENT_X * TILE] = I[old + 2 * TILE] - ROLL * d * (a + 0.1 * b)
+        O[to + turn_out.MOMENT_Y * TILE] = I[old + 3 * TILE] - ROLL * d * (b - 0.1 * a)
+        O[to + turn_out.TWIST_MOMENT * TILE] = I[old + 4 * TILE] - TORSION * d**1.5 * I[turn + turn_in.TWIST * TILE]
 
 
 @njit(LAW, **UNCACHED)
 def tangents(I, K, n, _):  # noqa: E741
-    """Derivatives of `law` (`contact_tangent`)."""
     for q in range(n):
         d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
         root = math.sqrt(I[law_input.RADIUS * TILE + q])
         k_t = SHEAR * (root * d**1.5) ** (1.0 / 3.0)
         bend = 0.5 * k_t / d
         turn = (law_input.HISTORY + HISTORY) * TILE + q
-        a, b = I[turn + rolling_input.ROTATION_X * TILE], I[turn + rolling_input.ROTATION_Y * TILE]
+        a, b = I[turn + turn_in.ROTATION_X * TILE], I[turn + turn_in.ROTATION_Y * TILE]
         values = (
             1.5 * STIFF * root * math.sqrt(d), -k_t, -0.1 * k_t, 0.1 * k_t, -k_t, -bend * (x + 0.1 * y), -bend * (y - 0.1 * x),
             -ROLL * d, -0.1 * ROLL * d, 0.1 * ROLL * d, -ROLL * d, -ROLL * (a + 0.1 * b), -ROLL * (b - 0.1 * a),
-            -TORSION * d**1.5, -1.5 * TORSION * math.sqrt(d) * I[turn + rolling_input.TWIST * TILE],
+            -TORSION * d**1.5, -1.5 * TORSION * math.sqrt(d) * I[turn + turn_in.TWIST * TILE],
         )  # fmt: skip
         for k in range(contact_tangent.ROLLING_WIDTH):
             K[k * TILE + q] = values[k]
 
 
 @pytest.fixture(scope="module")
-def evaluate() -> Callable[..., int]:
+def evaluate():
     """evaluate(packed, y, dt, v_x, v_y, r, J) writes residual and Jacobian of body 0 and returns its contacts."""
     row, table, packed_array = (types.Array(kind, n, "C") for kind, n in ((float64, 1), (float64, 2), (int64, 1)))
 
@@ -129,15 +122,15 @@ OFFSETS = np.array([[1.0, 0.2, -0.5], [-0.7, 0.9, -0.4], [-0.5, -0.8, -0.6], [0.
 RADIUS, OVERLAP, DT = 1.0, 0.05, 10.0
 
 
-def zeros(kind: Any) -> Any:
+def zeros(kind: Any):
     return np.zeros((1,) * kind.ndim, np.dtype(str(kind.dtype))) if isinstance(kind, types.Array) else 0
 
 
-def unit(*v: float) -> np.ndarray:
+def unit(*v: float):
     return np.array(v) / np.linalg.norm(v)
 
 
-def tables(n_plates: int) -> dict[str, Any]:
+def tables(n_plates: int):
     """The tables of a step of a body with `n_plates` candidates; its spheres are in place at the coordinates 0 only."""
     n = len(OFFSETS)
     S, B, E = np.zeros((n, sphere.WIDTH)), np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH_WITHOUT_EFFECTS))
@@ -163,7 +156,7 @@ def tables(n_plates: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def flat_tables() -> dict[str, Any]:
+def flat_tables():
     """`tables` between two flat plates, each of which overlaps with one sphere."""
     n, z = len(OFFSETS), OFFSETS[:, 2]
     given = tables(2 * n) | {
@@ -177,7 +170,7 @@ def flat_tables() -> dict[str, Any]:
     return given
 
 
-def waves(rng: np.random.Generator) -> np.ndarray:
+def waves(rng: np.random.Generator):
     """A height field of the period 8 with slopes up to about 0.5, sharp enough for a second contact of a sphere of radius 1."""
     n, k = 64, 2.0 * math.pi / 64.0
     x, y = np.meshgrid(k * np.arange(n), k * np.arange(n), indexing="ij")
@@ -187,7 +180,7 @@ def waves(rng: np.random.Generator) -> np.ndarray:
     return pack_field(spline_filter(heights, 3, mode="grid-wrap"), 8.0, 8.0)
 
 
-def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: bool) -> dict[str, Any]:
+def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: bool):
     """`tables` of a body in a random pose between two rough plates, each of which overlaps with its nearest sphere by OVERLAP.
 
     `force`: force and moment of the contacts at the start of the step; `closing`: those with the upper plate were open.
@@ -206,7 +199,7 @@ def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: 
     arms = OFFSETS @ rotation_matrices(q[None] / np.linalg.norm(q))[0].T
     centre, up = np.append(rng.uniform(0.0, 8.0, 2), 0.0), 0.0
 
-    def overlaps() -> np.ndarray:
+    def overlaps():
         """The largest overlap with each plate."""
         S[:, :3], P[0, patch.HEIGHT], Q[:, surface_contact.SEARCHED] = arms + centre, up, np.inf
         Q[:, surface_contact.DISTANCE], Q[:, surface_contact.MINIMA] = np.inf, 0.0
@@ -229,7 +222,7 @@ def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: 
     return given
 
 
-def jacobian_errors(evaluate: Callable[..., Any], given: dict[str, Any], steps: Any) -> np.ndarray:
+def jacobian_errors(evaluate: Callable[..., Any], given: dict[str, Any], steps: Any):
     """Largest difference of the Jacobian from central differences of each length, by column, over its largest entry."""
     context = ImplicitContext(**({name: zeros(kind) for name, kind in KINDS.items()} | given))
     packed = pack(argument_specs(KINDS), context)
@@ -266,7 +259,7 @@ def test_on_flat_plates_only_the_turning_of_the_frame_is_left_out(evaluate):
 def test_on_rough_plates_the_jacobian_is_the_derivative_of_the_residual(evaluate, force, closing):
     """Without curvature in the effective radius."""
     rng = np.random.default_rng(8)
-    for _ in range(40):
+    for _ in range(10):
         errors = jacobian_errors(evaluate, rough_tables(rng, False, force, closing), STEPS[1:])
         # as above at the longer step; at the shorter one a hundredth, and where the third derivative jumps a tenth of it
         assert errors[0].max() < 2e-5 and errors[1].max() < 2e-6, errors
@@ -285,7 +278,7 @@ def test_spots_that_interact_have_the_jacobian_of_all_of_them(evaluate):
 def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(evaluate):
     """Without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d."""
     rng, errors = np.random.default_rng(9), []
-    for _ in range(40):
+    for _ in range(10):
         given = rough_tables(rng, True, 0.01, False)
         errors.append(jacobian_errors(evaluate, given, STEPS[1:2]).max())
     # as without it in the median; the one-sided differences of the gradient add 1e-4 of a cell, and more at borders of cells
@@ -296,7 +289,7 @@ def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(
 
 
 @pytest.fixture(scope="module")
-def of_two_bodies() -> Callable[..., Any]:
+def of_two_bodies():
     """evaluate(packed, tables, y, dt, r, J): residual and Jacobian of an island of two bodies; returns its contacts."""
     row, table, packed_array = (types.Array(kind, n, "C") for kind, n in ((float64, 1), (float64, 2), (int64, 1)))
 
@@ -318,26 +311,19 @@ def of_two_bodies() -> Callable[..., Any]:
     return evaluate
 
 
-def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+def two_bodies(rng: np.random.Generator, force: float, closing: bool):
     """Packed tables of two bodies of three spheres in random poses, one sphere of each in contact; and what must stay alive."""
     offsets, q = rng.uniform(-1.0, 1.0, (6, 3)), rng.standard_normal((2, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
     radii, normal, body_of = rng.uniform(0.5, 1.5, 6), unit(*rng.standard_normal(3)), np.repeat([0, 1], 3)
     S, B, E = np.zeros((6, sphere.WIDTH)), np.zeros((2, body.WIDTH)), np.zeros((2, body_extra.WIDTH_WITHOUT_EFFECTS))
-    S[:, sphere.RADIUS], B[:, body.MASS], E[:, body_extra.INERTIA3] = (
-        radii,
-        rng.uniform(0.5, 2.0, 2),
-        rng.uniform(0.2, 1.0, (2, 3)),
-    )
+    S[:, sphere.RADIUS], B[:, body.MASS] = radii, rng.uniform(0.5, 2.0, 2)
+    E[:, body_extra.INERTIA3] = rng.uniform(0.2, 1.0, (2, 3))
     S[:, sphere.MASS] = B[body_of, body.MASS]
     Z, P = np.zeros((2, step_start.WIDTH)), np.zeros((2, patch.WIDTH))
     Z[:, step_start.QUATERNION : step_start.QUATERNION + 4] = q
-    Z[:, step_start.ARM], Z[:, step_start.MASS_FRACTION], Z[:, step_start.NOW], Z[:, step_start.BEFORE] = (
-        (2.3, 1.7),
-        1.0,
-        1.5,
-        0.5,
-    )
+    Z[:, step_start.ARM] = 2.3, 1.7
+    Z[:, [step_start.MASS_FRACTION, step_start.NOW, step_start.BEFORE]] = 1.0, 1.5, 0.5
     P[:, patch.FREE], P[:, patch.MASS] = 1.0, 0.2
     centres = np.einsum("nij,nj->ni", rotation_matrices(q)[[0, 1]], offsets[[0, 3]])
     Z[0, :3] = centres[1] - centres[0] + (radii[0] + radii[3] - OVERLAP) * normal
@@ -366,6 +352,8 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool) -> tuple[n
     return pack(argument_specs(KINDS), context), pack(argument_specs(TABLES), tables), [context, tables]
 
 
+# compiles for as long as all tests above
+@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize(("force", "closing"), [(0.0, False), (0.01, False), (0.01, True)], ids=["at rest", "loaded", "closing"])
 def test_jacobian_of_two_bodies_that_touch(of_two_bodies, force, closing):
     rng, n = np.random.default_rng(7), 2 * FREEDOMS

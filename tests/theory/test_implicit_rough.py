@@ -1,7 +1,4 @@
-"""Bodies between rough plates by the implicit integrator: a field of zeros is the flat plate, the ledger closes, steps are of
-second order, threads and checkpoints change no bit, and what the explicit integrator finds at 1 m/s."""
-
-from __future__ import annotations
+"""Bodies between rough plates by the implicit integrator."""
 
 import math
 from typing import Any
@@ -11,6 +8,7 @@ import numpy as np
 import pytest
 from meetings import MEETINGS
 from rough import field, rough_plates
+from slow import slow
 from stories import SCENE, agreement, dragged
 
 import thirdbody
@@ -30,7 +28,6 @@ SURFACES = {
     f"plates.{side}.surface": {"rms": "0.1 um", "long": "40 um", "short": "4 um", "seed": seed}
     for side, seed in (("lower", 1), ("upper", 2))
 }
-
 MEET = {"contact.debris_contact": "auto", "domain.size": ["56 um", "42 um"]} | {
     f"plates.{side}.surface.long": "20 um" for side in ("lower", "upper")
 }
@@ -52,7 +49,6 @@ def scene(count: int, **settings: Any) -> thirdbody.Scene:
 
 
 def advanced(given: thirdbody.Scene, distance: float = 0.5e-6) -> Any:
-    """The simulation of a scene after pressing and a drag [m]."""
     built = prepare(given)
     built.integrator.advance_to(time=built.settle)
     built.integrator.advance_to(distance=distance)
@@ -64,9 +60,7 @@ def test_a_field_of_zeros_is_the_flat_plate_bit_for_bit():
     zeros = field(lambda x, y: 0.0 * x, SIZE, (16, 12))
     # the same start: bodies on rough plates are placed by another search, to 1e-12 m
     with patch.object(simulation, "with_surfaces", lambda world, _: with_surfaces(world, {"lower": zeros, "upper": zeros})):
-        built = prepare(scene(8))
-    built.integrator.advance_to(time=built.settle)
-    built.integrator.advance_to(distance=0.5e-6)
+        built = advanced(scene(8))
     assert len(built.state.slots.Q)
     assert np.array_equal(built.state.B, flat.B) and np.array_equal(built.state.P, flat.P)
     assert np.array_equal(built.state.A, flat.A)
@@ -84,23 +78,18 @@ def test_the_ledger_closes_on_rough_plates():
 
 
 def tables(simulation: Any) -> list[bytes]:
-    """All tables of a run that a step changes."""
     state, slots = simulation.state, simulation.state.slots
     own = simulation.integrator.export_state()[0].values()
     return [table.tobytes() for table in (state.B, state.E, state.P, state.A, slots.own, slots.partner, slots.Q, slots.H, *own)]
 
 
-def resumed(given: thirdbody.Scene) -> Any:
-    """As `advanced`, with a checkpoint halfway from which a new run goes on."""
-    begun, ahead = advanced(given, 0.25e-6), prepare(given)
-    captured = snapshot(begun.state, begun.integrator, Ledger(begun.state))
-    restore(captured, ahead.state, ahead.integrator, Ledger(ahead.state))
-    ahead.integrator.advance_to(distance=0.5e-6)
-    return ahead
+COUPLED = rigid(6), MEET, MEET | rigid(6)
 
 
-def unchanged_by_threads_and_resume(given: thirdbody.Scene) -> bool:
-    """Whether a run on one thread, on all, and from a checkpoint halfway has the same bits."""
+@pytest.mark.parametrize(("count", "settings"), [(8, {}), *(slow(6, settings) for settings in COUPLED)])
+def test_threads_and_checkpoints_change_no_bit(count, settings):
+    """A run on all threads, and one on a single thread with a checkpoint halfway from which a new run goes on."""
+    given = scene(count, **SURFACES | settings)
     set_threads(None)
     whole = prepare(given)
     whole.integrator.advance_to(time=whole.settle)
@@ -108,21 +97,13 @@ def unchanged_by_threads_and_resume(given: thirdbody.Scene) -> bool:
         whole.integrator.advance_to(distance=stop)
     set_threads(1)
     try:
-        return tables(resumed(given)) == tables(whole)
+        begun, ahead = advanced(given, 0.25e-6), prepare(given)
+        captured = snapshot(begun.state, begun.integrator, Ledger(begun.state))
+        restore(captured, ahead.state, ahead.integrator, Ledger(ahead.state))
+        ahead.integrator.advance_to(distance=0.5e-6)
+        assert tables(ahead) == tables(whole)
     finally:
         set_threads(None)
-
-
-def test_threads_and_checkpoints_change_no_bit():
-    assert unchanged_by_threads_and_resume(scene(8, **SURFACES))
-
-
-@pytest.mark.full(kind="slow")
-@pytest.mark.parametrize(
-    "settings", [rigid(6), MEET, MEET | rigid(6)], ids=["one plate", "bodies that meet", "bodies that meet under one plate"]
-)
-def test_threads_and_checkpoints_change_no_bit_of_coupled_bodies(settings):
-    assert unchanged_by_threads_and_resume(scene(6, **SURFACES | settings))
 
 
 def test_steps_on_a_wavy_plate_are_of_second_order(make):
@@ -146,6 +127,7 @@ def test_steps_on_a_wavy_plate_are_of_second_order(make):
     assert slopes == pytest.approx([2.0, 2.0, 2.0], abs=0.1)
 
 
+@pytest.mark.full(kind="slow")
 def test_no_body_stalls_in_hollows_as_narrow_as_its_spheres():
     """Four of these bodies stalled in hollows, and the friction work of another one was lost.
 

@@ -3,15 +3,11 @@
 The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag.
 """
 
-from __future__ import annotations
-
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import root
+from slow import slow
+from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
 
@@ -22,19 +18,6 @@ MATERIALS = {
 }
 CLOSING, DRAG, PRESSES, DRAGS = 10e-9, 6e-9, 100, 60
 MICRO = 1e-6
-
-
-def _memory_diagram():
-    name = "thirdbody_test_memory_diagrams"
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("memory_diagrams.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module.MemoryDiagram
-
-
-MemoryDiagram = _memory_diagram()
 
 
 def spot(side, x, radius, z=0.0):
@@ -97,20 +80,17 @@ class Verifier:
         return n, t
 
 
-@pytest.mark.parametrize(("spots", "mu"), [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 0.3), (UNEVEN, 1.0)])
+OTHERS = [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 1.0)]
+
+
+@pytest.mark.parametrize(("spots", "mu"), [(UNEVEN, 0.3), *(slow(*case) for case in OTHERS)])
 def test_paths_agree_with_memory_diagrams(spots, mu):
     verify = Verifier(spots, mu)
     for k in range(1, PRESSES + 1):
         expected = [verify.move(CLOSING * k / PRESSES, 0.0)]
     expected += [verify.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
-    result = balance(
-        {
-            "materials": MATERIALS,
-            "friction": {"upper": mu, "lower": mu},
-            "particle": {"spots": list(spots), "weight": 0.0},
-            "path": {"indentation": CLOSING, "drag": DRAG, "steps": DRAGS},
-        }
-    )
+    tables = {"materials": MATERIALS, "friction": {"upper": mu, "lower": mu}, "particle": {"spots": list(spots), "weight": 0.0}}
+    result = balance(tables | {"path": {"indentation": CLOSING, "drag": DRAG, "steps": DRAGS}})
     assert len(result.points) == DRAGS + 1 and not any("bends" in text for text in result.warnings)
     for point, (n, t) in zip(result.points, expected, strict=True):
         # Newton's tolerance of 1e-12 of all forces, over the least stiff direction
