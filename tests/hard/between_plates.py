@@ -1,6 +1,4 @@
-"""Hard cases of bodies between plates, in both integrators. Below each: mutations of the code, and the invariant that failed."""
-
-from __future__ import annotations
+"""Hard cases of bodies between plates, in both integrators."""
 
 import math
 
@@ -14,18 +12,14 @@ from thirdbody.scene.model import ConstantVelocity, Motion, Pause, Spot, Spots
 
 STOPS = every(5e-8, 10)
 """Stops of the drag [m]."""
-
 SETTLED = 2e-2
 """Deviation of the friction coefficient where inertia and the dashpot of the patch still carry a small load at 1 m/s."""
-
 HEIGHT, SPAN = 4e-6, 2e-6
 """Height h of a particle of three spots and distance L of its lower spots from the middle [m]: t_max = L/h = 0.5 at x_1 = 0."""
-
 LUMP = ((-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.25))
 
 
 def particle(upper, lower):
-    """A planar particle with spots at these x [m], above and below."""
     spots = [Spot(side="upper", x=x, z=0.5 * HEIGHT, radius=1.5e-6) for x in upper]
     spots += [Spot(side="lower", x=x, z=-0.5 * HEIGHT, radius=1.5e-6) for x in lower]
     centre = (0.5 * BOX, 0.5 * BOX)
@@ -45,10 +39,7 @@ def tumble(trial, lump, stops, sets, *, gap=1e-6, speed=SPEED, closed=CaseRun.lo
 
 
 def lost_contact(trial: Trial) -> None:
-    """Pressed and dragged, without load until every contact is open (d -> 0), then loaded again: an open contact has no history.
-
-    Mutation: without the reset of the history at opening -> memory of open contacts.
-    """
+    """Pressed, dragged, without load until every contact is open (d -> 0), loaded again: an open contact has no history."""
     lifted = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=LOAD)]
     run = trial.start(pressed(trial, clump(TRIPOD), 0.3, plate={"loading": lifted, "damping": 0.0, "mass": 2e-12}))
     loaded, memory, shear = run.follow(every(2e-8, 80), lambda: run.loaded().any(), run.memory, run.shear, kind="time")
@@ -57,19 +48,12 @@ def lost_contact(trial: Trial) -> None:
 
 
 def touch_and_go(trial: Trial) -> None:
-    """A lump of three uneven spheres tips over: contacts open and close inside long steps.
-
-    Mutations: without the reset of the history at opening -> memory of open contacts. Without cutting unconverged implicit steps
-    -> no step converges (`mdr`).
-    """
+    """A lump of three uneven spheres tips over: contacts open and close inside long steps."""
     tumble(trial, LUMP, every(2.5e-7, 40), 2)
 
 
 def no_friction(trial: Trial) -> None:
-    """mu = 0: no shear, no work, no motion; the label is sliding.
-
-    Mutation: without the guarded division of the radial return (0/0 at rest) -> non-finite forces.
-    """
+    """mu = 0: no shear, no work, no motion; the label is sliding."""
     run = trial.start(pressed(trial, clump(TRIPOD), 0.0))
     start = run.position()
     (labels,) = run.follow(STOPS, run.state_name)
@@ -84,9 +68,6 @@ def no_friction(trial: Trial) -> None:
 def endless_friction(trial: Trial) -> None:
     """mu = 1e9: critical displacements of metres (lost digits); the body tips, with finite forces.
 
-    Mutations of the implicit integrator: without line search (full Newton steps) -> no step converges (`mdr`). Without the limit
-    of a correction -> twice as many cuts (`mindlin`). Without cutting unconverged steps -> no step converges (`mindlin`, `mdr`).
-
     Known failure: `exact` with the implicit integrator at 0.1 m/s. At a contact that lifts off with T far above N, T vanishes as
     the square root of its overlap, and steps shrink until none converges; the run is stopped with that message.
     """
@@ -99,10 +80,7 @@ def endless_friction(trial: Trial) -> None:
 
 
 def symmetric_spots(trial: Trial) -> None:
-    """x_1 = 0 between spots at -L and L (0/0): no motion under pressing; it slides when dragged below its limit.
-
-    Mutation: without the bounds of the time step, steps eight times longer -> the travel guard stops it.
-    """
+    """x_1 = 0 between spots at -L and L (0/0): no motion under pressing; it slides when dragged below its limit."""
     run = trial.start(pressed(trial, THREE, 0.3))
     run.to(time=run.simulation.settle)
     shift = abs(float(run.position()[0]) - 0.5 * BOX)
@@ -129,8 +107,6 @@ def degenerate_spots(trial: Trial) -> None:
 def at_the_limit(trial: Trial) -> None:
     """mu = t_max to 1e-6: whether it slides or starts to tip is undetermined (neutral equilibrium), the force is not.
 
-    Mutation: without cutting unconverged implicit steps -> no step converges (`mdr`).
-
     Checked from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, before which it may be labelled sticking.
     """
     for change in (-1e-6, 0.0, 1e-6):
@@ -143,10 +119,7 @@ def at_the_limit(trial: Trial) -> None:
 
 
 def both_sides(trial: Trial) -> None:
-    """Both sides slide with equal mu: the motion of the body is undetermined, the force and the label are not.
-
-    Mutation: without the bounds of the time step, steps eight times longer -> the energy guard stops it.
-    """
+    """Both sides slide with equal mu: the motion of the body is undetermined, the force and the label are not."""
     run = trial.start(pressed(trial, FOUR, 0.3))
     (labels,) = run.follow(STOPS, run.state_name)
     moved = float(run.position()[0]) - 0.5 * BOX
@@ -156,10 +129,7 @@ def both_sides(trial: Trial) -> None:
 
 
 def stiff_ratio(trial: Trial) -> None:
-    """A body a thousand times softer than its plates and incompressible, and vice versa.
-
-    Mutation: without the bounds of the time step, steps eight times longer -> the energy guard stops it.
-    """
+    """A body a thousand times softer than its plates and incompressible, and vice versa."""
     soft, stiff = solid(210e6, 0.5, 1000.0), solid(210e9, 0.3, 7850.0)
     for what, body, plate in (("soft body", soft, stiff), ("soft plates", stiff, soft)):
         known = {"ball": body, "plate": plate}
@@ -170,10 +140,7 @@ def stiff_ratio(trial: Trial) -> None:
 
 
 def across_a_face(trial: Trial) -> None:
-    """Dragged across a periodic face, and in the middle of the domain: the same forces.
-
-    Mutation: without the bounds of the time step, steps eight times longer -> the overlap guard stops it.
-    """
+    """Dragged across a periodic face, and in the middle of the domain: the same forces."""
     forces = []
     for x in (0.5 * BOX, BOX - 1.5 * MICRON):
         run = trial.start(pressed(trial, clump(TRIPOD, x=x), 0.3))
@@ -184,10 +151,7 @@ def across_a_face(trial: Trial) -> None:
 
 
 def constant_gap(trial: Trial) -> None:
-    """mu > t_max at constant gap: the particle wedges. Warned of when the scene is built; until then its forces are finite.
-
-    Mutations: without the warning -> warned of wedging. Without the bounds of the time step -> the energy guard stops it.
-    """
+    """mu > t_max at constant gap: the particle wedges. Warned of when the scene is built; until then its forces are finite."""
     gap = {"support": "rigid", "load": None, "gap": HEIGHT, "closing": 2e-3}
     run = trial.start(pressed(trial, THREE, 0.7, drag(0.01), plate=gap, settle=1e-6))
     (forces,) = run.follow(every(2e-9, 10), lambda: run.force(2))
@@ -196,10 +160,7 @@ def constant_gap(trial: Trial) -> None:
 
 
 def many_dashpots(trial: Trial) -> None:
-    """A sheet of seven spheres, fourteen contacts, each with the dashpot of a restitution of 0.1: they add up on one body.
-
-    Mutation: without the bound of the time step by damping -> the energy guard stops it (residual 0.74).
-    """
+    """A sheet of seven spheres, fourteen contacts, each with the dashpot of a restitution of 0.1: they add up on one body."""
     ring = [(3.0 * math.cos(k * math.pi / 3.0), 3.0 * math.sin(k * math.pi / 3.0), 0.0, 2.0) for k in range(6)]
     flake = clump([(0.0, 0.0, 0.0, 2.0), *ring])
     run = trial.start(pressed(trial, flake, 0.2, drag(0.1), restitution=0.1, plate={"load": 2.0 * LOAD}))

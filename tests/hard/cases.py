@@ -1,7 +1,5 @@
 """The hard cases by name, their runs, and the search for the largest stable time step of each."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +15,10 @@ from thirdbody.errors import ThirdbodyError
 
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)
 """Trial time steps, over the smallest automatic one of the run."""
-
 MIN_FACTOR, MAX_FACTOR = 1.2, 10.0
 """Required range of the largest stable factor: the automatic step has a margin, but not more than that."""
-
 LEVELS = ("coulomb", "mindlin", "mdr", "exact")
 """Levels of the law family three_spot, from coarse to fine."""
-
 BOTH, EXPLICIT, TWO, COULOMB = ("explicit", "implicit"), ("explicit",), LEVELS[:2], LEVELS[:1]
 
 
@@ -70,17 +65,13 @@ _GROUPS = (
     ((effects.both_plates_pull, effects.tiny_lump_rolls, effects.pinched_spin, effects.crowded_spots), BOTH, TWO, False),
     ((free.turning_pair,), EXPLICIT, LEVELS, False),
 )
-
 CASES = {action.__name__: Case(action, *settings) for actions, *settings in _GROUPS for action in actions}
 
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one case with one integrator at one level.
-
-    `factor`: largest stable step over the automatic one, None where it was not sought; `beyond`: the failure at the next one;
-    `broken`: the invariants that did not hold with the automatic step.
-    """
+    """Result of a case with one integrator at one level: the invariants `broken` with the automatic step, `factor` of the largest
+    stable step over it, None where it was not sought, and the failure `beyond` that."""
 
     case: str
     integrator: str
@@ -111,7 +102,6 @@ def run_case(case: Case, setting: Setting, sweep: bool = True) -> Row:
 
 
 def attempt(case: Case, setting: Setting) -> tuple[Trial, tuple[str, ...]]:
-    """Run a case; return its trial and its failures: broken invariants and the stop message."""
     trial, stop = Trial(setting), ()
     try:
         case.action(trial)

@@ -1,7 +1,5 @@
 """Hard cases of contacts that flow, pivot, press each other's surface down, or have necks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,19 +13,14 @@ from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate
 
 FLOWS, PIVOTS, INTERACT = (Effects(named={name: {}}) for name in ("elastic_plastic", "pivoting", "close_spots"))
-
 SOFT = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850.0, yield_strength=2e8)
 """Steel that yields under a hundredth of the loads of these cases."""
-
 REBOUND = 1e-2
 """Deviation of the coefficient of restitution, from 16 steps: the largest overlap lies between two of them."""
 
 
 def fast_impact(trial: Trial) -> None:
-    """An impact at a hundred times the speed of first yield: Thornton's restitution, and what is missing is plastic work.
-
-    Mutation: without the dent that stays (unloading as Hertz's sphere) -> energy residual.
-    """
+    """An impact at a hundred times the speed of first yield: Thornton's restitution, and what is missing is plastic work."""
     modulus, y = 2.0 * SOFT.shear() / (1.0 - SOFT.poisson_ratio), 0.01  # of a rigid plane
     speed = 100.0 * yield_speed(modulus, FIRST_YIELD * 2e8, SOFT.density)
     run = trial.start(on_plane(trial, SOFT, 1e-3, (0.0, 0.0, -speed), 0.3, effects=FLOWS))
@@ -42,10 +35,7 @@ def fast_impact(trial: Trial) -> None:
 
 
 def pressed_again(trial: Trial) -> None:
-    """A body is pressed, released to a quarter, pressed again and then twice as hard: only new loads flow.
-
-    Mutation: without the largest overlap in the history -> energy of the integrator.
-    """
+    """A body is pressed, released to a quarter, pressed again and then twice as hard: only new loads flow."""
     cycle = [Pause(pause=1e-6), *(Load(load=part * LOAD, duration=1e-6) for part in (0.25, 0.9, 2.0))]
     plate = {"loading": cycle}
     run = trial.start(pressed(trial, clump(TRIPOD), 0.0, materials={"ball": SOFT}, plate=plate, effects=FLOWS))
@@ -56,10 +46,7 @@ def pressed_again(trial: Trial) -> None:
 
 
 def yields_and_rolls(trial: Trial) -> None:
-    """A lump of three uneven spheres tips over under a load far beyond yield: each spot flows as it takes the load.
-
-    Mutation: without the reset of the history at opening -> memory of open contacts.
-    """
+    """A lump of three uneven spheres tips over under a load far beyond yield: each spot flows as it takes the load."""
     run, work = tumble(trial, LUMP, every(2.5e-7, 40), 2, materials={"ball": SOFT}, effects=FLOWS)
     trial.check_true("plastic work only grows", np.all(np.diff(work) >= 0.0))
     trial.check_true("new spots flow", work[-1] > 1.05 * work[1] > 0.0)
@@ -92,23 +79,17 @@ def crowded_spots(trial: Trial) -> None:
 
 WORK, RADIUS = 0.05, 0.2e-6
 """Work of adhesion [J/m2]; radius of the ball [m]."""
-
 STICKS = Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}})
-
 MODULUS = STEEL.shear() / (1.0 - STEEL.poisson_ratio)
 """E* of two equal materials [Pa]."""
-
 NECK = (math.pi * WORK * RADIUS**2 / (8.0 * MODULUS)) ** (1.0 / 3.0)
 """Contact radius at which a neck breaks [m] (Johnson, Kendall and Roberts 1971)."""
-
 LOST = (6.0 + 9.0 * 4.0 ** (4.0 / 3.0)) * 8.0 / 15.0 * MODULUS * NECK**5 / RADIUS**2
 """Energy that a touch costs [J]: the loop between the way in, no force to touch, and the way out along the neck."""
-
 PULL_OFF = 1.5 * math.pi * WORK * RADIUS
 
 
 def joined(run: CaseRun) -> np.ndarray:
-    """Which candidates have a neck (n,), bool."""
     return run.state.slots.R[:, record.CONTACT_RADIUS] > 0.0
 
 
@@ -131,10 +112,7 @@ def check_whole(trial, run):
 
 
 def bounces_until_it_sticks(trial: Trial) -> None:
-    """A ball bounces between two plates with the energy of 5.5 touches: each takes the same, and the sixth holds it.
-
-    Mutation: without the loss as a neck forms -> energy residual.
-    """
+    """A ball bounces between two plates with the energy of 5.5 touches: each takes the same, and the sixth holds it."""
     run = thrown(trial, 2e-9, 5.5, 1.0)
     (energy,) = run.follow(every(1e-9, 80), lambda: run.normal_loss() / LOST, kind="time")
     lost = check_whole(trial, run)
@@ -145,10 +123,7 @@ def bounces_until_it_sticks(trial: Trial) -> None:
 
 
 def both_plates_pull(trial: Trial) -> None:
-    """A ball between plates less than the length of a neck wider: both hold it, they part, and it stays on one of them.
-
-    Mutation: jumps that count for the whole step -> energy created by the integrator (implicit, 5 %).
-    """
+    """A ball between plates less than the length of a neck wider: both hold it, they part, and it stays on one of them."""
     run = thrown(trial, 4e-11, 2.4, 0.9, 2e-3)
     pull, joints = run.follow(
         every(2e-10, 500), lambda: -run.state.slots.R[:, record.NORMAL_FORCE].min(initial=0.0), lambda: joined(run).sum(),
@@ -160,10 +135,7 @@ def both_plates_pull(trial: Trial) -> None:
 
 
 def tiny_lump_rolls(trial: Trial) -> None:
-    """A lump of three uneven spheres of 0.3 um tips over under 20 times its pull-off force: necks come and go.
-
-    Mutation: without the reset of the history at opening -> memory of open contacts.
-    """
+    """A lump of three uneven spheres of 0.3 um tips over under 20 times its pull-off force: necks come and go."""
     lump, load = [(-0.3, 0, 0, 0.3), (0.3, 0.05, 0, 0.3), (0, 0.1, 0.1, 0.325)], 20.0 * PULL_OFF
     keys = {"gap": 1e-7, "speed": 0.1 * SPEED, "closed": joined, "plate": {"load": load}, "effects": STICKS}
     _, work = tumble(trial, lump, every(5e-8, 40), 1, **keys)

@@ -1,19 +1,20 @@
-"""Result files, tables, meshes and paths spoilt at random, and the worker that reads them in a process of its own.
+"""Result files, tables, meshes, paths and folders of runs spoilt at random, and the worker that reads them or puts them through
+the commands, in a process of its own: HDF5 is C code that walks a damaged file; should it ever die of one, only the worker does.
 
-HDF5 is C code that walks a damaged file: should it ever die of one, only the worker does, and the test tells the file.
-`python file_mutants.py` reads names of files, one a line, and answers each with a line: what became of it.
+`python file_mutants.py` reads lines from standard input: the name of a file, or in JSON [folder, target folder, command]. Each
+answer tells what became of it (of a command the exit code), what was told, and the seconds of the processor.
 """
-
-from __future__ import annotations
 
 import io
 import json
 import pickle
+import resource
 import sys
 import tempfile
 import time
+import traceback
 import zipfile
-from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from random import Random
 
@@ -22,8 +23,8 @@ import numpy as np
 
 HUGE = 10**12
 HEAD = 4000  # bytes at the front in which HDF5 keeps most of what it navigates by
-
-Spoil = Callable[[Path, Random], None]
+TRAJECTORY, CHECKPOINT, SCENE = "run.vtkhdf", "checkpoint.npz", "scene.toml"
+BUG = "bug"
 
 
 def flip(data: bytes, rng: Random) -> bytes:
@@ -36,17 +37,12 @@ def flip(data: bytes, rng: Random) -> bytes:
         return bytes(out)
     at, length = rng.randrange(len(out)), rng.choice((4, 64, 2000))
     other = rng.randrange(len(out))
-    new = {
-        "zeros": bytes(length),
-        "junk": bytes(rng.randrange(256) for _ in range(length)),
-        "moved": data[other : other + length],
-    }
-    out[at : at + length] = new[kind]
+    junk = bytes(rng.randrange(256) for _ in range(length))
+    out[at : at + length] = {"zeros": bytes(length), "junk": junk, "moved": data[other : other + length]}[kind]
     return bytes(out)
 
 
 def cut(data: bytes, rng: Random) -> bytes:
-    """The first part of it."""
     return data[: rng.randrange(len(data))]
 
 
@@ -56,138 +52,72 @@ def spoil_tree(path: Path, rng: Random) -> None:
         names: list[str] = []
         file.visit(names.append)
         chosen = rng.choice(names)
-        node = file[chosen]
         kinds = ["delete", "attribute", "loop", "group", "steps"] + ["replace", "huge", "values", "empty"] * 3
         if chosen.startswith("scene/") and rng.random() < 0.7:
             kinds = ["text"]
-        elif isinstance(node, h5py.Group):
+        elif isinstance(file[chosen], h5py.Group):
             kinds = ["delete", "attribute", "loop", "steps"]
-        _SPOILS[rng.choice(kinds)](file, chosen, rng)
+        kind = rng.choice(kinds)
+        if kind in ("replace", "huge", "text"):
+            _other_data(file, chosen, kind, rng)
+        else:
+            _spoil_node(file, chosen, kind, rng)
 
 
-def _delete(file: h5py.File, name: str, rng: Random) -> None:
-    del file[name]
+TEXTS = (
+    "", "{", "null", "[]", "{}", "3", "[" * 100_000, '"x"', '{"size": [NaN, 1]}', '{"clumps": ["no"]}', "[1, 2]",
+    '{"a": {"b": []}}', '["a"]', '{"clumps": 3}', "1e999", "[null]",
+)  # fmt: skip
 
 
-def _attribute(file: h5py.File, name: str, rng: Random) -> None:
-    attrs = file[name].attrs
-    given = list(attrs)
-    if not given:
-        attrs["json"] = HUGE
-    elif rng.random() < 0.4:
-        del attrs[rng.choice(given)]
-    else:
-        attrs[rng.choice(given)] = rng.choice((HUGE, -1, np.nan, "text", [1, 2, 3], np.zeros((3, 3)), b"\xff", 2**63, np.inf))
-
-
-def _steps(file: h5py.File, name: str, rng: Random) -> None:
-    bad = rng.choice((HUGE, -1, 2**62, -(2**63), 1.5, np.nan, "3", [3, 3], 0))
-    for block in ("spheres", "clumps", "contacts", "plates"):
-        file[f"VTKHDF/{block}/Steps"].attrs["NSteps"] = bad
-    file["series"].attrs["NSteps"] = bad
-
-
-def _loop(file: h5py.File, name: str, rng: Random) -> None:
-    del file[name]
-    file[name] = rng.choice(
-        (h5py.SoftLink("/"), h5py.SoftLink(f"/{name}"), h5py.SoftLink("/nowhere"), file["/"], h5py.SoftLink("/scene"))
-    )
-
-
-def _group(file: h5py.File, name: str, rng: Random) -> None:
-    del file[name]
-    file.create_group(name)
-
-
-def _keep(file: h5py.File, name: str, make: Callable[[], object]) -> None:
+def _other_data(file: h5py.File, name: str, kind: str, rng: Random) -> None:
     """Another data set in place of this one, with the same attributes."""
-    attrs = dict(file[name].attrs)
+    attrs, shape, dtype = dict(file[name].attrs), getattr(file[name], "shape", ()), getattr(file[name], "dtype", None)
+    made = {"data": rng.choice(TEXTS)} if kind == "text" else {}
+    if kind == "replace":
+        made["data"] = rng.choice((
+            np.float64(1.0), np.array([], float), np.zeros((2, 3, 4)), np.array([b"text"]),
+            np.zeros(5, [("a", int), ("b", float)]), np.zeros(3, complex), np.full(shape, -1), np.full(shape, np.nan),
+            np.zeros((*shape, 2)), np.zeros(shape, bool),
+            np.full(shape, 2**62), np.full(shape, 255, np.uint8), np.zeros((1, 500)), h5py.Empty("f8"),
+        ))  # fmt: skip
+    if kind == "huge":
+        claimed = rng.choice(((HUGE,), (HUGE, 3), (4, HUGE), (2**40, 2**20), (10**6, 10**6)))
+        made = {"shape": claimed, "dtype": dtype if dtype.kind in "fiu" else np.dtype(float), "chunks": True}
+        if rng.random() < 0.5:
+            made |= {"compression": "gzip", "chunks": tuple(min(n, 1000) for n in claimed)}
     del file[name]
-    make()
+    file.create_dataset(name, **made)
     file[name].attrs.update(attrs)
 
 
-def _replace(file: h5py.File, name: str, rng: Random) -> None:
-    old = file[name]
-    new = rng.choice(
-        (
-            np.float64(1.0),
-            np.array([], float),
-            np.zeros((2, 3, 4)),
-            np.array([b"text"]),
-            np.zeros(5, [("a", int), ("b", float)]),
-            np.zeros(3, complex),
-            np.full(old.shape, -1),
-            np.full(old.shape, np.nan),
-            np.zeros((*old.shape, 2)),
-            np.zeros(old.shape, bool),
-            np.full(old.shape, 2**62),
-            np.full(old.shape, 255, np.uint8),
-            np.zeros((1, 500)),
-            h5py.Empty("f8"),
+def _spoil_node(file: h5py.File, name: str, kind: str, rng: Random) -> None:
+    node, attrs = file[name], file[name].attrs
+    if kind == "attribute" and not len(attrs):
+        attrs["json"] = HUGE
+    elif kind == "attribute" and rng.random() < 0.4:
+        del attrs[rng.choice(list(attrs))]
+    elif kind == "attribute":
+        attrs[rng.choice(list(attrs))] = rng.choice(
+            (HUGE, -1, np.nan, "text", [1, 2, 3], np.zeros((3, 3)), b"\xff", 2**63, np.inf)
         )
-    )
-    _keep(file, name, lambda: file.create_dataset(name, data=new))
-
-
-def _huge(file: h5py.File, name: str, rng: Random) -> None:
-    dtype = file[name].dtype if file[name].dtype.kind in "fiu" else np.dtype(float)
-    shape = rng.choice(((HUGE,), (HUGE, 3), (4, HUGE), (2**40, 2**20), (10**6, 10**6)))
-    packed = {"compression": "gzip", "chunks": tuple(min(n, 1000) for n in shape)} if rng.random() < 0.5 else {"chunks": True}
-    _keep(file, name, lambda: file.create_dataset(name, shape, dtype, **packed))
-
-
-def _empty(file: h5py.File, name: str, rng: Random) -> None:
-    if file[name].chunks:
-        file[name].resize(rng.choice((0, 1)), 0)
-
-
-def _values(file: h5py.File, name: str, rng: Random) -> None:
-    node = file[name]
-    if node.dtype.kind in "fiu" and node.shape and node.size:
+    elif kind == "steps":
+        bad = rng.choice((HUGE, -1, 2**62, -(2**63), 1.5, np.nan, "3", [3, 3], 0))
+        for place in ("series", *(f"VTKHDF/{block}/Steps" for block in ("spheres", "clumps", "contacts", "plates"))):
+            file[place].attrs["NSteps"] = bad
+    elif kind in ("delete", "loop", "group"):
+        del file[name]
+        if kind == "group":
+            file.create_group(name)
+        if kind == "loop":
+            file[name] = rng.choice((*map(h5py.SoftLink, ("/", f"/{name}", "/nowhere", "/scene")), file["/"]))
+    elif kind == "empty" and node.chunks:
+        node.resize(rng.choice((0, 1)), 0)
+    elif kind == "values" and node.dtype.kind in "fiu" and node.shape and node.size:
         at = rng.randrange(len(node))
-        row = node[at]
         bad = rng.choice((255, 127, 2**62, -1)) if node.dtype.kind != "f" else rng.choice((np.nan, np.inf, -1e300, 1e300))
         with np.errstate(all="ignore"):
-            node[at] = np.full(np.shape(row), bad).astype(node.dtype)
-
-
-def _text(file: h5py.File, name: str, rng: Random) -> None:
-    text = rng.choice(
-        (
-            "",
-            "{",
-            "null",
-            "[]",
-            "{}",
-            "3",
-            "[" * 100_000,
-            '"x"',
-            '{"size": [NaN, 1]}',
-            '{"clumps": ["no"]}',
-            "[1, 2]",
-            '{"a": {"b": []}}',
-            '["a"]',
-            '{"clumps": 3}',
-            "1e999",
-            "[null]",
-        )
-    )
-    _keep(file, name, lambda: file.create_dataset(name, data=text))
-
-
-_SPOILS = {
-    "delete": _delete,
-    "attribute": _attribute,
-    "steps": _steps,
-    "loop": _loop,
-    "group": _group,
-    "replace": _replace,
-    "huge": _huge,
-    "empty": _empty,
-    "values": _values,
-    "text": _text,
-}
+            node[at] = np.full(np.shape(node[at]), bad).astype(node.dtype)
 
 
 def bomb(rng: Random) -> bytes:
@@ -217,19 +147,10 @@ def hostile_npz(data: bytes, rng: Random) -> bytes:
     name = rng.choice(list(arrays))
     array = arrays[name]
     new = (
-        np.array([Trap()], object),
-        array.astype(complex),
-        array.astype(str),
-        array[:1],
-        array.T[:2],
-        np.full_like(array, -1),
-        array[()] * 0,
-        np.zeros((0, 3)),
-        array.astype(np.float16),
-        np.array(None),
-        array.astype(float) * 1e300,
+        np.array([Trap()], object), array.astype(complex), array.astype(str), array[:1], array.T[:2], np.full_like(array, -1),
+        array[()] * 0, np.zeros((0, 3)), array.astype(np.float16), np.array(None), array.astype(float) * 1e300,
         array.astype(float) * np.nan,
-    )
+    )  # fmt: skip
     arrays[name] = rng.choice(new)
     if rng.random() < 0.2:
         arrays["../../" + name] = arrays.pop(name)
@@ -239,8 +160,61 @@ def hostile_npz(data: bytes, rng: Random) -> bytes:
     return out.getvalue() if rng.random() < 0.9 else pickle.dumps(Trap())
 
 
+def spoil_folder(folder: Path, rng: Random) -> str:
+    """One file of a run's folder spoilt; returns which."""
+    kind = rng.choice((*[TRAJECTORY] * 4, CHECKPOINT, SCENE))
+    path = folder / kind
+    if rng.random() < 0.1:
+        _gone(path, rng)
+    elif kind != TRAJECTORY:
+        path.write_bytes(rng.choice((cut, flip))(path.read_bytes(), rng))
+    else:
+        how = rng.choice(("bytes", "tree", "tree", "nan", "tree"))
+        if how == "bytes":
+            path.write_bytes(rng.choice((cut, flip))(path.read_bytes(), rng))
+        elif how == "tree":
+            spoil_tree(path, rng)
+        else:
+            _all_nan(path, rng)
+    return kind
+
+
+def _gone(path: Path, rng: Random) -> None:
+    """The file is not there, empty, a folder, or leads nowhere or in circles."""
+    how = rng.choice(("missing", "empty", "folder", "dangling", "loop"))
+    path.unlink()
+    if how == "empty":
+        path.touch()
+    elif how == "folder":
+        path.mkdir()
+    elif how in ("dangling", "loop"):
+        path.symlink_to("nowhere" if how == "dangling" else path.name)
+
+
+def _all_nan(path: Path, rng: Random) -> None:
+    """One array, or all of them, not a number: sound in form."""
+    with h5py.File(path, "r+") as file:
+        names: list[str] = []
+        file.visit(names.append)
+        sets = [name for name in names if isinstance(file[name], h5py.Dataset)]
+        found = [name for name in sets if file[name].dtype.kind == "f" and file[name].size]
+        for name in found if rng.random() < 0.2 else rng.sample(found, 1):
+            file[name][...] = rng.choice((np.nan, np.nan, np.inf, -np.inf, 1e308, 0.0))
+
+
+# what is asked: name -> arguments after the run, with {} for the folder of results
+COMMANDS: dict[str, list[str]] = {
+    "states": [], "states json": ["--json"], "states frame": ["--frame", "-1"], "states picture": ["-o", "{}/forecast.png"],
+    "plot": ["-o", "{}/plot.svg"], "render page": ["-o", "{}/page.html"],
+    "render picture": ["-o", "{}/picture.png", "--width", "200", "--height", "200"],
+    "render forces": ["-o", "{}/forces.png", "--width", "200", "--height", "200", "--forces", "--color", "utilisation"],
+    "render body": ["-o", "{}/body.png", "--width", "200", "--height", "200", "--body", "1"],
+    "render film": ["-o", "{}/film.gif", "--width", "200", "--height", "200", "--frames", "::2"],
+    "export csv": ["--csv", "{}/csv"], "export pvd": ["--pvd", "{}/pvd"], "resume": ["--quiet"],
+}  # fmt: skip
+
+
 def read_run(path: Path) -> None:
-    """Everything that the reader of a run gives."""
     import thirdbody
     from thirdbody.export.csv_tables import export_csv
     from thirdbody.trajectory.stored_frames import static_arrays
@@ -258,7 +232,6 @@ def read_run(path: Path) -> None:
 
 
 def read_scene(path: Path) -> None:
-    """The bodies, or the motion, that a scene has from the file."""
     from thirdbody.assembly.populate import populate
     from thirdbody.assembly.schedule import schedule
     from thirdbody.scene.model import Scene
@@ -269,7 +242,6 @@ def read_scene(path: Path) -> None:
 
 
 def read_balance(path: Path) -> None:
-    """The spots of a balance file."""
     from thirdbody_three_spot.balance_file import BalanceFile
 
     BalanceFile.load(path).spots()
@@ -278,25 +250,41 @@ def read_balance(path: Path) -> None:
 READERS = {".vtkhdf": read_run, ".balance": read_balance, ".toml": read_scene}
 
 
-def serve() -> None:
-    """Reads the files named on standard input, a line each; answers [kind, text, seconds]."""
-    import resource
-    import traceback
+def _drawn_here(job: dict, windows: list[str | None], report: object = None) -> None:
+    """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
+    from thirdbody.render.worker import draw_run
 
+    draw_run(json.loads(json.dumps(job)))
+
+
+def run_command(folder: str, target: str, command: str) -> str:
+    from thirdbody.cli.main import app
+    from thirdbody.render import render
+
+    render.draw_elsewhere = _drawn_here
+    report = io.StringIO()
+    with redirect_stdout(io.StringIO()), redirect_stderr(report):
+        app([command.split()[0], folder, *(word.format(target) for word in COMMANDS[command])], standalone_mode=False)
+    return report.getvalue()
+
+
+def answer(line: str) -> tuple[object, str]:
     from thirdbody.errors import ThirdbodyError
 
-    resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
-    for line in sys.stdin:
-        path, started = Path(line.rstrip("\n")), time.process_time()
-        try:
-            READERS[path.suffix](path)
-            report = ["accepted", ""]
-        except ThirdbodyError as error:
-            report = ["refused", str(error)]
-        except BaseException as error:
-            report = ["bug", f"{type(error).__name__}: {error} {''.join(traceback.format_tb(error.__traceback__)[-4:])}"]
-        print(json.dumps([*report, time.process_time() - started]), flush=True)
+    asked = line.startswith("[")
+    try:
+        said = run_command(*json.loads(line)) if asked else READERS[Path(line).suffix](Path(line))
+        return (0, said) if asked else ("accepted", "")
+    except ThirdbodyError as error:
+        return error.exit_code if asked else "refused", str(error)
+    except BaseException as error:
+        return BUG, f"{type(error).__name__}: {error} {''.join(traceback.format_tb(error.__traceback__)[-5:])}"
 
 
 if __name__ == "__main__":
-    serve()
+    resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))
+    answers = sys.stdout
+    for line in sys.stdin:
+        started = time.process_time()
+        found = answer(line.rstrip("\n"))
+        print(json.dumps([*found, time.process_time() - started]), flush=True, file=answers)

@@ -3,8 +3,6 @@
 python killed_run.py FOLDER SCENE SETTINGS(JSON) N     N: which of the calls that touch the disk is its last; 0: none
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -24,13 +22,16 @@ from thirdbody.trajectory.polydata_block import Block
 
 OFTEN = 0.05
 """Seconds between checkpoints: a run of some seconds writes dozens."""
+# data of a frame, its count, its time, flush; header and data of HDF5; checkpoint: data, fsync, replace
+PLACES = ((Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "put"),
+          (np, "savez"), (os, "fsync"), (os, "replace"))  # fmt: skip
 
 
-def die_at(last: int) -> None:
+def die_at(last, places=PLACES):
     """Let the process be killed as it is about to make its so-manieth call that touches the disk."""
     calls = 0
 
-    def watched(owner: object, name: str) -> None:
+    def watched(owner, name):
         real = getattr(owner, name)
 
         def call(*args, **options):
@@ -42,14 +43,12 @@ def die_at(last: int) -> None:
 
         setattr(owner, name, call)
 
-    # data of a frame, its count, its time, flush; header and data of HDF5; checkpoint: data, fsync, replace
-    places = [(Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "put"),
-              (np, "savez"), (os, "fsync"), (os, "replace")]  # fmt: skip
     for owner, name in places:
         watched(owner, name)
 
 
-def main(folder: Path, scene: str, settings: dict[str, str], last: int) -> None:
+if __name__ == "__main__":
+    folder, scene, settings, last = Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4])
     if (folder / FILE).exists():
         simulation, kept = prepare_resume(folder)
     else:
@@ -57,7 +56,3 @@ def main(folder: Path, scene: str, settings: dict[str, str], last: int) -> None:
     if last:
         die_at(last)
     execute(simulation, folder, overwrite=True, times=WallTimes(OFTEN), checkpoint=kept)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4]))

@@ -4,8 +4,6 @@ All carry one load, so statics gives every force: a ball rolls at half the speed
 plate and slips at the upper one, a rider sticks to the upper one and slips below.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -19,18 +17,14 @@ from thirdbody.scene.model import Contact, Motion, Pair, Stroke, UpperPlate
 
 SPEED, R, GAP, START = 0.2, 5.0, 0.1, 20.0
 """Speed of the upper plate [m/s]; radius of spheres, gap between bodies and place of the first one [um]."""
-
 BALL = ((0.0, 0.0, 0.0, R),)
 POST = tuple((x, y, 0.0, R) for x, y in ((-9.0, 0.0), (-4.5, 0.0), (0.0, -4.0), (0.0, 4.0), (4.5, 0.0), (9.0, 0.0)))
 RIDGE = tuple((x, y, 0.0, 0.8) for x, y in ((-1.5, 0.0), (0.0, 0.0), (1.5, 0.0), (0.0, -1.5), (0.0, 1.5)))
 """Spheres (x, y, z, radius) [um]."""
-
 TILT = 5e-3
 """Deviation of forces over the load: normals lean by overlaps, and bounces have not died out to the last."""
-
 STOPS = every(1e-7, 12)
 """Stops of the drag [m]."""
-
 STUCK = 10.0
 
 
@@ -62,7 +56,6 @@ def owners(run, slots):
 
 
 def closed(run, number, side):
-    """Which contacts of a body with a plate or with other bodies are closed."""
     slots = run.state.slots
     return run.loaded() & (slots.sides == side) & (owners(run, slots.own) == number)
 
@@ -74,7 +67,6 @@ def force(run, number, side):
 
 
 def push(run, number, other):
-    """The normal force between two bodies over the load."""
     slots = run.state.slots
     one, two = owners(run, slots.own), owners(run, np.maximum(slots.partner, 0))
     pair = ((one == number) & (two == other)) | ((one == other) & (two == number))

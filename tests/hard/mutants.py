@@ -3,8 +3,6 @@
 Everything is drawn from a `random.Random`.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 import tomllib
@@ -18,12 +16,10 @@ from thirdbody.scene.toml_writer import toml_text
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted(path for path in (ROOT / "scenes").glob("*.toml"))
-
 # few bodies: the oracle is about faults, and a sound scene should be built in a hundredth of a second
 SMALL = {name: (36, ["30 um", "30 um"]) for name in ("dense_layer", "angular_bed")} | {
     "scanned_debris": (3, ["40 um", "30 um"]), "million": (36, ["150 um", "120 um"]), "sticky_submicron": (36, ["1 um", "1 um"]),
 }  # fmt: skip
-
 LONG = "x" * 100_000
 DEEP: dict[str, Any] = {}
 for _ in range(60):
@@ -34,158 +30,35 @@ for _ in range(60):
 
 # in no place of a scene but a title or a name can these be right
 NEVER: tuple[Any, ...] = (
-    float("nan"),
-    float("inf"),
-    float("-inf"),
-    [],
-    "",
-    " ",
-    "nan um",
-    "inf s",
-    "1e300 furlong",
-    LONG,
-    "\x00",
-    "\x1b[2Jgone",
-    "\u202e um",
-    "um 5",
-    "1,5 um",
-    "1e999 um",
-    "1e-999 s",
-    DEEP,
-    DEEP_LIST,
-    [[]],
-    [{}],
-    -(10**30),
-    -1,
-    "-1 parsec",
-    "5 um um",
-    "1 m9",
-    "1 um^99999999999999999999",
-    "(" * 90 + "um",
-    "NaN",
-    "0x10 um",
-    "\uff15 um!",
-    "__import__('os').system('true')",
-    "${HOME}",
-    "$(touch gone)",
-    "!!python/object:os.system",
-    "file:///etc/passwd",
-    "https://example.org/x.csv",
-    "/dev/zero",
-    "/dev/stdin",
-    "..",
-    "../..",
-    "/",
-    ".",
-    "~",
-    "a\nb",
-    "a\rb",
-)
+    float("nan"), float("inf"), float("-inf"), [], "", " ", "nan um", "inf s", "1e300 furlong", LONG, "\x00", "\x1b[2Jgone",
+    "\u202e um", "um 5", "1,5 um", "1e999 um", "1e-999 s", DEEP, DEEP_LIST, [[]], [{}], -(10**30), -1, "-1 parsec", "5 um um",
+    "1 m9", "1 um^99999999999999999999", "(" * 90 + "um", "NaN", "0x10 um", "\uff15 um!", "__import__('os').system('true')",
+    "${HOME}", "$(touch gone)", "!!python/object:os.system", "file:///etc/passwd", "https://example.org/x.csv", "/dev/zero",
+    "/dev/stdin", "..", "../..", "/", ".", "~", "a\nb", "a\rb",
+)  # fmt: skip
 # right in some places
 SOMETIMES: tuple[Any, ...] = (
-    0,
-    1,
-    2,
-    0.0,
-    -0.0,
-    0.5,
-    1e300,
-    -1e300,
-    5e-324,
-    10**12,
-    2**63,
-    2**64,
-    10**30,
-    10**4000,
-    1e12,
-    True,
-    False,
-    {},
-    "0 um",
-    "1e300 m",
-    "1e-300 m",
-    "1e12 m",
-    "1 m",
-    "5 um",
-    "-5 um",
-    "1 s",
-    "1e-300 s",
-    "1e300 s",
-    "1 N",
-    "1e300 N",
-    "1e-300 N",
-    "1 Pa",
-    "1e300 Pa",
-    "1e-300 Pa",
-    "1e300 kg/m3",
-    "1e-300 kg/m3",
-    "1 m/s",
-    "1e300 m/s",
-    "1e-300 m/s",
-    "1e300 kg/s",
-    "1e300 m/s2",
-    "1e30 Hz",
-    "1e-30 Hz",
-    "1e300 kg",
-    "1e-300 kg",
-    "1e300 kg m2",
-    "1e300 N/m",
-    "1e-300 N/m",
-    "steel",
-    "auto",
-    "none",
-    "implicit",
-    "explicit",
-    "dense",
-    "dilute",
-    "layer",
-    "foundation",
-    "rigid",
-    "spots",
-    "file",
-    "irregular",
-    [1, 2, 3],
-    [0, 0],
-    ["1 um", "1 um"],
-    ["1e300 m", "1 m"],
-    [1e300, 1e300, 1e300],
-    [10**12, 10**12],
-)
+    0, 1, 2, 0.0, -0.0, 0.5, 1e300, -1e300, 5e-324, 10**12, 2**63, 2**64, 10**30, 10**4000, 1e12, True, False, {}, "0 um",
+    "1e300 m", "1e-300 m", "1e12 m", "1 m", "5 um", "-5 um", "1 s", "1e-300 s", "1e300 s", "1 N", "1e300 N", "1e-300 N", "1 Pa",
+    "1e300 Pa", "1e-300 Pa", "1e300 kg/m3", "1e-300 kg/m3", "1 m/s", "1e300 m/s", "1e-300 m/s", "1e300 kg/s", "1e300 m/s2",
+    "1e30 Hz", "1e-30 Hz", "1e300 kg", "1e-300 kg", "1e300 kg m2", "1e300 N/m", "1e-300 N/m", "steel", "auto", "none",
+    "implicit", "explicit", "dense", "dilute", "layer", "foundation", "rigid", "spots", "file", "irregular", [1, 2, 3], [0, 0],
+    ["1 um", "1 um"], ["1e300 m", "1 m"], [1e300, 1e300, 1e300], [10**12, 10**12],
+)  # fmt: skip
 HOSTILE_FILES = (
-    "/dev/zero",
-    "/dev/random",
-    "/dev/null",
-    "/dev/stdin",
-    "/proc/self/mem",
-    "/etc/passwd",
-    "../../../../../../etc/passwd",
-    "fifo",
-    "fifo.stl",
-    "fifo.csv",
-    "fifo.npz",
-    ".",
-    "..",
-    "/",
-    "loop.csv",
-    "https://example.org/a.stl",
-    "file:///etc/passwd",
-    "a\x00b.csv",
-    "x" * 5000 + ".csv",
-    "endless.csv",
-    "endless.stl",
-    "endless.npz",
-    "empty.csv",
-    "zero.stl",
-    "no\udce9.csv",
-    "",
-    " ",
-    "~/x.csv",
-)
+    "/dev/zero", "/dev/random", "/dev/null", "/dev/stdin", "/proc/self/mem", "/etc/passwd", "../../../../../../etc/passwd",
+    "fifo", "fifo.stl", "fifo.csv", "fifo.npz", ".", "..", "/", "loop.csv", "https://example.org/a.stl", "file:///etc/passwd",
+    "a\x00b.csv", "x" * 5000 + ".csv", "endless.csv", "endless.stl", "endless.npz", "empty.csv", "zero.stl", "no\udce9.csv", "",
+    " ", "~/x.csv",
+)  # fmt: skip
+JUNK = (b"\x00", b"\xff\xfe", b'"', b"'", b'"""', b"[[", b"]]", b"{", b"=", b"\\u0000", b"\\", b"\r", b"#", b"\xc2")
+NESTED = ("x = " + "[" * 3000 + "]" * 3000, "x = " + "{a=" * 900 + "1" + "}" * 900, "x = " + "[" * 60 + "]" * 60)
+NUMBERS = ("1" * 5000, "0x" + "f" * 40_000, "1e99999", "-" + "9" * 400, "1_000_000_000_000", "+nan", "1979-05-27", "07:32:00")
+WORDS = ("0", "x", "-1", "10" * 9, "9" * 5000, "\u0663", "\u00b2", "__class__", "", " ")
 FREE = {"title", "name"}
 
 
 def small(path: Path) -> dict[str, Any]:
-    """The document of a shipped scene with few bodies."""
     document = tomllib.loads(path.read_text(encoding="utf-8"))
     count, size = SMALL.get(path.stem, (3, document["domain"]["size"]))
     for debris in document["debris"]:
@@ -207,18 +80,15 @@ def places(node: Any, above: tuple[str | int, ...] = ()) -> Iterator[tuple[str |
 
 
 def entry(node: Any, place: tuple[str | int, ...]) -> Any:
-    """What stands at a place."""
     for key in place:
         node = node[key]
     return node
 
 
 def misspelt(word: str, rng: Random) -> str:
-    """The word with a letter too many, too few, or another one."""
     at = rng.randrange(len(word))
-    return rng.choice(
-        (word[:at] + word[at + 1 :], word[:at] + "q" + word[at:], word[:at] + "z" + word[at + 1 :], word + "\x1b[1m")
-    )
+    less, more, other = word[:at] + word[at + 1 :], word[:at] + "q" + word[at:], word[:at] + "z" + word[at + 1 :]
+    return rng.choice((less, more, other, word + "\x1b[1m"))
 
 
 def spoilt_value(rng: Random) -> tuple[Any, bool]:
@@ -307,10 +177,7 @@ def spoilt_text(text: str, rng: Random) -> bytes:
     if kind == "cut":
         return bytes(data[:at])
     if kind == "insert":
-        junk = rng.choice(
-            (b"\x00", b"\xff\xfe", b'"', b"'", b'"""', b"[[", b"]]", b"{", b"=", b"\\u0000", b"\\", b"\r", b"#", b"\xc2")
-        )
-        return bytes(data[:at] + junk + data[at:])
+        return bytes(data[:at] + rng.choice(JUNK) + data[at:])
     if kind == "bom":
         return rng.choice((b"\xef\xbb\xbf" + data, text.encode("utf-16"), text.encode("utf-32")))
     if kind == "drop":
@@ -325,14 +192,9 @@ def spoilt_text(text: str, rng: Random) -> bytes:
     elif kind == "bracket":
         lines[line] = re.sub(r"[\[\]{}=,]", "", lines[line], count=1)
     elif kind == "deep":
-        nested = rng.choice(
-            ("x = " + "[" * 3000 + "]" * 3000, "x = " + "{a=" * 900 + "1" + "}" * 900, "x = " + "[" * 60 + "]" * 60)
-        )
-        lines.insert(line, nested)
+        lines.insert(line, rng.choice(NESTED))
     elif kind == "number":
-        huge = rng.choice(
-            ("1" * 5000, "0x" + "f" * 40_000, "1e99999", "-" + "9" * 400, "1_000_000_000_000", "+nan", "1979-05-27", "07:32:00")
-        )
+        huge = rng.choice(NUMBERS)
         lines[line] = re.sub(r"=.*", lambda _: f"= {huge}", lines[line])
     joined = "\n".join(lines)
     return (joined.replace("\n", "\r\n") if kind == "crlf" else joined).encode()
@@ -356,26 +218,19 @@ def setting(document: dict[str, Any], rng: Random) -> tuple[str, str]:
     if rng.random() < 0.4:
         return ".".join(words), str(tame(entry(document, tuple(int(w) if w.isdecimal() else w for w in words)), rng))
     if rng.random() < 0.2:
-        words.insert(
-            rng.randrange(len(words) + 1),
-            rng.choice(("0", "x", "-1", "10" * 9, "9" * 5000, "\u0663", "\u00b2", "__class__", "", " ")),
-        )
+        words.insert(rng.randrange(len(words) + 1), rng.choice(WORDS))
     if rng.random() < 0.1:
         words = words[:1] * rng.choice((1, 2, 3000))
     value, _ = spoilt_value(rng)
-    text = (
-        value
-        if isinstance(value, str)
-        else rng.choice((toml_text({"v": value}).partition("= ")[2], repr(value)[:5000], "v\nw = 3", "[" * 3000))
-    )
-    return rng.choice((".".join(words), "".join(f"[{word}]" for word in words), ".." + ".".join(words))), text
+    if not isinstance(value, str):
+        value = rng.choice((toml_text({"v": value}).partition("= ")[2], repr(value)[:5000], "v\nw = 3", "[" * 3000))
+    return rng.choice((".".join(words), "".join(f"[{word}]" for word in words), ".." + ".".join(words))), value
 
 
 _PART = re.compile(r'"([^"]*)"|\[(\d+)\]|([^.\[\]"]+)')
 
 
 def reported_keys(fault: Fault) -> list[str | int]:
-    """The parts of the key that a fault names."""
     return [int(index) if index else quoted or bare for quoted, index, bare in _PART.findall(fault.key)]
 
 

@@ -4,8 +4,6 @@ A scene is small (at most 12 bodies) and short (some hundred periods of its stif
 minutes. Loads, speeds and times follow from the overlap that the load should give: 1e-6 to 0.03 of the sphere's radius.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from random import Random
@@ -17,7 +15,6 @@ RESTITUTIONS = (0.01, 0.1, 0.3, 0.6, 0.9, 0.999, 1.0)
 POISSON_RATIOS = (-0.9, -0.5, 0.0, 0.3, 0.45, 0.499, 0.5)
 SHAPES = ("ball", "pair", "tripod", "needle", "ring", "ratio", "irregular", "spots")
 MOTIONS = ("none", "velocity", "ramp", "sine", "triangle", "stages", "diagonal")
-
 STIFFNESS_PERIODS = 100.0
 """Duration of the drag in units of sqrt(mass / normal stiffness): about a thousand explicit steps."""
 
@@ -40,7 +37,6 @@ class Scales:
 
     @property
     def contact_radius(self) -> float:
-        """Hertz contact radius, m."""
         return math.sqrt(self.radius * self.overlap)
 
     @property
@@ -50,7 +46,6 @@ class Scales:
 
     @property
     def duration(self) -> float:
-        """Time of the drag, s."""
         return STIFFNESS_PERIODS * math.sqrt(self.mass / self.stiffness)
 
 
@@ -86,11 +81,8 @@ def random_scene(seed: int) -> dict[str, Any]:
 
 
 def _material(rng: Random) -> dict[str, Any]:
-    return {
-        "youngs_modulus": f"{10.0 ** rng.uniform(4.0, 12.0)!r} Pa",
-        "poisson_ratio": rng.choice(POISSON_RATIOS),
-        "density": f"{10.0 ** rng.uniform(2.3, 4.3)!r} kg/m3",
-    }
+    stiffness, nu = f"{10.0 ** rng.uniform(4.0, 12.0)!r} Pa", rng.choice(POISSON_RATIOS)
+    return {"youngs_modulus": stiffness, "poisson_ratio": nu, "density": f"{10.0 ** rng.uniform(2.3, 4.3)!r} kg/m3"}
 
 
 def _value(text: str) -> float:
@@ -103,7 +95,6 @@ def _e_star(*pair: dict[str, Any]) -> float:
 
 
 def _pairs(rng: Random, names: list[str]) -> list[dict[str, Any]]:
-    """A pair table for every two materials."""
     between = [[first, second] for i, first in enumerate(names) for second in names[i:]]
     return [{"between": two, "friction": rng.choice(FRICTIONS), "restitution": rng.choice(RESTITUTIONS)} for two in between]
 
@@ -113,7 +104,6 @@ def _sphere(x: float, y: float, radius: float) -> dict[str, Any]:
 
 
 def _given_spheres(rng: Random, shape: str, radius: float) -> list[dict[str, Any]]:
-    """Spheres of a body of a named shape, neighbours 1.5 radii apart."""
     pitch = 1.5 * radius
     if shape == "pair":
         return [_sphere(i * pitch * rng.choice((1.0, 1e-4)), 0.0, radius) for i in range(2)]
@@ -140,13 +130,8 @@ def _debris(
         return _spots(rng, radius, mass, material), 12.0 * radius, mass
     if shape == "irregular":
         least = rng.randint(1, 8)
-        table |= {
-            "kind": "irregular",
-            "size": f"{2.0 * radius!r} m",
-            "spheres": [least, rng.randint(least, 12)],
-            "aspect": [1.0, rng.choice((1.0, 0.6, 0.3)), rng.choice((0.8, 0.3))],
-        }
-        table["aspect"].sort(reverse=True)
+        table |= {"kind": "irregular", "size": f"{2.0 * radius!r} m", "spheres": [least, rng.randint(least, 12)]}
+        table["aspect"] = sorted((1.0, rng.choice((1.0, 0.6, 0.3)), rng.choice((0.8, 0.3))), reverse=True)
         if rng.random() < 0.3:
             table["asperities"] = {"count": rng.randint(1, 8), "radius": rng.choice((0.05, 0.2, 0.5))}
         return table, 5.0 * radius, mass
@@ -157,17 +142,11 @@ def _debris(
 
 
 def _spots(rng: Random, radius: float, mass: float, material: str) -> dict[str, Any]:
-    """A planar particle on three spots: one above, two below on either side of it."""
     places = ((-0.5, 0.5, "upper", 2.0), (-3.0, -1.0, "lower", -2.0), (1.0, 3.0, "lower", -2.0))
-    spots = [
-        {
-            "side": side,
-            "x": f"{rng.uniform(left, right) * radius!r} m",
-            "z": f"{height * radius!r} m",
-            "radius": f"{radius * rng.uniform(0.5, 2.0)!r} m",
-        }
-        for left, right, side, height in places
-    ]
+    spots = []
+    for left, right, side, height in places:
+        x, r = rng.uniform(left, right) * radius, radius * rng.uniform(0.5, 2.0)
+        spots.append({"side": side, "x": f"{x!r} m", "z": f"{height * radius!r} m", "radius": f"{r!r} m"})
     inertia = [f"{8.0 * mass * radius**2!r} kg m2"] * 3
     return {"material": material, "kind": "spots", "spots": spots, "mass": f"{mass!r} kg", "inertia": inertia, "planar": True}
 
@@ -178,19 +157,14 @@ def _domain(rng: Random, extent: float, count: int) -> dict[str, Any]:
 
 
 def _upper_plate(rng: Random, scales: Scales, material: str, shape: str) -> dict[str, Any]:
-    """Support, load and motion of the upper plate."""
     support = rng.choice(("load_per_particle", "load_per_particle", "rigid", "foundation"))
     plate: dict[str, Any] = {"material": material, "support": support, "load": f"{scales.load!r} N"}
     if support == "foundation":
         plate["stiffness"] = f"{scales.stiffness * 10.0 ** rng.uniform(-3.0, 0.0)!r} N/m"
     if rng.random() < 0.15:
-        plate["loading"] = rng.choice(
-            (
-                {"load": "0 N"},
-                {"load": f"{2.0 * scales.load!r} N", "duration": f"{scales.duration / 2.0!r} s"},
-                [{"pause": f"{scales.duration / 4.0!r} s"}, {"load": f"{scales.load / 2.0!r} N"}],
-            )
-        )
+        rise, fall = f"{scales.duration / 2.0!r} s", f"{scales.duration / 4.0!r} s"
+        twice, half = {"load": f"{2.0 * scales.load!r} N", "duration": rise}, {"load": f"{scales.load / 2.0!r} N"}
+        plate["loading"] = rng.choice(({"load": "0 N"}, twice, [{"pause": fall}, half]))
     motion = _motion(rng, scales, planar=shape == "spots")
     if motion:
         plate["motion"] = motion
@@ -204,14 +178,11 @@ def _motion(rng: Random, scales: Scales, planar: bool) -> dict[str, Any]:
     speed, time = f"{distance / scales.duration!r} m/s", f"{scales.duration / 4.0!r} s"
     stroke = {"stroke": f"{distance / 4.0!r} m", "frequency": f"{2.0 / scales.duration!r} Hz"}
     motions: dict[str, dict[str, Any]] = {
-        "none": {},
-        "velocity": {"x": {"velocity": speed}},
-        "ramp": {"x": {"ramp": speed, "duration": time}},
-        "sine": {"x": stroke},
-        "triangle": {"x": stroke | {"shape": "triangle"}},
-        "stages": {"x": [{"velocity": speed, "duration": time}, {"pause": time}, {"velocity": "-" + speed}]},
+        "none": {}, "velocity": {"x": {"velocity": speed}}, "ramp": {"x": {"ramp": speed, "duration": time}},
+        "sine": {"x": stroke}, "triangle": {"x": stroke | {"shape": "triangle"}},
         "diagonal": {"x": {"velocity": speed}, "y": stroke},
-    }
+        "stages": {"x": [{"velocity": speed, "duration": time}, {"pause": time}, {"velocity": "-" + speed}]},
+    }  # fmt: skip
     return motions[kind]
 
 
@@ -236,3 +207,59 @@ def _effects(rng: Random, integrator: str, scales: Scales) -> dict[str, Any]:
     if integrator == "explicit" and rng.random() < 0.1:
         effects["local_damping"] = {"coefficient": 0.3, "until": "settled"}
     return effects
+
+
+# small layers of debris that meets, for the implicit integrator: shapes, area fractions, supports, levels and speeds
+
+LAYER_RADIUS = 5e-6  # m, of balls; half the median size of clumps
+LAYER_HERTZ = 4.0 / 3.0 * 115e9  # 4/3 E* of steel on steel, Pa
+
+
+def random_layer(seed: int) -> dict[str, Any]:
+    """The scene of a seed as a TOML document: 3 to 16 bodies under a load that presses spots in by 1e-4 to 1e-2 of the radius.
+
+    They slide for 0.05 to 0.5 radii at 0.1 mm/s to 1 m/s, so that neighbours a fraction of a radius apart meet.
+    """
+    rng = Random(f"layer {seed}")
+    count, fraction = rng.randint(3, 16), rng.uniform(0.1, 0.6)
+    side = math.sqrt(count * math.pi * LAYER_RADIUS**2 / fraction)
+    load = LAYER_HERTZ * LAYER_RADIUS**2 * (10.0 ** rng.uniform(-4.0, -2.0)) ** 1.5
+    distance, speed = LAYER_RADIUS * rng.uniform(0.05, 0.5), 10.0 ** rng.uniform(-4.0, 0.0)
+    surface = {"friction": rng.choice((0.0, 0.05, 0.3, 0.6, 1.0)), "restitution": rng.choice((0.1, 0.3, 0.6, 0.9))}
+    return {
+        "scene": 1,
+        "title": f"random layer {seed}",
+        "materials": {"steel": {"youngs_modulus": "210 GPa", "poisson_ratio": 0.3, "density": "7850 kg/m3"}},
+        "pairs": [{"between": ["steel", "steel"]} | surface],
+        "debris": [_layer_debris(rng, count, seed)],
+        "domain": {"size": [f"{side!r} m", f"{side!r} m"]},
+        "plates": {"lower": {"material": "steel"}, "upper": _layer_plate(rng, load, speed, distance)},
+        "contact": {"level": rng.choice(("coulomb", "mindlin", "mdr", "exact"))},
+        "effects": {"gravity": ["0 m/s2", "0 m/s2", "-9.81 m/s2"]} if rng.random() < 0.3 else {},
+        "solver": {"integrator": "implicit", "duration": f"{distance / speed!r} s"},
+        "output": {"every": f"{distance / speed / 8.0!r} s"},
+    }
+
+
+def _layer_debris(rng: Random, count: int, seed: int) -> dict[str, Any]:
+    table: dict[str, Any] = {"material": "steel", "count": count, "seed": seed, "placement": "layer"}
+    kind = rng.choice(("ball", "pair", "irregular", "irregular"))
+    if kind == "irregular":
+        size = {"distribution": "lognormal", "median": f"{2.0 * LAYER_RADIUS!r} m", "sigma": 0.2}
+        return table | {"kind": "irregular", "size": size, "spheres": [3, rng.randint(3, 8)], "aspect": [1.0, 0.8, 0.6]}
+    if kind == "ball":
+        return table | {"kind": "spheres", "radius": f"{LAYER_RADIUS!r} m"}
+    radius = f"{0.6 * LAYER_RADIUS!r} m"
+    shape = [{"center": [f"{0.9 * LAYER_RADIUS * i!r} m", "0 m", "0 m"], "radius": radius} for i in range(2)]
+    return table | {"kind": "spheres", "shape": shape}
+
+
+def _layer_plate(rng: Random, load: float, speed: float, distance: float) -> dict[str, Any]:
+    support = rng.choice(("load_per_particle", "load_per_particle", "rigid", "foundation"))
+    plate: dict[str, Any] = {"material": "steel", "support": support, "load": f"{load!r} N"}
+    if support == "foundation":
+        plate["stiffness"] = f"{load / LAYER_RADIUS * 10.0 ** rng.uniform(0.0, 2.0)!r} N/m"
+    drag: dict[str, Any] = {"velocity": f"{speed!r} m/s"}
+    if rng.random() < 0.3:
+        drag = {"stroke": f"{distance / 4.0!r} m", "frequency": f"{2.0 * speed / distance!r} Hz"}
+    return plate | {"motion": {"x": drag}}

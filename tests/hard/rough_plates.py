@@ -4,8 +4,6 @@ Where a sphere of radius R rests on heights h is a maximum, that of h(u) + sqrt(
 centre; forces follow from the slope there by statics.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path
@@ -22,24 +20,18 @@ from thirdbody.scene.surfaces import Groove, Sine, SurfaceFile, Waves
 
 SIZE, R = 40.0, 5.0
 """Side of the domain and radius of the ball [um]."""
-
 MIDDLE = 0.5 * SIZE
 """Place of the ball along x and y [um]."""
-
 TILT = 1e-2
 """Deviation of forces over the load: overlaps move the contacts along the surface, and bounces have not died out to the last."""
-
 SUNK = 2e-9
 """Deviation of the height of a ball from that of a rigid one [m], beyond what it sank at first: overlaps of 5 nm vary with the
-effective radius.
-"""
-
+effective radius."""
 SUNK_ON_EDGES = 1e-8
 """The same on edges with a radius of 0.1 um and where the dashpot of the patch, which falls with the ball, carries some load."""
 
 
 def dragged(trial, surface, friction, gap, x=MIDDLE, speed=0.5):
-    """The scene of a ball at x [um], `gap` [um] above the mean plane of a surface."""
     upper = UpperPlate(material="ball", support="load_per_particle", load=LOAD, motion=drag(speed))
     plates = Plates(lower=LowerPlate(material="ball", surface=surface), upper=upper)
     debris = [clump([(0.0, 0.0, 0.0, R)], x * MICRON, MIDDLE * MICRON, gap=gap * MICRON)]
@@ -61,7 +53,6 @@ def profile_of(run):
 
 
 def rigid_height(profile, x):
-    """The height of the centre of a rigid ball at x [m]."""
     u = np.linspace(-R, R, 20001) * MICRON
     return float((profile(x + u) + np.sqrt(np.maximum((R * MICRON) ** 2 - u**2, 0.0))).max())
 
@@ -78,7 +69,6 @@ def resting_angle(profile):
 
 
 def closed(run, side=LOWER):
-    """The records of closed contacts with a plate."""
     return run.state.slots.R[run.loaded() & (run.state.slots.sides == side)]
 
 

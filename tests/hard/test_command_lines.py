@@ -1,8 +1,5 @@
 """Hundreds of absurd command lines: none ends in a traceback, hangs, steers the terminal or leaves a part of a file behind."""
 
-from __future__ import annotations
-
-import importlib.util
 import json
 import subprocess
 import sys
@@ -11,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from balls import BALLS
+from hard import command_lines as played
 
 import thirdbody
 
@@ -20,7 +18,6 @@ CODES = {0, 2, 3, 4, 5, 130}
 
 
 def faults(code: int, out: str, err: str) -> list[str]:
-    """What is wrong with the end of a command."""
     report = [line for line in err.splitlines() if line and not line.startswith(("Usage:", "Try ", "warning:"))]
     wrong = {
         f"exit code {code}": code not in CODES,
@@ -34,16 +31,12 @@ def faults(code: int, out: str, err: str) -> list[str]:
 
 
 @pytest.mark.full(kind="hard")
-@pytest.mark.parametrize("about", ["plug-ins", "settings", "runs", "files", "options", "outputs"])
+@pytest.mark.parametrize("about", [*played.FORMS, "options"])
 def test_no_command_line_breaks_the_program(about, tmp_path):
-    spec = importlib.util.spec_from_file_location("thirdbody_command_lines", HERE / "command_lines.py")
-    assert spec is not None and spec.loader is not None
-    played = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(played)
     (tmp_path / "scene.toml").write_text(BALLS, encoding="utf-8")
     thirdbody.run(thirdbody.Scene.load(tmp_path / "scene.toml"), tmp_path / "run", threads=1, progress=False).close()
     played.furnish(tmp_path, BALLS, MESH)
-    rows = list(played.LINES[about]())
+    rows = played.lines(about)
     broken = []
     words = [sys.executable, str(HERE / "command_lines.py"), str(tmp_path)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:

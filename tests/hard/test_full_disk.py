@@ -5,8 +5,6 @@ The system refuses to write as it does then: past a limit on the size of files, 
 file system of a fixed size where the tests may mount one.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import resource
@@ -14,12 +12,12 @@ import shutil
 import subprocess
 import sys
 from collections import namedtuple
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import h5py
 import pytest
+from slow import slow
+from trajectories import contents
 
 import thirdbody
 from thirdbody.errors import Interrupted, OutputError
@@ -31,70 +29,55 @@ from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory import writer
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
-SHORT = {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.05 um"}
+SHORT = {"debris.0.count": "12", "solver.distance": "0.2 um", "output.every": "0.05 um", "solver.settle": "1 us"}
 KINDS = {"explicit": {}, "implicit": {"contact.debris_contact": "none", "solver.integrator": "implicit"}}
 USAGE = namedtuple("usage", "total used free")
 
 
-def scene_of(kind: str) -> thirdbody.Scene:
+def scene_of(kind):
     return thirdbody.Scene.load(SCENE).with_settings(SHORT | KINDS[kind])
 
 
-def arrays(folder: Path) -> dict[str, bytes]:
-    found: dict[str, bytes] = {}
-
-    def keep(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("scene/"):
-            found[name] = item[()].tobytes()
-
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(keep)
-    return found
-
-
-def names(folder: Path) -> set[str]:
+def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.fixture(scope="module", params=KINDS)
-def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A whole run, and one that was stopped after two frames."""
+@pytest.fixture(scope="module", params=["explicit", slow("implicit")])
+def runs(request, tmp_path_factory):
     home, frames = tmp_path_factory.mktemp(f"disk_{request.param}"), [0]
     execute(prepare(scene_of(request.param)), home / "whole")
+    told = {"report": lambda progress: frames.append(progress.frame), "stop": lambda: frames[-1] > 1}
     with pytest.raises(Interrupted):
-        execute(
-            prepare(scene_of(request.param)), home / "cut", times=WallTimes(0.0),
-            report=lambda progress: frames.append(progress.frame), stop=lambda: frames[-1] > 1,
-        )  # fmt: skip
+        execute(prepare(scene_of(request.param)), home / "cut", times=WallTimes(0.0), **told)
     return home / "whole", home / "cut"
 
 
 @pytest.fixture()
-def cut(runs: tuple[Path, Path], tmp_path: Path) -> Path:
+def cut(runs, tmp_path):
     return Path(shutil.copytree(runs[1], tmp_path / "run"))
 
 
-def take_up(folder: Path, every: float = 0.0) -> None:
+def take_up(folder):
     simulation, kept = prepare_resume(folder)
-    execute(simulation, folder, checkpoint=kept, times=WallTimes(every))
+    execute(simulation, folder, checkpoint=kept, times=WallTimes(0.0))
 
 
-def goes_on(folder: Path, whole: Path, before: set[str]) -> None:
+def goes_on(folder, whole, before):
     """Nothing strange is left, what was written opens, and taken up again the run ends as the whole one."""
     assert names(folder) == before
     with thirdbody.open(folder) as run:
         assert run.frames >= read_checkpoint(folder).frames > 1
     take_up(folder)
-    first, second = arrays(whole), arrays(folder)
+    first, second = contents(whole), contents(folder)
     assert [name for name in first if first[name] != second[name]] == []
 
 
 @contextmanager
-def failing(owner: object, name: str, after: int, error: OSError) -> Iterator[None]:
+def failing(owner, name, after, error):
     """The so-manieth call and all after it raise what the system says."""
     real, calls = getattr(owner, name), 0
 
-    def call(*args: object, **options: object) -> object:
+    def call(*args, **options):
         nonlocal calls
         calls += 1
         if calls > after:
@@ -107,10 +90,10 @@ def failing(owner: object, name: str, after: int, error: OSError) -> Iterator[No
 
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+MORE = (("fsync", 0), ("fsync", 3), ("replace", 1), ("replace", 3))
 
 
-@pytest.mark.parametrize("name", ["fsync", "replace"])
-@pytest.mark.parametrize("after", [0, 1, 3])
+@pytest.mark.parametrize("name, after", [("fsync", 1), ("replace", 0), *(slow(*row) for row in MORE)])
 def test_a_checkpoint_that_cannot_be_written_keeps_the_one_before(runs, cut, name, after):
     """From the copy of the trajectory that a resumed run begins with, to its last checkpoint."""
     before, old = names(cut), read_checkpoint(cut).frames
@@ -138,8 +121,7 @@ def test_a_checkpoint_cut_short_by_the_disk_is_not_taken_for_one(runs, cut, monk
 
 
 @contextmanager
-def limited(nbytes: int) -> Iterator[None]:
-    """No file grows beyond so many bytes; the system tells as it does of a full disk."""
+def limited(nbytes):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (nbytes, hard))
     try:
@@ -148,7 +130,7 @@ def limited(nbytes: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("share", [0.01, 0.5, 0.99])
+@pytest.mark.parametrize("share", [slow(0.01), 0.5, slow(0.99)])
 def test_a_disk_that_is_full_for_the_copy_of_the_trajectory(runs, cut, share):
     """A resumed run begins with a copy of the frames that count."""
     before, size = names(cut), (cut / "run.vtkhdf").stat().st_size
@@ -174,7 +156,7 @@ def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
     goes_on(cut, runs[0], before)
 
 
-def refused(error: OutputError, path: Path) -> None:
+def refused(error, path):
     """One line that names the file and how many frames are safe."""
     text = str(error)
     assert error.exit_code == 5 and "\n" not in text and text.startswith(str(path)) and ".part" not in text
@@ -182,7 +164,7 @@ def refused(error: OutputError, path: Path) -> None:
 
 
 @contextmanager
-def mounted(folder: Path, size: int) -> Iterator[Path]:
+def mounted(folder, size):
     """A file system of its own of so many bytes; skips the test where none can be mounted."""
     folder.mkdir()
     made = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True)
@@ -194,7 +176,7 @@ def mounted(folder: Path, size: int) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def remount(folder: Path, how: str) -> None:
+def remount(folder, how):
     subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True)
 
 
@@ -202,7 +184,7 @@ needs_mount = pytest.mark.skipif(not sys.platform.startswith("linux") or not shu
 
 
 @needs_mount
-@pytest.mark.parametrize("room", [4096, 300_000])
+@pytest.mark.parametrize("room", [slow(4096), 300_000])
 def test_a_file_system_without_space(runs, tmp_path, room):
     """The real thing: with a page left, and with room for a part of the copy."""
     size = sum(path.stat().st_size for path in runs[1].iterdir())
@@ -218,7 +200,7 @@ def test_a_file_system_without_space(runs, tmp_path, room):
 
 
 @needs_mount
-@pytest.mark.parametrize("room", [8192, 80_000, 200_000, 400_000])
+@pytest.mark.parametrize("room", [slow(8192), 80_000, slow(200_000), 400_000])
 def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing(tmp_path, room):
     """Room for a folder, for a part of the file, for all but the checkpoint, and for all but the frame."""
     with mounted(tmp_path / "small", room) as small:

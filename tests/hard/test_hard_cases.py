@@ -1,7 +1,5 @@
 """The hard cases, each once per integrator at one level, in full with `-m hard`; their table: `tests/bench/hard_cases.py`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -9,10 +7,24 @@ import pytest
 from hard.cases import CASES, FACTORS, Case, run_case
 from hard.trial import Setting, Trial
 
+# of these the other integrator, or tests of the same stage of the law, are in the default command
+LONG = {
+    "tiny_lump_rolls explicit", "tiny_lump_rolls implicit", "both_plates_pull explicit", "both_plates_pull implicit",
+    "step_of_a_file explicit", "stiff_ratio explicit", "light_on_heavy explicit", "turning_pair explicit",
+    "sharp_valleys explicit", "rides_onto explicit", "chain_of_ten explicit", "meets_again explicit", "crowded_spots explicit",
+}  # fmt: skip
+HARD = pytest.mark.full(kind="hard")
+
 
 def paths(quick):
     found = [(case, setting) for case in CASES.values() for setting in case.settings(quick)]
-    return [pytest.param(*path, id=f"{path[0].name}-{path[1].integrator}-{path[1].level}") for path in found]
+    return [
+        pytest.param(
+            case, setting, id=f"{case.name}-{setting.integrator}-{setting.level}",
+            marks=[HARD] * (quick and f"{case.name} {setting.integrator}" in LONG),
+        )
+        for case, setting in found
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("case, setting", paths(quick=True))
@@ -22,7 +34,7 @@ def test_hard_case(case, setting):
     assert not row.broken, "\n".join(row.broken)
 
 
-@pytest.mark.full(kind="hard")
+@HARD
 @pytest.mark.parametrize("case, setting", paths(quick=False))
 def test_hard_case_in_full(case, setting):
     """Every level, the long versions, and the largest stable step between 1.2 and 10 times the automatic one."""
@@ -39,7 +51,6 @@ def test_automatic_step_has_a_margin_and_wastes_little(name):
 
 
 def made(run):
-    """A row of a case with this action."""
     return run_case(Case(run, ("explicit",), ("mindlin",)), Setting("explicit", "mindlin"))
 
 

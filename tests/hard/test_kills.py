@@ -1,12 +1,13 @@
-"""Killed at any moment, a run reads to its last committed frame, and taken up it ends with the bits of an undisturbed one.
+"""Killed at any moment, a run reads to its last committed frame, and taken up it ends with the bits of an undisturbed one;
+a sweep ends with the same table; a run that is read while it is written is never called damaged.
 
-`pytest -m hard tests/hard/test_kills.py`: fifty kills at random times and fifty between data, flush, commit, fsync and replace,
-by either integrator; a few of them run always.
+`pytest -m full tests/hard/test_kills.py`: fifty kills at random times and fifty between data, flush, commit, fsync and replace,
+by either integrator, and thirty of processes of a sweep; one of each runs always.
 """
 
-from __future__ import annotations
-
+import csv
 import json
+import os
 import random
 import signal
 import subprocess
@@ -14,17 +15,21 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import pytest
+from balls import BALLS, edited
+from portable import PATIENCE
+from trajectories import contents
 
 import thirdbody
 from thirdbody.errors import InputError
-from thirdbody.runner.checkpoint import FILE
+from thirdbody.runner.checkpoint import FILE, read_checkpoint
+from thirdbody.studies.sweep.results import TIMES
 
 PROGRAM = Path(__file__).with_name("killed_run.py")
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SHORT = {"output.every": "0.05 um"}
 CASES = {
+    "short": SHORT | {"debris.0.count": "8", "solver.distance": "0.2 um", "solver.settle": "1 us"},
     "explicit": SHORT | {"debris.0.count": "100", "solver.distance": "2 um"},
     "implicit": SHORT | {"debris.0.count": "1200", "solver.distance": "6 um", "contact.debris_contact": "none"},
     "implicit, bodies that meet": SHORT | {
@@ -32,29 +37,22 @@ CASES = {
         "solver.integrator": "implicit", "plates.upper.motion.x.velocity": "1 mm/s",
     },
 }  # fmt: skip
-"""Some five seconds of integration each."""
+"""Some five seconds of integration each, but for the first."""
 
 
-def start(folder: Path, settings: dict[str, str], last: int = 0) -> subprocess.Popen:
+def start(folder, settings, last=0):
     command = [sys.executable, str(PROGRAM), str(folder), str(SCENE), json.dumps(settings), str(last)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
-def arrays(folder: Path) -> dict[str, bytes]:
-    found: dict[str, bytes] = {}
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(
-            lambda name, item: (
-                found.update({name: item[()].tobytes()})
-                if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
-                else None
-            )
-        )
-    return found
+def report(child):
+    message = child.communicate()[1].decode()
+    assert child.returncode in (0, -signal.SIGKILL), message
+    return child.returncode
 
 
-def killed_at_random(folder: Path, settings: dict[str, str], rng: random.Random) -> int:
-    """One process that is killed some time after it began to write; what it returned."""
+def killed_at_random(folder, settings, rng):
+    """What a process returned that is killed some time after it began to write."""
     child = start(folder, settings)
     while child.poll() is None and not (folder / FILE).exists():
         time.sleep(0.01)
@@ -65,18 +63,17 @@ def killed_at_random(folder: Path, settings: dict[str, str], rng: random.Random)
     return report(child)
 
 
-def killed_between(folder: Path, settings: dict[str, str], rng: random.Random) -> int:
-    """One process that dies between two calls which touch the disk; what it returned."""
+def killed_between(folder, settings, rng):
+    """What a process returned that dies between two calls which touch the disk."""
     return report(start(folder, settings, rng.randint(1, 400)))
 
 
-def report(child: subprocess.Popen) -> int:
-    message = child.communicate()[1].decode()
-    assert child.returncode in (0, -signal.SIGKILL), message
-    return child.returncode
+def killed_soon(folder, settings, rng):
+    """The same within the second frame of a short run: the first has some 20 calls."""
+    return report(start(folder, settings, rng.randint(25, 40)))
 
 
-def opens(folder: Path) -> None:
+def opens(folder):
     """The trajectory of a killed run reads, every frame that was committed."""
     try:
         with thirdbody.open(folder) as run:
@@ -84,16 +81,13 @@ def opens(folder: Path) -> None:
                 assert len(run.bodies(frame)["state"]) and len(run.spheres(frame)["position"])
     except InputError:
         # killed before its first frame: then there is nothing to read, and the checkpoint says so
-        from thirdbody.runner.checkpoint import read_checkpoint
-
         assert not (folder / FILE).exists() or read_checkpoint(folder).frames == 0
 
 
-def survives(tmp_path: Path, integrator: str, kill, kills: int) -> None:
-    settings, rng = CASES[integrator], random.Random(f"{integrator} {kill.__name__}")
-    whole = tmp_path / "whole"
-    assert report(start(whole, settings)) == 0
-    wanted, done, round_ = arrays(whole), 0, 0
+def survives(tmp_path, case, kill, kills):
+    settings, rng = CASES[case], random.Random(f"{case} {kill.__name__}")
+    assert report(start(tmp_path / "whole", settings)) == 0
+    wanted, done, round_ = contents(tmp_path / "whole"), 0, 0
     while done < kills:
         folder, code = tmp_path / f"cut{round_}", -1
         round_ += 1
@@ -102,17 +96,123 @@ def survives(tmp_path: Path, integrator: str, kill, kills: int) -> None:
             done += code != 0
             if folder.exists():
                 opens(folder)
-        found = arrays(folder)
-        assert found.keys() == wanted.keys()
-        assert [name for name in wanted if found[name] != wanted[name]] == []
+        found = contents(folder)
+        assert found.keys() == wanted.keys() and [name for name in wanted if found[name] != wanted[name]] == []
 
 
 @pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("kill", [killed_at_random, killed_between])
-@pytest.mark.parametrize("integrator", CASES)
-def test_fifty_kills(tmp_path, integrator, kill):
-    survives(tmp_path, integrator, kill, 50)
+@pytest.mark.parametrize("case", [name for name in CASES if name != "short"])
+def test_fifty_kills(tmp_path, case, kill):
+    survives(tmp_path, case, kill, 50)
 
 
-def test_a_few_kills(tmp_path):
-    survives(tmp_path, "explicit", killed_between, 3)
+def test_a_kill(tmp_path):
+    survives(tmp_path, "short", killed_soon, 1)
+
+
+@pytest.mark.full(kind="hard")
+def test_a_run_that_is_being_written_is_never_damaged(tmp_path):
+    """Two thousand frames, one every few milliseconds; before the first one there is no run, or none that can be read."""
+    end = ('distance = "0.1 um"\nsettle = "1 us"', 'duration = "40 us"\nsettle = "20 ns"\nintegrator = "explicit"')
+    (tmp_path / "scene.toml").write_text(edited(BALLS, end, ("0.05 um", "20 ns")))
+    command = [sys.executable, "-m", "thirdbody", "run", "scene.toml", "-o", "run", "--quiet"]
+    reads, begun = 0, False
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            try:
+                with thirdbody.open(tmp_path / "run") as run:
+                    begun = begun or run.frames > 0
+                    if run.frames:
+                        assert run.states.shape[0] == len(run.times) == len(run.series["time"]) == run.frames
+                        run.bodies(-1), run.contacts(-1), run.spheres(0), run.summary()
+                    reads += 1
+            except InputError as error:
+                assert not begun and ("no such run" in str(error) or "not an HDF5 file" in str(error)), error
+        assert process.returncode == 0
+    assert reads >= 100
+
+
+# sweeps -------------------------------------------------------------------------------------------------------------------------
+
+COMMAND = [sys.executable, "-m", "thirdbody", "sweep"]
+VARY = ["--vary", "pairs.0.friction=0.05:0.6:3", "--vary", "debris.0.count=3,4000", "--workers", "2", "-q"]
+"""Half of the points fails: 4000 balls have no space in the domain."""
+LONG = ["--set", "solver.distance=0.2 um"]
+
+
+def start_sweep(folder, out):
+    words = [out, "--resume", "-q"] if (folder / out / "sweep.json").exists() else ["balls.toml", *VARY, *LONG, "-o", out]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    return subprocess.Popen([*COMMAND, *words], cwd=folder, start_new_session=True, **quiet)
+
+
+def children(process):
+    try:
+        texts = [path.read_text() for path in Path(f"/proc/{process}/task").glob("*/children")]
+    except OSError:
+        return []
+    return [int(word) for text in texts for word in text.split()]
+
+
+def table(folder):
+    rows = list(csv.DictReader((folder / "points.csv").open(encoding="utf-8")))
+    return [{name: cell for name, cell in row.items() if name.partition(" ")[0] not in TIMES} for row in rows]
+
+
+def finish(process):
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, errors.decode()
+
+
+def kill_sweep(folder, out, which, rng):
+    """Start or resume the sweep, and kill the main process or one worker some time after points run."""
+    process, until = start_sweep(folder, out), time.monotonic() + PATIENCE
+    while process.poll() is None and not children(process.pid) and time.monotonic() < until:
+        time.sleep(0.02)
+    time.sleep(rng.uniform(0.0, 2.0))
+    victims = [process.pid] if which == "main" else children(process.pid)
+    if process.poll() is not None or not victims:
+        process.communicate()
+        return False
+    os.kill(rng.choice(victims), signal.SIGKILL)
+    process.communicate(timeout=PATIENCE) if which == "main" else finish(process)
+    return True
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kills")
+    (folder / "balls.toml").write_text(BALLS, encoding="utf-8")
+    finish(start_sweep(folder, "whole"))
+    return folder
+
+
+@pytest.mark.full(kind="hard")
+def test_thirty_kills_of_a_sweep(whole):
+    """Main processes and workers in turn, up to two main processes of one sweep."""
+    rng, kills = random.Random(1), 0
+    for turn in range(120):
+        out = f"killed_{turn}"
+        for _ in range(rng.choice([1, 2]) if turn % 2 == 0 else 1):
+            kills += kill_sweep(whole, out, ("main", "worker")[turn % 2], rng)
+        finish(start_sweep(whole, out))
+        assert table(whole / out) == table(whole / "whole"), out
+        if kills >= 30:
+            return
+    raise AssertionError(f"only {kills} kills came before the end of a sweep")
+
+
+def test_ctrl_c_keeps_what_is_done_and_a_kill_too(whole):
+    """The terminal sends SIGINT to all processes of its group; workers, in sessions of their own, get none."""
+    process = start_sweep(whole, "stopped")
+    while process.poll() is None and not any((whole / "stopped" / "points").glob("*/run.vtkhdf")):
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130 and b"points are done; to go on: thirdbody sweep stopped --resume" in errors, errors
+    assert {row["status"] for row in table(whole / "stopped")} & {"waiting", "interrupted"}
+    kill_sweep(whole, "stopped", "main", random.Random(0))
+    finish(start_sweep(whole, "stopped"))
+    assert table(whole / "stopped") == table(whole / "whole")
+    assert [row["status"] for row in table(whole / "whole")] == 3 * ["done", "failed"]

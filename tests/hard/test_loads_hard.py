@@ -1,11 +1,10 @@
 """A load that falls to nothing, comes back and grows ten thousandfold at once, under every support and in both integrators."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
+from theory import builders as make
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
@@ -16,9 +15,7 @@ from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 FIRST, LAST, MU = 1e-5, 1e-1, 0.3
 LOADING = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=FIRST), Pause(pause=5e-7), Load(load=LAST)]
 """Dragged at 1 m/s; without load for 2e-7 s, then the first load again, at 1e-6 s ten thousand times as much."""
-
 END = 3e-6
-
 SUPPORTS: dict[str, dict[str, Any]] = {
     "load_per_particle": {},
     "rigid": {"support": "rigid"},
@@ -26,8 +23,7 @@ SUPPORTS: dict[str, dict[str, Any]] = {
 }
 
 
-def start(make, support, integrator, **keys):
-    """Three equal tripods of balls side by side."""
+def start(support, integrator, **keys):
     balls = [(-1.9, -1.1, 0.0, 2.0), (1.9, -1.1, 0.0, 2.0), (0.0, 2.2, 0.0, 2.0)]
     shape = [{"center": (1e-6 * x, 1e-6 * y, 1e-6 * z), "radius": 1e-6 * r} for x, y, z, r in balls]
     bodies = [make.clump(shape, x, 1e-4, gap=1e-8) for x in (0.4e-4, 1e-4, 1.6e-4)]
@@ -41,8 +37,8 @@ def start(make, support, integrator, **keys):
 
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
-def test_a_load_that_vanishes_comes_back_and_jumps(make, integrator, support):
-    simulation = start(make, support, integrator)
+def test_a_load_that_vanishes_comes_back_and_jumps(integrator, support):
+    simulation = start(support, integrator)
     ledger, state = Ledger(simulation.state), simulation.state
     pushes = []
     for t in (2.5e-7, 4.8e-7, 9.8e-7, END):
@@ -63,17 +59,17 @@ def test_a_load_that_vanishes_comes_back_and_jumps(make, integrator, support):
     assert make.numerical_share(simulation) > -1e-3
 
 
-def test_both_integrators_agree(make):
+def test_both_integrators_agree():
     """Where nothing tips, the place after the jump is the same to 1 % of the way."""
     places = []
     for integrator in ("explicit", "implicit"):
-        simulation = start(make, "load_per_particle", integrator)
+        simulation = start("load_per_particle", integrator)
         simulation.integrator.advance_to(time=simulation.settle + END)
         places.append(simulation.state.bodies.position[:, 0].copy())
     assert np.abs(places[1] - places[0]).max() < 0.01 * END
 
 
-def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change(make):
+def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change():
     """A loading that stays at the first load changes no bit."""
     found = []
     for loading in (None, [Load(load=FIRST)], [Pause(pause=1e-7), Load(load=FIRST, duration=1e-7)]):
@@ -86,6 +82,6 @@ def test_the_same_load_at_once_or_as_a_schedule_that_does_not_change(make):
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
-def test_without_load_and_inertia_nothing_reports_where_a_body_is(make):
+def test_without_load_and_inertia_nothing_reports_where_a_body_is():
     with pytest.raises(InputError, match="inertia: false needs a load at all times"):
-        start(make, "load_per_particle", "implicit", inertia=False)
+        start("load_per_particle", "implicit", inertia=False)

@@ -1,12 +1,12 @@
-"""Signals at random times in runs with outputs from 1 pm to the whole distance: every one is heard within seconds, and what goes
-on after it has the bits of a run that was never stopped.
+"""Signals are heard within seconds, also within a batch of the implicit integrator and where outputs are a step apart, and what
+goes on after one has the bits of a run that was never stopped.
 
-`pytest -m hard tests/hard/test_random_signals.py`: thirty signals to runs by either integrator; a few always.
+`pytest -m full tests/hard/test_random_signals.py`: thirty signals to runs by either integrator, at random times, with outputs
+from 1 pm to the whole distance; one always.
 """
 
-from __future__ import annotations
-
-import os
+import itertools
+import math
 import random
 import resource
 import signal
@@ -15,13 +15,18 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import pytest
 from portable import PATIENCE, processor_seconds
+from slow import slow
+from trajectories import contents
 
 import thirdbody
+from thirdbody.engine import implicit
+from thirdbody.errors import Interrupted
+from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 PROGRAM = [sys.executable, "-c", "from thirdbody.cli.main import main; main()"]
@@ -29,55 +34,58 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 HEARD = 3.0
 """Seconds from a signal to the end of the process: a call of a second, a frame, a checkpoint, the summary. By the clock, or where
 others hold the cores, of the processor: the smaller one counts."""
-
+SECONDS = 15.0
+"""The same of the processor where a call runs on all threads."""
 EVERY = {"explicit": ("1 pm", "10 pm", "0.1 nm", "1 nm", "4 nm", "8 nm", "20 nm", "whole"),
          "implicit": ("1 pm", "10 pm", "1 nm", "0.1 um", "1 um", "whole")}  # fmt: skip
 """A time step of these scenes is some nanometre of sliding."""
-
+ALONE = {"contact.debris_contact": "none", "solver.integrator": "implicit"}
 SETTINGS = {
     "explicit": {"debris.0.count": "60", "solver.settle": "1 us"},
-    "implicit": {"debris.0.count": "600", "contact.debris_contact": "none", "solver.integrator": "implicit"},
+    "implicit": ALONE | {"debris.0.count": "600"},
+    "short": {"debris.0.count": "12", "solver.settle": "1 us", "solver.distance": "200 nm", "output.every": "4 nm"},
 }
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
 
-def distance_of(integrator: str, every: str) -> str:
-    """A run of some seconds: so many frames, or so many steps."""
-    frames = {"1 pm": "0.1 nm", "10 pm": "1 nm", "0.1 nm": "10 nm", "1 nm": "100 nm", "0.1 um": "2 um"}
-    if integrator == "explicit":
-        return {"1 pm": "60 nm", "10 pm": "60 nm", "0.1 nm": "60 nm", "1 nm": "60 nm"}.get(every, "300 nm")
-    return frames.get(every, "6 um")
-
-
-def command(folder: Path, integrator: str, every: str) -> list[str]:
+def command(folder, integrator, every, **settings):
     """A run of the scene, or, where there is one already, its resumption."""
     if (folder / FILE).exists():
         return [*PROGRAM, "resume", str(folder), "-q", "--threads", "1"]
-    whole = distance_of(integrator, every)
-    keys = SETTINGS[integrator] | {"solver.distance": whole, "output.every": whole if every == "whole" else every}
+    # some seconds: so many frames, or so many steps
+    frames = {"1 pm": "0.1 nm", "10 pm": "1 nm", "0.1 nm": "10 nm", "1 nm": "100 nm", "0.1 um": "2 um"}
+    short = "60 nm" if every in ("1 pm", "10 pm", "0.1 nm", "1 nm") else "300 nm"
+    whole = frames.get(every, "6 um") if integrator == "implicit" else short
+    keys = {"solver.distance": whole, "output.every": whole if every == "whole" else every} | SETTINGS[integrator] | settings
     words = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
     return [*PROGRAM, "run", str(SCENE), "-o", str(folder), "-q", "--threads", "1", *words]
 
 
-def used() -> float:
-    """Time that all processes that have ended had of the processor, s."""
+def used():
     times = resource.getrusage(resource.RUSAGE_CHILDREN)
     return times.ru_utime + times.ru_stime
 
 
-def signalled(folder: Path, integrator: str, every: str, rng: random.Random) -> float | None:
+def started(folder, words, seconds):
+    """A process that writes into a folder, after its first checkpoint and so many seconds of the processor."""
+    child = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    until = time.perf_counter() + PATIENCE
+    # a run that is stopped before its first checkpoint has nothing to go on from
+    while child.poll() is None and not (folder / FILE).exists() and time.perf_counter() < until:
+        time.sleep(0.01)
+    begun = processor_seconds(child.pid) if child.poll() is None else 0.0
+    while child.poll() is None and processor_seconds(child.pid) < begun + seconds:
+        time.sleep(0.01)
+    return child
+
+
+def signalled(folder, integrator, every, rng):
     """Start or resume a run and send it a signal at a random time; seconds until it ended, None if it had come to its end."""
     number, before = rng.choice(list(CODES)), used()
-    first = (folder / FILE).stat().st_mtime_ns if (folder / FILE).exists() else 0
-    child = subprocess.Popen(command(folder, integrator, every), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    begun = time.perf_counter()
-    # a run that is stopped before its first checkpoint has nothing to go on from
-    while child.poll() is None and not first and not (folder / FILE).exists() and time.perf_counter() - begun < PATIENCE:
-        time.sleep(0.01)
-    if first:
-        while child.poll() is None and processor_seconds(child.pid) < 2.0:  # past the start of Python, which no handler covers
-            time.sleep(0.01)
+    # past the start of Python, which no handler covers
+    child = started(folder, command(folder, integrator, every), 2.0 if (folder / FILE).exists() else 0.0)
     try:
-        child.wait(rng.uniform(0.0, 3.0))
+        child.wait(0.0 if integrator == "short" else rng.uniform(0.0, 3.0))
     except subprocess.TimeoutExpired:
         pass
     requested, clock = processor_seconds(child.pid) if child.poll() is None else 0.0, time.perf_counter()
@@ -85,8 +93,9 @@ def signalled(folder: Path, integrator: str, every: str, rng: random.Random) -> 
         child.send_signal(number)
     report = child.communicate(timeout=PATIENCE)[1]
     wall, busy = time.perf_counter() - clock, used() - before - requested
-    if child.returncode == 0 or finished(folder):  # it came with the last step, or as Python ended
-        return None
+    with thirdbody.open(folder) as run:
+        if child.returncode == 0 or run.summary()["finished"]:  # it came with the last step, or as Python ended
+            return None
     assert "Traceback" not in report
     assert child.returncode == CODES[number], (child.returncode, report)
     assert "thirdbody resume" in report.splitlines()[-1]
@@ -94,26 +103,12 @@ def signalled(folder: Path, integrator: str, every: str, rng: random.Random) -> 
     return min(wall, busy)
 
 
-def finished(folder: Path) -> bool:
-    with thirdbody.open(folder) as run:
-        return run.summary()["finished"]
+def check_same(one, other):
+    whole, joined = contents(one), contents(other)
+    assert joined.keys() == whole.keys() and [name for name in whole if whole[name] != joined[name]] == []
 
 
-def arrays(folder: Path) -> dict[str, bytes]:
-    """Every array of a trajectory."""
-    found: dict[str, bytes] = {}
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(
-            lambda name, item: (
-                found.update({name: item[()].tobytes()})
-                if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
-                else None
-            )
-        )
-    return found
-
-
-def heard(tmp_path: Path, integrator: str, signals: int, choices: tuple[str, ...]) -> None:
+def heard(tmp_path, integrator, signals, choices):
     """Send so many signals to runs with outputs of these intervals, and compare each run with one that was left alone."""
     rng, latencies = random.Random(integrator), []
     most = -(-signals // len(choices))  # for one run
@@ -124,22 +119,15 @@ def heard(tmp_path: Path, integrator: str, signals: int, choices: tuple[str, ...
             subprocess.run(command(whole, integrator, every), check=True, capture_output=True, timeout=PATIENCE)
         before = len(latencies)
         while (latency := signalled(folder, integrator, every, rng)) is not None:
-            print(f"{integrator}, every {every}: heard after {latency:.2f} s")
             assert latency < HEARD
             latencies.append(latency)
             if len(latencies) - before >= most or len(latencies) >= signals:
                 subprocess.run(command(folder, integrator, every), check=True, capture_output=True, timeout=PATIENCE)
                 break
-        wanted, found = arrays(whole), arrays(folder)
-        assert found.keys() == wanted.keys()
-        assert [name for name in wanted if found[name] != wanted[name]] == []
+        check_same(whole, folder)
         if len(latencies) >= signals:
-            print(f"{integrator}: {len(latencies)} signals, the slowest {max(latencies):.2f} s")
             return
     raise AssertionError(f"only {len(latencies)} of {signals} signals came before the end of a run")
-
-
-needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="needs /proc")
 
 
 @needs_proc
@@ -150,5 +138,60 @@ def test_thirty_signals_are_heard(tmp_path, integrator):
 
 
 @needs_proc
-def test_signals_are_heard_where_outputs_are_a_few_steps_apart(tmp_path):
-    heard(tmp_path, "explicit", 1, ("4 nm",))
+def test_a_signal_is_heard_where_outputs_are_a_few_steps_apart(tmp_path):
+    heard(tmp_path, "short", 1, ("4 nm",))
+
+
+@needs_proc
+@pytest.mark.full(kind="hard")
+@pytest.mark.parametrize("number, code", CODES.items())
+def test_a_batch_of_many_bodies_hears_a_signal(tmp_path, number, code):
+    """512 bodies that all have a millimetre to go: most of a minute of work between two outputs."""
+    folder, before = tmp_path / "run", used()
+    changes = {"debris.0.count": "512", "solver.distance": "1 mm", "output.every": "1 mm"}
+    words = [word for word in command(folder, "implicit", "whole", **changes) if word not in ("--threads", "1")]
+    child = started(folder, words, 2.0)  # past settling, into the drag
+    first, requested = (folder / FILE).read_bytes(), processor_seconds(child.pid)
+    child.send_signal(number)
+    report = child.communicate(timeout=PATIENCE)[1]
+    assert child.returncode == code, report
+    assert used() - before - requested < SECONDS
+    *warnings, last = report.splitlines()
+    assert "thirdbody resume" in last and all(line.startswith("warning: ") for line in warnings)
+    assert (folder / FILE).read_bytes() != first  # one was written where it stopped
+    prepare_resume(folder)
+
+
+def scene_of(bodies, path, level="mindlin"):
+    keys = {"debris.0.count": str(bodies), "solver.distance": path, "output.every": path, "contact.level": level}
+    return thirdbody.Scene.load(SCENE).with_settings(ALONE | keys)
+
+
+def in_short_calls(monkeypatch):
+    """One try of a step per body and call, whatever the clock says."""
+    monkeypatch.setattr(implicit, "CALL", 0.0)
+    monkeypatch.setattr(implicit, "FEW", 1.0)
+
+
+@pytest.mark.parametrize("level", ["mindlin", slow("mdr")])
+def test_bodies_that_wait_come_to_the_same_bits(tmp_path, monkeypatch, level):
+    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "whole")
+    in_short_calls(monkeypatch)
+    guard = itertools.count()
+    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "often", stop=lambda: next(guard) < 0)
+    assert next(guard) > 20  # else the calls were not cut
+    check_same(tmp_path / "whole", tmp_path / "often")
+
+
+def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    execute(prepare(scene_of(60, "2 um")), tmp_path / "whole")
+    in_short_calls(monkeypatch)
+    simulation, guard = prepare(scene_of(60, "2 um")), itertools.count()
+    with pytest.raises(Interrupted, match=r"thirdbody\.resume\("):
+        execute(simulation, tmp_path / "cut", stop=lambda: next(guard) > 20)
+    times = simulation.integrator.totals[:, run_totals.TIME]
+    assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
+    monkeypatch.setattr(implicit, "CALL", math.inf)
+    simulation, kept = prepare_resume(tmp_path / "cut")
+    execute(simulation, tmp_path / "cut", checkpoint=kept, threads=1)
+    check_same(tmp_path / "whole", tmp_path / "cut")

@@ -1,11 +1,15 @@
-"""The label that `balance` gives a random particle at the end of its path is that of a slow run at the same drag.
+"""`balance` presses all random particles that have a static state, and labels them at the end of their path as a slow run does.
 
 A run has inertia: a particle that snaps over may land in another seat than the one that it turns into without, so 5 % may differ.
 One that `balance` stops has no static state on its way: no label is left to compare there, and the run must roll. Level
 `mindlin`, whose patches renew in neither.
+
+A planar particle's static states are known apart from the engine: those postures of a rigid particle between rigid parallel
+plates in which friction can hold the spots that touch, searched over all tilts on the side to which the particle falls (3 of 140
+have one on the other side only, uphill: a load does not lead there). Clumps, in stable poses on the lower body, all find one.
 """
 
-from __future__ import annotations
+import math
 
 import numpy as np
 import pytest
@@ -15,36 +19,29 @@ from thirdbody_three_spot.balance import balance
 import thirdbody
 
 pytestmark = pytest.mark.full(kind="hard")
-
 LOAD, DRAG, EVERY = 1e-4, 1.6e-6, 20e-9  # the drag is two to three windows of a clump, and more of a planar particle
 ALIKE = 0.95
 SOLID = {"shear_modulus": 80e9, "poisson_ratio": 0.3}
+SIDES = {side: SOLID for side in ("upper", "lower", "particle")}
+SLOW = {"velocity": "-0.01 m/s"}  # an inertial number of some 1e-3
 SCENE = {
-    "scene": 1,
-    "materials": {"solid": SOLID | {"density": 4000.0}},
-    "domain": {"size": ["60 um", "60 um"]},
+    "scene": 1, "materials": {"solid": SOLID | {"density": 4000.0}}, "domain": {"size": ["60 um", "60 um"]},
     "plates": {
         "lower": {"material": "solid"},
-        "upper": {
-            "material": "solid",
-            "support": "load_per_particle",
-            "load": LOAD,
-            "motion": {"x": {"velocity": "-0.01 m/s"}},  # an inertial number of some 1e-3
-        },
+        "upper": {"material": "solid", "support": "load_per_particle", "load": LOAD, "motion": {"x": SLOW}},
     },
-    "contact": {"level": "mindlin", "debris_contact": "none"},
-    "solver": {"integrator": "implicit", "distance": DRAG},
+    "contact": {"level": "mindlin", "debris_contact": "none"}, "solver": {"integrator": "implicit", "distance": DRAG},
     "output": {"every": EVERY, "every_kind": "distance"},
-}
+}  # fmt: skip
 
 
-def labels_of_balance(particle, mu):
-    """Label at every multiple of `EVERY`, as far as the path goes; and whether it goes to the end."""
-    path = {"load": LOAD, "drag": DRAG, "steps": 4 * round(DRAG / EVERY), "direction": (-1.0, 0.0)}
-    tables = {"materials": {side: SOLID for side in ("upper", "lower", "particle")}, "friction": {"upper": mu, "lower": mu}}
-    result = balance(tables | {"particle": particle, "path": path}, "mindlin")
-    assert result.stopped is None or result.stopped.label == "rolling"
-    return [point.label for point in result.points[::4]], result.stopped is None
+def balls(centers, radii):
+    return [{"center": tuple(map(float, c)), "radius": float(r)} for c, r in zip(centers, radii, strict=True)]
+
+
+def balanced(particle, mu, level="mindlin", **path):
+    tables = {"materials": SIDES, "friction": {"upper": mu, "lower": mu}, "particle": particle, "path": {"load": LOAD} | path}
+    return balance(tables, level)
 
 
 def labels_of_run(debris, mu, folder):
@@ -57,9 +54,10 @@ def labels_of_run(debris, mu, folder):
 
 
 def alike(particle, debris, mu, folder):
-    here, whole = labels_of_balance(particle, mu)
-    there = labels_of_run(debris, mu, folder)
-    if not whole:
+    result = balanced(particle, mu, drag=DRAG, steps=4 * round(DRAG / EVERY), direction=(-1.0, 0.0))
+    here, there = [point.label for point in result.points[::4]], labels_of_run(debris, mu, folder)
+    if result.stopped is not None:
+        assert result.stopped.label == "rolling"
         return "rolling" in [there[k] for k in there if k >= len(here) - 1]
     return here[-1] == there[len(here) - 1]
 
@@ -78,10 +76,56 @@ def test_clumps(tmp_path):
     different = []
     for seed in range(80):
         centers, radii, mu = clump(seed)
-        balls = [{"center": tuple(map(float, c)), "radius": float(r)} for c, r in zip(centers, radii, strict=True)]
         placed = centers - [-30e-6, -30e-6, (centers[:, 2] - radii).min()]
         file = tmp_path / "clump.npz"
         np.savez(file, center=placed, radius=radii, clump=np.zeros(len(radii), int))
-        if not alike({"clump": balls}, {"kind": "file", "file": str(file)}, mu, tmp_path):
+        if not alike({"clump": balls(centers, radii)}, {"kind": "file", "file": str(file)}, mu, tmp_path):
             different.append(seed)
     assert len(different) <= (1.0 - ALIKE) * 80, different
+
+
+# seats --------------------------------------------------------------------------------------------------------------------------
+
+TILTS = np.linspace(-0.5, 0.5, 20_001)  # rad, up to which `balance` follows a particle
+
+
+def static_tilts(spots, mu):
+    """Tilts, rad about +y, with a static state: the resultant can pass through the spots that touch, and leans by mu at most."""
+    up = np.array([s["side"] == "upper" for s in spots])
+    x, z, r = (np.array([s[key] for s in spots]) for key in ("x", "z", "radius"))
+    centre, cos, sin = z - np.where(up, r, -r), np.cos(TILTS)[:, None], np.sin(TILTS)[:, None]
+    along, height = x * cos + centre * sin, centre * cos - x * sin + np.where(up, r, -r)
+    top, foot = np.where(up, height, -np.inf).argmax(axis=1), np.where(up, np.inf, height).argmin(axis=1)
+    rows = np.arange(len(TILTS))
+    h = height[rows, top] - height[rows, foot]
+    lean = along[rows, top] - along[rows, foot]
+    t = lean / h
+    # where another spot comes to touch, the resultant may lean by any value between those of the two struts
+    low, high = np.minimum(t[1:], t[:-1]), np.maximum(t[1:], t[:-1])
+    static = (low <= mu) & (high >= -mu)
+    middle = len(TILTS) // 2
+    falls = 0.0 if static[middle - 1 : middle + 1].any() else float(np.sign(t[middle]))  # the top goes on to where it leans
+    return TILTS[1:][static & (falls * TILTS[1:] >= 0.0)]
+
+
+@pytest.mark.parametrize("level, first, last", [("exact", 0, 140), ("mdr", 0, 40)])
+def test_random_planar_particles_are_pressed_where_a_static_state_exists(level, first, last):
+    stopped = []
+    for seed in range(first, last):
+        spots, mu = planar(seed)
+        result = balanced({"spots": spots}, mu, level)
+        assert result.stopped is None or result.stopped.label == "rolling", seed
+        if result.stopped is not None:
+            stopped.append(seed)
+            assert not len(static_tilts(spots, mu)), seed
+        else:
+            assert len(static_tilts(spots, mu)), seed
+    assert 0 < len(stopped) < (last - first) // 4  # or the ensemble would show nothing
+
+
+def test_random_clumps_are_pressed():
+    for seed in range(80):
+        centers, radii, mu = clump(seed)
+        result = balanced({"clump": balls(centers, radii)}, mu)
+        assert result.stopped is None, seed
+        assert math.isfinite(sum(result.points[0].N)) and "sticking" in result.forecast.possible, seed

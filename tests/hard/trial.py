@@ -1,7 +1,5 @@
 """One run of a hard case: its scenes, its simulations, advanced by one integrator at one law level, and what they must keep."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,23 +17,15 @@ from thirdbody.kernels.columns import body_extra, run_totals
 from thirdbody.scene.model import ConstantVelocity, Contact, Motion, Scene, Solver, Spheres, UpperPlate
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}
-"""Largest residual of the energy balance with the automatic step.
-
-Explicit steps leave their truncation error (2e-3 in an impact of 16 steps, 5e-3 where a load jumps), implicit ones the force
-residual of Newton's method (1e-9, at corners of laws 1e-6).
-"""
-
+"""Largest residual of the energy balance with the automatic step. Explicit steps leave their truncation error (2e-3 in an impact
+of 16 steps, 5e-3 where a load jumps), implicit ones the force residual of Newton's method (1e-9, at corners of laws 1e-6)."""
 GAINED = 5e-3
-"""Largest energy gain of the implicit integrator, over the plate's work; its truncation error has either sign.
-
-The largest is that of `lost_contact` with `mdr` and `exact`: 3e-3 at the default tolerance and at a quarter of it, 1.2e-3 to
-1.7e-3 at a sixteenth. A law that gains energy returns 1e-2 and more.
-"""
-
+"""Largest energy gain of the implicit integrator, over the plate's work; its truncation error has either sign. The largest is
+that of `lost_contact` with `mdr` and `exact`: 3e-3 at the default tolerance and at a quarter of it, 1.2e-3 to 1.7e-3 at a
+sixteenth. A law that gains energy returns 1e-2 and more."""
 MICRON = 1e-6
 LOAD, SPEED, BOX = 1e-4, 1.0, 2e-4
 """Load on a body [N], speed of the drag [m/s] and side of the domain [m] of the micrometre scenes."""
-
 TRIPOD = ((-1.9, -1.1, 0.0, 2.0), (1.9, -1.1, 0.0, 2.0), (0.0, 2.2, 0.0, 2.0))
 """Three adjacent spheres (x, y, z, radius; um): three contacts below and three above, a little flatter than wide."""
 
@@ -52,10 +42,8 @@ class Setting:
 
 
 class Trial:
-    """Builder of the simulations of a case; applies the checks of `thirdbody run`, and collects invariants.
-
-    `steps`: smallest time step of every simulation so far [s]; `residual`: NaN until something moved freely.
-    """
+    """Builder of the simulations of a case; collects invariants, the smallest time step of every simulation so far [s], and the
+    residual, NaN until something moved freely."""
 
     def __init__(self, setting: Setting) -> None:
         self.setting, self.built, self.residual = setting, 0, math.nan
@@ -67,7 +55,7 @@ class Trial:
         step = {"time_step": self.setting.factor * steps[self.built]} if steps else {}
         return Solver(**({"duration": LONG, "integrator": self.setting.integrator} | step | keys))
 
-    def start(self, scene: Scene) -> CaseRun:
+    def start(self, scene: Scene) -> "CaseRun":
         simulation = build(scene, force=bool(self.setting.steps))
         self.built += 1
         return CaseRun(self, simulation)
@@ -77,11 +65,11 @@ class Trial:
         fixed = stable is not None and self.setting.steps
         self.findings.append((name, float(np.max(values)), stable if fixed else limit))
 
-    def check_true(self, name: str, sound: Any) -> None:
-        self.check(name, 0.0 if sound else 1.0, 0.0)
-
     def check_memory(self, values: Any) -> None:
         self.check("memory of open contacts", values, 0.0)
+
+    def check_true(self, name: str, sound: Any) -> None:
+        self.check(name, 0.0 if sound else 1.0, 0.0)
 
     def check_refused(self, name: str, scene: Callable[[], Scene], words: str) -> None:
         try:
@@ -98,8 +86,6 @@ class Trial:
 
 
 class CaseRun:
-    """Simulation of a case in progress."""
-
     def __init__(self, trial: Trial, simulation: Any) -> None:
         self.trial, self.simulation = trial, simulation
         self.state, self.integrator = simulation.state, simulation.integrator
@@ -141,12 +127,10 @@ class CaseRun:
         return [list(column) for column in zip(*rows, strict=True)]
 
     def end(self) -> None:
-        """Record the limits of the time step during the run."""
         limit = self.integrator.summary().get("time_step_limit")
         self.trial.steps.append(limit["smallest"] if limit else math.nan)
 
     def one_step(self) -> None:
-        """Make one step of the explicit integrator, recorded."""
         self.integrator.advance_to(time=self.state.time + 0.5 * self.state.dt, watch=self._watch)
 
     def leave(self, period: float) -> None:
@@ -164,7 +148,6 @@ class CaseRun:
     # ---- observed quantities --------------------------------------------------------------------------------------------------
 
     def label(self, number: int = 0) -> tuple[str, str]:
-        """Return the state of a body, and its reason."""
         labeller, row = self.simulation.labeller, self.integrator.label()[number]
         return labeller.states[int(row[0])], labeller.reasons[int(row[1])]
 
@@ -172,7 +155,6 @@ class CaseRun:
         return self.label()[0]
 
     def friction(self) -> float:
-        """Return the present force on the upper plate along x over its normal force."""
         return -float(self.force()) / float(self.force(2))
 
     def force(self, axis: int = 0) -> Any:
@@ -182,7 +164,6 @@ class CaseRun:
         return self.state.A[run_totals.FRICTION_WORK]
 
     def loaded(self) -> np.ndarray:
-        """Return which candidates are closed (n,), bool."""
         return self.state.slots.histories.slip > 0.0
 
     def memory(self) -> float:
@@ -190,7 +171,6 @@ class CaseRun:
         return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
 
     def shear(self) -> float:
-        """Return the largest component of the tangential forces of closed contacts [N]."""
         return float(np.abs(np.where(self.loaded()[:, None], self.state.slots.records.tangential_force, 0.0)).max())
 
     def position(self, number: int = 0) -> np.ndarray:

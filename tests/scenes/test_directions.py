@@ -1,7 +1,5 @@
 """One physical number of a scene changed: the result moves the way that theory says, and by as much."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ SCENE = Path(__file__).parents[2] / "scenes" / "three_spot.toml"
 
 @pytest.fixture(scope="module")
 def dragged(tmp_path_factory):
-    """The series of the three-spot particle, dragged 20 nm, with some values changed."""
 
     def drag(**settings: str):
         scene = Scene.load(SCENE).with_settings(

@@ -3,66 +3,31 @@
 Called as a program it draws them: `python tests/scenes/test_forecast_table.py -o scenes/balance/forecast.png`.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_runs import PATH, PLATES, clumps
 
 import thirdbody
 from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pool
 from thirdbody.report.forecast_check import WATCHED, compare_forecast, forecasts
 
-SCENE = """
-scene = 1
-title = "one friction coefficient of the forecast table"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = {friction}
-restitution = 0.60
-[[debris]]
-material = "steel"
-kind = "irregular"
-count = {count}
-seed = {seed}
-size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "6 um", max = "16 um"}}
-spheres = [3, 8]
-aspect = [1.0, 0.8, 0.6]
-placement = "layer"
-[domain]
-size = ["260 um", "260 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {{x = {{velocity = "0.1 m/s"}}}}
-[contact]
-debris_contact = "none"
-[solver]
-integrator = "{integrator}"
-distance = "7 um"
-[output]
-every = "0.1 um"
-"""
-
+CHANGES = {
+    "debris.0.size.min": "6 um", "debris.0.size.max": "16 um", "debris.0.spheres": [3, 8], "solver.distance": "7 um",
+    "output.every": "0.1 um", "contact.debris_contact": "none", "plates.upper.motion.x.velocity": "0.1 m/s",
+}  # fmt: skip
 FRICTIONS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 
 
-def runs(folder: Path, integrator: str) -> Iterator[tuple[float, thirdbody.Run]]:
+def runs(folder, integrator):
     """Friction coefficient and run of a hundred clumps, one after the other."""
     for k, friction in enumerate(FRICTIONS):
-        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1, integrator=integrator))
+        own = {"pairs.0.friction": friction, "debris.0.seed": k + 1, "solver.integrator": integrator}
+        scene = thirdbody.Scene.parse(clumps(100, '["260 um", "260 um"]') + PLATES + PATH).with_settings(CHANGES | own)
         with thirdbody.run(scene, out=folder / f"{k}", progress=False) as run:
             yield friction, run
 
@@ -71,17 +36,18 @@ BAND = 0.02
 """Relative distance of mu from t_min and t_max within which the answer is open."""
 
 
-def doubtful(bodies: dict[str, np.ndarray], friction: float) -> np.ndarray:
-    """Bodies whose friction lies within the band around an end of their sliding interval."""
+def doubtful(bodies, friction):
     near = np.zeros(len(bodies["t_min"]), bool)
     for end in ("t_min", "t_max"):
         near |= np.abs(bodies[end] - friction) <= BAND * friction
     return near
 
 
-def changes(run: thirdbody.Run, start: int) -> np.ndarray:
-    """Changes of label of every body between the frames of the drag."""
+def changes(run, start):
     return np.count_nonzero(np.diff(run.states[start + 1 :].astype(int), axis=0), axis=0)
+
+
+pytestmark = pytest.mark.full(kind="slow")
 
 
 @pytest.fixture(scope="module", params=["explicit", "implicit"])
@@ -103,34 +69,19 @@ def table(request, tmp_path_factory):
     return rows
 
 
-@pytest.mark.full(kind="slow")
 def test_forecast_and_fact_agree(table):
     report, agree = sum(row["forecast"] for row in table), sum(row["agree"] for row in table)
     assert report > 900
     assert agree >= 0.98 * report, f"{agree} of {report}"
     # both answers occur
     assert 50 < sum(row["slides"] for row in table) < report - 50
+    assert np.mean([row["changes"] for row in table]) < 3.0, "labels flicker"
+    assert max(row["residual"] for row in table) < 1e-3 and WATCHED == 40.0
+    for row in table:  # the picture shows what the table counts
+        assert row["drawn"] == (row["forecast"], sorted(row["wrong"]))
 
 
-@pytest.mark.full(kind="slow")
-def test_labels_do_not_flicker(table):
-    assert np.mean([row["changes"] for row in table]) < 3.0
-
-
-@pytest.mark.full(kind="slow")
-def test_the_ledgers_close(table):
-    assert max(row["residual"] for row in table) < 1e-3
-    assert WATCHED == 40.0
-
-
-@pytest.mark.full(kind="slow")
-def test_the_picture_shows_what_the_table_counts(table):
-    for row in table:
-        report, wrong = row["drawn"]
-        assert (report, wrong) == (row["forecast"], sorted(row["wrong"]))
-
-
-def main() -> None:
+def main():
     """Draw the bodies of all runs in one picture."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("-o", "--out", type=Path, required=True, help="picture: .png, .pdf or .svg")

@@ -1,14 +1,12 @@
 """Outputs as often as steps, and more often: stops are heard there too, no frame is written twice, and `check` prices frames."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
 from balls import BALLS, edited
+from slow import slow
 from trajectories import contents
 
 import thirdbody
@@ -18,31 +16,27 @@ from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
+END = 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
 SCENE = edited(
-    BALLS,
-    ('title = "four balls"\n', ""),
-    ('damping = "7e-5 kg/s"\n', ""),
-    ("0.5 m/s", "1 m/s"),
-    ('distance = "0.1 um"\nsettle = "1 us"', 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'),
-    ("0.05 um", "150 nm"),
-)
+    BALLS, ('title = "four balls"\n', ""), ('damping = "7e-5 kg/s"\n', ""), ("0.5 m/s", "1 m/s"),
+    ('distance = "0.1 um"\nsettle = "1 us"', END), ("0.05 um", "150 nm"),
+)  # fmt: skip
 """A step is some 0.9 nm of sliding."""
-
 TOGETHER = {"plates.upper.support": "rigid", "solver.integrator": "implicit", "contact.debris_contact": "none"}
 """All bodies carry one plate, so that they go step by step together."""
 
 
-def scene(**settings: str) -> thirdbody.Scene:
+def scene(**settings):
     keys = {key.replace("_", ".", 1): value for key, value in settings.items()}
     return thirdbody.Scene.parse(SCENE, "balls.toml").with_settings(keys)
 
 
-def differences(one: Path, other: Path) -> list[str]:
+def differences(one, other):
     first, second = contents(one), contents(other)
     return [name for name in first if first[name] != second.get(name)]
 
 
-def run_in_pieces(wanted: thirdbody.Scene, folder: Path, guard: int) -> int:
+def run_in_pieces(wanted, folder, guard):
     """Stop a run at the so-manieth question, take it up, stop it after three times as many, and so on; returns how often."""
     simulation, kept, pieces = prepare(wanted), None, 0
     while True:
@@ -55,7 +49,7 @@ def run_in_pieces(wanted: thirdbody.Scene, folder: Path, guard: int) -> int:
             simulation, kept = prepare_resume(folder)
 
 
-@pytest.mark.parametrize("every, guard", [("10 nm", 5), ("4 nm", 6), ("0.3 nm", 30), ("10 pm", 1000)])
+@pytest.mark.parametrize("every, guard", [("4 nm", 6), slow("10 nm", 5), slow("0.3 nm", 30), slow("10 pm", 1000)])
 def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, guard):
     wanted = scene(output_every=every, solver_distance="20 nm")
     execute(prepare(wanted), tmp_path / "whole")
@@ -68,7 +62,7 @@ def test_the_limit_of_wall_time_holds_where_outputs_are_a_few_steps_apart(tmp_pa
         execute(prepare(scene(output_every="4 nm", solver_settle="10 ns")), tmp_path / "run", times=WallTimes(limit=0.0))
 
 
-@pytest.mark.parametrize("every", ["150 nm", "0.1 nm"])
+@pytest.mark.parametrize("every", ["0.1 nm", slow("150 nm")])
 def test_bodies_that_step_together_hear_a_stop_after_every_step(tmp_path, every):
     wanted = scene(output_every=every, solver_distance="150 nm" if every == "150 nm" else "1 nm").with_settings(TOGETHER)
     simulation = prepare(wanted)
@@ -88,7 +82,7 @@ def test_calls_of_one_step_come_to_the_same_bits(tmp_path, monkeypatch):
     assert differences(tmp_path / "long", tmp_path / "short") == []
 
 
-@pytest.mark.parametrize("settings", [{"output_every": "10 pm"}, {"output_every": "0.1 ns"}], ids=str)
+@pytest.mark.parametrize("settings", [{"output_every": "0.1 ns"}, slow({"output_every": "10 pm"})], ids=str)
 def test_an_interval_below_a_step_writes_one_frame_after_every_step(tmp_path, settings):
     simulation = prepare(scene(solver_distance="20 nm", **settings))
     assert [text for text in simulation.warnings if "output.every" in text and "one frame after every step" in text]

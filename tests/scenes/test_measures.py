@@ -1,7 +1,7 @@
-"""Measures in runs: they change nothing, sum exactly, and give the same bits on any number of threads and in pieces."""
+"""Measures in runs: they change nothing, sum exactly, and give the same bits on any number of threads and in pieces; also where
+contacts are of another kind: rough plates, a plate that bodies carry together, spots that flow."""
 
-from __future__ import annotations
-
+import functools
 import itertools
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from balls import PLATES, edited
 from PIL import Image
-from steel import HOT_STEEL
+from steel import HOT_STEEL, STEEL
 from trajectories import contents
 
 import thirdbody
@@ -23,33 +23,21 @@ from thirdbody.runner.simulate import execute, prepare
 
 K, ALPHA = 3e-15, 5e-15
 LOAD, SIZE = 1e-4, (40e-6, 30e-6)
-
-# A hexagon of seven spheres, flat, and another one near it, so that they may meet; both slide under their loads.
-SCENE = (
-    HOT_STEEL
-    + """\
+# Two flat stars of four spheres, near each other, so that they may meet; both slide under their loads.
+DEBRIS = """\
 [[debris]]
 material = "steel"
 kind = "spheres"
 shape = [
-  {center = ["0 um", "0 um", "0 um"], radius = "2 um"},
-  {center = ["3 um", "0 um", "0 um"], radius = "2 um"},
-  {center = ["-1.5 um", "2.6 um", "0 um"], radius = "2 um"},
-  {center = ["-1.5 um", "-2.6 um", "0 um"], radius = "2 um"},
+  {center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"},
+  {center = ["-1.5 um", "2.6 um", "0 um"], radius = "2 um"}, {center = ["-1.5 um", "-2.6 um", "0 um"], radius = "2 um"},
 ]
 positions = [["10 um", "10 um", "2 um"], ["25 um", "20 um", "2 um"]]
-[domain]
-size = ["40 um", "30 um"]
 """
-    + edited(PLATES, ('damping = "7e-5 kg/s"\n', ""))
-    + """\
-[solver]
-settle = "0.2 us"
-distance = "0.2 um"
-[output]
-every = "0.05 um"
-"""
-)
+SCENE = (
+    HOT_STEEL + DEBRIS + '[domain]\nsize = ["40 um", "30 um"]\n' + edited(PLATES, ('damping = "7e-5 kg/s"\n', ""))
+    + '[solver]\nsettle = "0.2 us"\ndistance = "0.2 um"\n[output]\nevery = "0.05 um"\n'
+)  # fmt: skip
 MEASURES = """
 [measures]
 cell = "0.5 um"
@@ -59,9 +47,8 @@ wear = {plates = "3e-15 m3/J", bodies = "5e-15 m3/J"%s}
 ALONE = '[contact]\ndebris_contact = "none"\n'
 
 
-def scene(integrator: str, measures: str = "", more: str = "") -> thirdbody.Scene:
-    text = SCENE.replace("[solver]", f'{more}[solver]\nintegrator = "{integrator}"') + measures
-    return thirdbody.Scene.parse(text)
+def scene(integrator, measures="", more=""):
+    return thirdbody.Scene.parse(SCENE.replace("[solver]", f'{more}[solver]\nintegrator = "{integrator}"') + measures)
 
 
 CASES = {"explicit": ("explicit", ""), "implicit alone": ("implicit", ALONE), "implicit islands": ("implicit", "")}
@@ -69,21 +56,18 @@ CASES = {"explicit": ("explicit", ""), "implicit alone": ("implicit", ALONE), "i
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Runs of both laws of wear, and of none, made when they are asked for."""
-    made: dict[tuple[str, str], thirdbody.Run] = {}
 
-    def run(case: str, law: str = "archard") -> thirdbody.Run:
-        if (case, law) not in made:
-            integrator, more = CASES[case]
-            text = MEASURES % f', law = "{law}"' if law else ""
-            folder = tmp_path_factory.mktemp("measured") / "run"
-            made[case, law] = thirdbody.run(scene(integrator, text, more), out=folder, threads=1, progress=False)
-        return made[case, law]
+    @functools.cache
+    def run(case, law="archard"):
+        integrator, more = CASES[case]
+        text = MEASURES % f', law = "{law}"' if law else ""
+        folder = tmp_path_factory.mktemp("measured") / "run"
+        return thirdbody.run(scene(integrator, text, more), out=folder, threads=1, progress=False)
 
     return run
 
 
-def on_plates(bodies: dict[str, np.ndarray], name: str) -> np.ndarray:
+def on_plates(bodies, name):
     return bodies[f"{name}_lower"] + bodies[f"{name}_upper"]
 
 
@@ -127,17 +111,13 @@ def test_wear_by_energy_is_the_friction_work(runs, case):
     assert bodies["worn_volume"] == pytest.approx(ALPHA * bodies["friction_work"], rel=1e-11)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_maps_add_up_to_the_bodies(runs, case):
-    run = runs(case)
-    for frame in (1, run.frames - 1):
-        bodies = run.bodies(frame)
+def check_maps(run, frames, shape):
+    for frame in frames:
         for plate in ("lower", "upper"):
-            maps = run.maps(plate, frame)
-            area = 0.5e-6 * 0.5e-6
-            assert maps["wear_depth"].shape == (60, 80)
+            bodies, maps = run.bodies(frame), run.maps(plate, frame)
+            assert maps["wear_depth"].shape == shape
             for name, amount in (("wear_depth", "plate_wear"), ("friction_work_density", "sliding_work")):
-                assert maps[name].sum() * area == pytest.approx(bodies[f"{amount}_{plate}"].sum(), rel=1e-12)
+                assert maps[name].sum() * 0.25e-12 == pytest.approx(bodies[f"{amount}_{plate}"].sum(), rel=1e-12)
     assert run.map_units == {"wear_depth": "m", "friction_work_density": "J/m2"}
 
 
@@ -146,6 +126,7 @@ def test_maps_lie_where_the_spots_are(runs, case):
     """The cells with wear of the lower plate are within a contact radius and a cell's diagonal of a spot; those of the upper one
     in its own coordinates, so behind the spots by its displacement. The flakes moved by at most the drag."""
     run = runs(case)
+    check_maps(run, (1, run.frames - 1), (60, 80))
     drag = float(run.series["displacement"][-1])
     spots = run.spheres(-1)["position"][:, :2]
     for plate, shift in (("lower", 0.0), ("upper", drag)):
@@ -264,3 +245,48 @@ def test_a_measure_of_ones_own_is_one_file(tmp_path: Path, command):
         assert map_.sum() * 0.25e-12 == pytest.approx(bodies["rubbed_upper"].sum(), rel=1e-12)
     refused = command(*given, "--overwrite")
     assert refused.code != 0 and "rubbed" in refused.err
+
+
+# other kinds of contacts --------------------------------------------------------------------------------------------------------
+
+PLASTIC = edited(STEEL, ('"7850 kg/m3"\n', '"7850 kg/m3"\nyield_strength = "0.4 GPa"\n'))
+OTHER = PLASTIC + DEBRIS + '[domain]\nsize = ["40 um", "20 um"]\n' + PLATES + ALONE + """\
+[measures]
+cell = "0.5 um"
+wear = {law = "energy", plates = "3e-15 m3/J", bodies = "5e-15 m3/J"}
+[solver]
+settle = "0.1 us"
+distance = "0.1 um"
+[output]
+every = "0.05 um"
+"""  # fmt: skip
+SURFACE = {"rms": "20 nm", "long": "20 um", "short": "5 um", "seed": 3}
+KINDS = {
+    "rough": {
+        "plates.lower.surface": SURFACE, "plates.upper.surface": SURFACE | {"seed": 4},
+        "debris.0.positions": [["10 um", "10 um", "2.05 um"], ["25 um", "20 um", "2.05 um"]],
+    },
+    "common": {"plates.upper.support": "rigid", "plates.upper.load": "0.2 mN", "measures.wear.law": "archard"},
+    "plastic": {"effects.elastic_plastic": {}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_sums_where_contacts_are_of_another_kind(kind, integrator, tmp_path):
+    scene = thirdbody.Scene.parse(OTHER).with_settings(KINDS[kind] | {"solver.integrator": integrator})
+    run = thirdbody.run(scene, out=tmp_path / kind, threads=1, progress=False)
+    check_maps(run, (-1,), (40, 80))
+    bodies = run.bodies(-1)
+    assert np.all(bodies["friction_work"] > 0.0)
+    # the same numbers summed in another order; what flow takes is no friction, and wears nothing by energy
+    assert on_plates(bodies, "sliding_work") == pytest.approx(bodies["friction_work"], rel=1e-11)
+    if kind == "plastic":
+        assert np.all(bodies["plastic_work"] > 1e-3 * bodies["friction_work"])
+    if kind == "common":  # Archard's sum over plates and bodies is k N s of the last interval, however they share the load
+        worn = [on_plates(run.bodies(frame), "plate_wear").sum() for frame in (-2, -1)]
+        path = run.series["distance"][-1] - run.series["distance"][-2]
+        assert worn[1] - worn[0] == pytest.approx(K * 2e-4 * path, rel=3e-3)
+    else:
+        assert on_plates(bodies, "plate_wear") == pytest.approx(K * bodies["friction_work"], rel=1e-11)
+        assert bodies["worn_volume"] == pytest.approx(ALPHA * bodies["friction_work"], rel=1e-11)

@@ -1,7 +1,5 @@
 """A run writes its own files and no others: what `--overwrite` replaces and when, and links in a folder that is resumed."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -10,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from slow import slow
 from steel import STEEL
 
 import thirdbody
@@ -23,9 +22,7 @@ from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-SCENE = (
-    STEEL
-    + """\
+SCENE = STEEL + """\
 [[debris]]
 kind = "spheres"
 material = "steel"
@@ -39,16 +36,15 @@ lower = {material = "steel"}
 duration = "1 us"
 [output]
 every = "0.5 us"
-"""
-)
+"""  # fmt: skip
 LINK = "is a symbolic link; a run goes on only in regular files of its own"
 
 
-def scene(title: str) -> thirdbody.Scene:
+def scene(title):
     return thirdbody.Scene.parse(SCENE).with_settings({"title": title})
 
 
-def start(folder: Path, title: str = "new", stop: bool = False, **options) -> None:
+def start(folder, title="new", stop=False, **options):
     """Run into a folder; with `stop` it is interrupted after its first frame."""
     try:
         execute(prepare(scene(title)), folder, 1, stop=lambda: stop, **options)
@@ -56,49 +52,52 @@ def start(folder: Path, title: str = "new", stop: bool = False, **options) -> No
         assert stop
 
 
-def title_of(folder: Path) -> str:
+def title_of(folder):
     with thirdbody.open(folder) as run:
         return str(run.header["title"])
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory) -> Path:
+def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("old") / "run"
     start(folder, "old")
     return folder
 
 
 @pytest.fixture(scope="module")
-def interrupted(tmp_path_factory) -> Path:
+def interrupted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cut") / "run"
     start(folder, "old", stop=True)
     return folder
 
 
 @pytest.fixture
-def old(finished: Path, tmp_path: Path) -> Path:
+def old(finished, tmp_path):
     return Path(shutil.copytree(finished, tmp_path / "run"))
 
 
 @pytest.fixture
-def cut(interrupted: Path, tmp_path: Path) -> Path:
+def cut(interrupted, tmp_path):
     return Path(shutil.copytree(interrupted, tmp_path / "run"))
 
 
-# --overwrite --------------------------------------------------------------------------------------------------------------
+def check_whole(folder, title):
+    assert title_of(folder) == title and {path.name for path in folder.iterdir()} == set(FILES)
 
 
-def test_a_run_leaves_the_files_that_are_known_as_its_own(old):
-    assert {path.name for path in old.iterdir()} == set(FILES)
+def goes_on(folder):
+    with thirdbody.resume(folder, progress=False, threads=1) as run:
+        assert run.frames == 3 and run.summary()["finished"]
 
 
 def test_a_run_is_replaced(old):
+    check_whole(old, "old")
     start(old, overwrite=True)
-    assert title_of(old) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+    check_whole(old, "new")
     with thirdbody.open(old) as run:
         assert run.summary()["finished"] and run.frames == 3
     assert (old / "scene.toml").read_text() == scene("new").to_toml()
@@ -114,30 +113,33 @@ def test_other_files_in_the_folder_are_named_and_stay(old):
     assert contents(old) == before
 
 
-@pytest.mark.parametrize("name", ["run.spheres.vtkhdf", "scene.toml", REPLACEMENT])
 @pytest.mark.parametrize("kind", ["folder", "link"])
-def test_what_only_bears_the_name_of_a_file_of_ours_stays(old, tmp_path, name, kind):
+def test_what_only_bears_the_name_of_a_file_of_ours_stays(finished, tmp_path, kind):
     (tmp_path / "elsewhere").write_text("mine")
-    (old / name).unlink(missing_ok=True)
-    if kind == "link":
-        (old / name).symlink_to(tmp_path / "elsewhere")
-    else:
-        (old / name).mkdir()
-        (old / name / "mine.txt").write_text("mine")
-    before = contents(old)
-    with pytest.raises(OutputError, match=rf"holds other files \({name}\)"):
-        start(old, overwrite=True)
-    assert contents(old) == before
+    for name in ("run.spheres.vtkhdf", "scene.toml", REPLACEMENT):
+        old = shutil.copytree(finished, tmp_path / f"run {name}")
+        (old / name).unlink(missing_ok=True)
+        if kind == "link":
+            (old / name).symlink_to(tmp_path / "elsewhere")
+        else:
+            (old / name).mkdir()
+            (old / name / "mine.txt").write_text("mine")
+        before = contents(old)
+        with pytest.raises(OutputError, match=rf"holds other files \({name}\)"):
+            start(old, overwrite=True)
+        assert contents(old) == before
 
 
-@pytest.mark.parametrize("names", [["scene.toml"], ["scene.toml", "notes.md"], ["notes.md"], [".git"]])
-def test_a_folder_without_a_run_is_not_overwritten(tmp_path, names):
+def test_a_folder_without_a_run_is_not_overwritten(tmp_path):
     """A project of the user's, with a scene in it."""
-    for name in names:
-        (tmp_path / name).write_text("mine")
-    with pytest.raises(OutputError, match="is not the folder of a run"):
-        start(tmp_path, overwrite=True)
-    assert sorted(contents(tmp_path)) == sorted(names)
+    for k, names in enumerate((["scene.toml"], ["scene.toml", "notes.md"], ["notes.md"], [".git"])):
+        folder = tmp_path / f"{k}"
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_text("mine")
+        with pytest.raises(OutputError, match="is not the folder of a run"):
+            start(folder, overwrite=True)
+        assert sorted(contents(folder)) == sorted(names)
 
 
 def test_the_current_folder_is_replaced_in_place(old, monkeypatch):
@@ -145,7 +147,7 @@ def test_the_current_folder_is_replaced_in_place(old, monkeypatch):
     before = os.stat(".").st_ino
     start(Path("."), overwrite=True)
     assert os.stat(".").st_ino == os.stat(old).st_ino == before
-    assert title_of(Path(".")) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+    check_whole(Path("."), "new")
 
 
 def test_a_folder_that_a_link_names_is_replaced_in_place(old, tmp_path):
@@ -163,7 +165,8 @@ def test_a_folder_where_a_disk_is_mounted_is_replaced_in_place(finished, tmp_pat
     try:
         start(disk, "old", overwrite=True)  # it is empty
         start(disk, "new", overwrite=True)
-        assert os.path.ismount(disk) and title_of(disk) == "new" and {path.name for path in disk.iterdir()} == set(FILES)
+        assert os.path.ismount(disk)
+        check_whole(disk, "new")
     finally:
         subprocess.run(["umount", disk], check=True)
 
@@ -197,7 +200,7 @@ def test_the_old_run_stays_until_the_new_one_has_a_frame(old, monkeypatch, error
 
 def test_a_new_run_that_stops_after_its_first_frame_has_replaced_the_old_one(old):
     start(old, overwrite=True, stop=True)
-    assert title_of(old) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+    check_whole(old, "new")
     thirdbody.resume(old, progress=False).close()
 
 
@@ -228,16 +231,10 @@ def test_two_runs_do_not_replace_one_folder_at_once(old, monkeypatch):
 
 # a folder that is moved -----------------------------------------------------------------------------------------------------
 
-
-def test_a_run_in_a_renamed_folder_goes_on(interrupted, tmp_path):
-    shutil.copytree(interrupted, tmp_path / "first")
-    (tmp_path / "first").rename(tmp_path / "second")
-    with thirdbody.resume(tmp_path / "second", progress=False, threads=1) as run:
-        assert run.frames == 3 and run.summary()["finished"]
+MORE = (slow(0.0, "nothing"), slow(0.0, "removed"), slow(1e9, "another run"))
 
 
-@pytest.mark.parametrize("every", [0.0, 1e9])
-@pytest.mark.parametrize("then", ["nothing", "another run", "removed"])
+@pytest.mark.parametrize("every, then", [(0.0, "another run"), (1e9, "nothing"), (1e9, "removed"), *MORE])
 def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every, then):
     """One message; the run can be resumed where it is now, and what came to stand under the old name is left alone."""
     folder, moved = tmp_path / "run", tmp_path / "moved"
@@ -259,8 +256,7 @@ def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every
     else:
         assert not folder.exists()
     if then != "removed":
-        with thirdbody.resume(moved, progress=False, threads=1) as run:
-            assert run.frames == 3 and run.summary()["finished"]
+        goes_on(moved)
 
 
 def test_files_that_another_process_is_writing_come_and_go(old, monkeypatch):
@@ -272,46 +268,28 @@ def test_files_that_another_process_is_writing_come_and_go(old, monkeypatch):
 
 
 KILLED = """\
-import os, signal, sys
+import os, sys
 from pathlib import Path
+from hard.killed_run import die_at
 import thirdbody
-from thirdbody.runner import run_folder
-from thirdbody.trajectory.writer import TrajectoryWriter
 from thirdbody.runner.simulate import execute, prepare
-from thirdbody.runner.resume import prepare_resume
-
-folder, text, last = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
-simulation, calls = prepare(thirdbody.Scene.parse(text)), 0
-
-def watched(owner, name):
-    real = getattr(owner, name)
-    def call(*args, **options):
-        global calls
-        calls += 1
-        if calls == last:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return real(*args, **options)
-    setattr(owner, name, call)
-
-watched(TrajectoryWriter, "append")
-for name in ("replace", "rename", "unlink", "mkdir", "rmdir"):
-    watched(os, name)
-execute(simulation, folder, 1, overwrite=True)
-print(calls)
+from thirdbody.trajectory.writer import TrajectoryWriter
+simulation, calls = prepare(thirdbody.Scene.parse(sys.argv[2])), sys.argv[4:]
+die_at(int(sys.argv[3]), [(TrajectoryWriter, "append"), *((os, name) for name in calls)])
+execute(simulation, Path(sys.argv[1]), 1, overwrite=True)
 """
-LAST_OF_A_RUN = 60
-"""More calls than a run makes."""
 
 
-def killed(folder: Path, last: int) -> bool:
+def killed(folder, last, *calls):
     """Replace the run in a folder in a process that is killed at its so-manieth call; whether it was."""
-    command = [sys.executable, "-c", KILLED, str(folder), scene("new").to_toml(), str(last)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    command = [sys.executable, "-c", KILLED, str(folder), scene("new").to_toml(), str(last), *calls]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode in (0, -signal.SIGKILL), done.stderr
     return done.returncode != 0
 
 
-def check_after_a_kill(folder: Path) -> str:
+def check_after_a_kill(folder):
     """Either run is there and whole, `resume` makes one of them complete, and the folder can be overwritten; who was there."""
     found = title_of(folder)
     with thirdbody.open(folder) as run:
@@ -325,16 +303,14 @@ def check_after_a_kill(folder: Path) -> str:
     finally:
         shutil.rmtree(after)
     start(folder, "third", overwrite=True)
-    assert title_of(folder) == "third" and {path.name for path in folder.iterdir()} == set(FILES)
+    check_whole(folder, "third")
     return found
 
 
 def test_a_kill_before_the_first_frame_leaves_the_old_run(old):
     """Its leftovers are removed by whoever writes there next."""
     before = contents(old)
-    code = KILLED.replace('("replace", "rename", "unlink", "mkdir", "rmdir")', "()")
-    done = subprocess.run([sys.executable, "-c", code, str(old), scene("new").to_toml(), "1"], capture_output=True, text=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert killed(old, 1)
     assert {name: data for name, data in contents(old).items() if not name.startswith(REPLACEMENT)} == before
     assert (old / REPLACEMENT / "run.vtkhdf").exists()
     assert check_after_a_kill(old) == "old"
@@ -343,9 +319,9 @@ def test_a_kill_before_the_first_frame_leaves_the_old_run(old):
 @pytest.mark.full(kind="hard")
 def test_a_kill_at_any_call_leaves_the_old_run_or_the_new_one(finished, tmp_path):
     found = []
-    for last in range(1, LAST_OF_A_RUN):
+    for last in range(1, 60):
         folder = Path(shutil.copytree(finished, tmp_path / str(last)))
-        if not killed(folder, last):
+        if not killed(folder, last, "replace", "rename", "unlink", "mkdir", "rmdir"):
             break
         found.append(check_after_a_kill(folder))
     assert "old" in found and "new" in found and found == sorted(found, reverse=True)
@@ -356,36 +332,40 @@ def test_a_kill_at_any_call_leaves_the_old_run_or_the_new_one(finished, tmp_path
 WRITTEN = (*FILES, f"{CHECKPOINT}.part", "run.vtkhdf.part", f".scene.toml.{os.getpid()}.part")
 
 
-@pytest.mark.parametrize("name", WRITTEN, ids=range(len(WRITTEN)))  # one of them bears the number of the process
-def test_a_link_in_a_folder_that_is_resumed_is_refused(cut, tmp_path, name):
-    victim = tmp_path / "victim"
-    if (cut / name).exists():
-        (cut / name).rename(victim)
+def behind_a_link(folder, name, victim):
+    """Put a link in place of a file of the run; what was there, or something of somebody else's, lies where it leads."""
+    if (folder / name).exists():
+        (folder / name).rename(victim)
     else:
         victim.write_bytes(b"mine")
-    (cut / name).symlink_to(victim)
-    before = victim.read_bytes()
-    with pytest.raises(InputError) as report:
-        prepare_resume(cut)
-    assert str(report.value) == f"{cut / name}: {LINK}"
-    assert victim.read_bytes() == before and (cut / name).is_symlink()
+    (folder / name).symlink_to(victim)
+    return victim.read_bytes()
 
 
-@pytest.mark.parametrize("name", [name for name in WRITTEN if name != CHECKPOINT], ids=range(len(WRITTEN) - 1))
-def test_nothing_is_written_through_a_link_that_appears_later(cut, tmp_path, monkeypatch, name):
+def test_a_link_in_a_folder_that_is_resumed_is_refused(interrupted, tmp_path):
+    for k, name in enumerate(WRITTEN):
+        cut, victim = shutil.copytree(interrupted, tmp_path / f"run{k}"), tmp_path / f"victim{k}"
+        before = behind_a_link(cut, name, victim)
+        with pytest.raises(InputError) as report:
+            prepare_resume(cut)
+        assert str(report.value) == f"{cut / name}: {LINK}"
+        assert victim.read_bytes() == before and (cut / name).is_symlink()
+
+
+LATER = [name for name in WRITTEN if name != CHECKPOINT]
+SOME = ["run.vtkhdf", f"{CHECKPOINT}.part", f".scene.toml.{os.getpid()}.part"]
+
+
+@pytest.mark.parametrize("names", [SOME, slow([name for name in LATER if name not in SOME])], ids=["some", "others"])
+def test_nothing_is_written_through_a_link_that_appears_later(interrupted, tmp_path, monkeypatch, names):
     """After the folder was looked at: files are made anew and renamed, never opened by a name that may be a link."""
-    victim = tmp_path / "victim"
-    if (cut / name).exists():
-        (cut / name).rename(victim)
-    else:
-        victim.write_bytes(b"mine")
-    (cut / name).symlink_to(victim)
-    before = victim.read_bytes()
     monkeypatch.setattr(take_up, "refuse_links", lambda folder: None)
-    with thirdbody.resume(cut, progress=False, threads=1) as run:
-        assert run.frames == 3
-    assert victim.read_bytes() == before
-    assert not (cut / name).is_symlink() and {path.name for path in cut.iterdir()} == set(FILES)
+    for k, name in enumerate(names):
+        cut, victim = shutil.copytree(interrupted, tmp_path / f"run{k}"), tmp_path / f"victim{k}"
+        before = behind_a_link(cut, name, victim)
+        goes_on(cut)
+        assert victim.read_bytes() == before
+        assert not (cut / name).is_symlink() and {path.name for path in cut.iterdir()} == set(FILES)
 
 
 def test_a_hard_link_is_not_written_through(cut, tmp_path):

@@ -1,7 +1,5 @@
 """A bed in plane shear: profiles against the forces of the plates and the motion of the bodies; velocity accommodation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ SMALL = {
     "output.profiles": 20, "plates.upper.motion.x.velocity": "2 m/s", "solver.inertial_number": None,
 }  # fmt: skip
 V = 2.0  # m/s
+pytestmark = pytest.mark.full(kind="slow")
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,6 @@ def late_mean(run, values):
     return values[run.drag.second_half].mean(axis=0)
 
 
-@pytest.mark.full(kind="slow")
 def test_the_stress_in_every_slab_is_the_force_of_the_plates(bed):
     """Within 1 %: the momentum of the bed changes by less than that of the forces times the time."""
     stress = late_mean(bed, bed.profiles["contact_stress"] + bed.profiles["kinetic_stress"])
@@ -43,7 +41,6 @@ def test_the_stress_in_every_slab_is_the_force_of_the_plates(bed):
     assert across[0, [0, 2]] == pytest.approx(-late_mean(bed, bed.series["lower_force"])[[0, 2]], rel=0.005)
 
 
-@pytest.mark.full(kind="slow")
 def test_the_velocities_of_the_slabs_are_those_of_the_bodies(bed):
     solid, velocity = bed.profiles["solid_fraction"], bed.profiles["velocity"][:, :, 0]
     slabs = np.sum(solid * velocity, axis=1) / np.sum(solid, axis=1)
@@ -61,7 +58,6 @@ def test_the_velocities_of_the_slabs_are_those_of_the_bodies(bed):
     assert 0.0 < v[0] and (np.diff(v) > 0.0).mean() > 0.9 and v[-1] < V
 
 
-@pytest.mark.full(kind="slow")
 def test_a_bed_is_mostly_sheared_and_the_parts_add_up(bed):
     total = sum(bed.series[name] for name in ACCOMMODATION)
     # the first interval of the drag has part of the settling

@@ -5,8 +5,7 @@ Which interface gives way is a matter of the pairs: .5 everywhere, .1 where it s
 stack of height 40 um moves the load by 4 um, and the flakes' feet stand 6 um out: nothing tips.
 """
 
-from __future__ import annotations
-
+import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,34 +14,24 @@ import numba
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from slow import slow
 
 import thirdbody
 
 GRIP, SLIP = 0.5, 0.1
 LOWER, UPPER = 1, 2  # sliding_side
-R = 10.0
-"""Radius of the balls of flakes, um."""
-
-LOAD = 0.2
-"""Load on a stack, mN."""
-
-SPEED = 0.1
-"""Of the upper plate, m/s."""
-
-PATH = 0.6
-"""Way of the upper plate, um: a contact radius is 95 nm, so that a window of four of them has closed before the last frame."""
-
+R, LOAD, SPEED, PATH = 10.0, 0.2, 0.1, 0.6
+"""Radius of the balls of flakes, um; load on a stack, mN; speed, m/s, and way, um, of the upper plate: a contact radius is 95 nm,
+so that a window of four of them has closed before the last frame."""
 Body = tuple[str, list[tuple[float, float, float, float]], tuple[float, float, float]]
 Reported = tuple[str, str, int]
 """State, reason, sliding side."""
-
 HEXAGON = [(0.0, 0.0, 0.0, R)] + [
     (6.0 * math.cos(k * math.pi / 3.0), 6.0 * math.sin(k * math.pi / 3.0), 0.0, R) for k in range(6)
 ]
 
 
 def feet(*columns: float) -> list[tuple[float, float, float, float]]:
-    """Two rows of balls, at y = -6 and 6, with these x."""
     return [(x, y, 0.0, R) for x in columns for y in (-6.0, 6.0)]
 
 
@@ -79,7 +68,6 @@ def pairs(stack: Stack, names: list[str]) -> str:
 
 
 def debris(body: Body, view: View, pitch: float) -> str:
-    """One table; its positions are those of all copies, a body length apart."""
     material, balls, (x, y, z) = body
     sign, unit = (-1.0 if view.mirrored else 1.0), view.unit
     shape = ", ".join(
@@ -121,7 +109,6 @@ class Seen:
 
 
 def watch(stack: Stack, folder: Path, view: View | None = None) -> Seen:
-    """The stack simulated."""
     view = view or View()
     n, copies = len(stack.bodies), view.copies[0] * view.copies[1]
     rows = [np.arange(k * copies, (k + 1) * copies) for k in (range(n)[::-1] if view.backward else range(n))]
@@ -192,28 +179,16 @@ STACKS = {
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """name -> what happens, each stack simulated once."""
-    done: dict[str, Seen] = {}
-
-    def get(name: str) -> Seen:
-        if name not in done:
-            done[name] = watch(STACKS[name], tmp_path_factory.mktemp(name))
-        return done[name]
-
-    return get
+    return functools.cache(lambda name: watch(STACKS[name], tmp_path_factory.mktemp(name)))
 
 
 @pytest.mark.parametrize("name", STACKS)
 def test_labels_and_reasons(name, seen):
-    """In the last third of the way: the plate starts at full speed, and the stack has come to rest upon that."""
+    # frame 1 is the end of settling: nothing was dragged yet
+    assert {labels[0][0] for labels in seen(name).reported[1]} == {"sticking"}
+    # in the last third of the way: the plate starts at full speed, and the stack has come to rest upon that
     for frame in seen(name).reported[-3:]:
         assert [labels[0] for labels in frame] == STACKS[name].reported
-
-
-@pytest.mark.parametrize("name", STACKS)
-def test_under_load_at_rest_all_stick(name, seen):
-    """Frame 1 is the end of settling: nothing was dragged yet."""
-    assert {labels[0][0] for labels in seen(name).reported[1]} == {"sticking"}
 
 
 def test_the_path_of_sliding_flakes_is_that_of_the_plate(seen):
@@ -231,16 +206,16 @@ def test_a_rolling_ball_turns_by_its_travel(seen):
     assert ball["slip_over_travel"] == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("name", "height"), [("hugged", 0.2), ("clasped", 0.4)])
-def test_normals_beside_the_flake(name, height, seen):
+def test_normals_beside_the_flake(seen):
     """The two stacks differ in what they are meant to differ in: below and above .3."""
-    contacts = seen(name).contacts[-1]
-    beside = np.sort(contacts["normal"][contacts["partner"] >= 0, 2])
-    # the dumbbell moves by its overlaps, nm over um
-    assert beside == pytest.approx([-height, height], abs=1e-3)
+    for name, height in (("hugged", 0.2), ("clasped", 0.4)):
+        contacts = seen(name).contacts[-1]
+        beside = np.sort(contacts["normal"][contacts["partner"] >= 0, 2])
+        # the dumbbell moves by its overlaps, nm over um
+        assert beside == pytest.approx([-height, height], abs=1e-3)
 
 
-def drag_of_the_plank(seen: Seen, frame: int) -> float:
+def drag_of_the_plank(seen, frame):
     """Speed of the lid less that of the trestles' upper surfaces, v + omega R, each with its share of the plank's weight, m/s."""
     contacts, bodies = seen.contacts[frame], seen.bodies[frame]
     under = [(contacts["body"] == trestle) & (contacts["partner"] == 2) for trestle in (0, 1)]
@@ -249,7 +224,7 @@ def drag_of_the_plank(seen: Seen, frame: int) -> float:
     return SPEED - float(load @ surface / load.sum())
 
 
-def travel_of_the_plank(seen: Seen, frame: int) -> float:
+def travel_of_the_plank(seen, frame):
     """What the labeller has for the travel since the drag began, m: no window has closed yet, so slip over travel tells."""
     held = (seen.contacts[frame]["body"] == 0) & (seen.contacts[frame]["partner"] == 2)
     return float(seen.contacts[frame]["slip"][held].max() / seen.bodies[frame]["slip_over_travel"][2])
@@ -267,22 +242,27 @@ def test_the_path_over_partners_of_different_speed_is_their_mean(seen):
 
 
 EXTRAS = ("roll_ratio", "slip_over_travel", "margin_rotation", "margin_friction", "margin_determinacy")
+ORDER, MIRROR, UNIT = View(backward=True), View(mirrored=True), View(unit="mm")
+VIEWS = {"order-hugged": ORDER, "mirror-ball": MIRROR, "unit-ball": UNIT}
+MORE = {"order-ball": ORDER, "order-trestles": ORDER, "mirror-hugged": MIRROR, "mirror-trestles": MIRROR, "unit-hugged": UNIT,
+        "unit-trestles": UNIT}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["ball", "hugged", "trestles"])
-@pytest.mark.parametrize("view", [View(backward=True), View(mirrored=True), View(unit="mm")], ids=["order", "mirror", "unit"])
-def test_labels_do_not_depend_on_how_it_is_reported(name, view, seen, tmp_path):
+@pytest.mark.parametrize("case", [*VIEWS, *map(slow, MORE)])
+def test_labels_do_not_depend_on_how_it_is_reported(case, seen, tmp_path):
     """Every frame from the end of settling; in the first one bodies touch to rounding, and `free` is as right as `sticking`."""
-    here, there = seen(name), watch(STACKS[name], tmp_path, view)
+    name = case.partition("-")[2]
+    here, there = seen(name), watch(STACKS[name], tmp_path, (VIEWS | MORE)[case])
     assert there.reported[1:] == here.reported[1:]
     for extra in EXTRAS:
         # rounding of places, 1e-16 of 40 um over overlaps of nm, grows in 7000 steps to 3e-8 at most
         assert there.bodies[-1][extra] == pytest.approx(here.bodies[-1][extra], rel=1e-6, abs=1e-6)
 
 
-def test_a_field_of_stacks_on_one_and_two_threads(seen, tmp_path):
+@pytest.mark.full(kind="slow")
+def test_a_field_of_stacks_on_one_and_two_threads(tmp_path):
     """36 stacks side by side are more bodies and pairs than a chunk of the parallel loops; each has the single one's labels."""
-    most = min(2, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    most = min(2, numba.config.NUMBA_NUM_THREADS)
     one, two = (watch(STACKS["between"], tmp_path, View(threads=n, copies=(6, 6))) for n in (1, most))
     assert [set(labels) for labels in one.reported[-1]] == [{report} for report in STACKS["between"].reported]
     assert two.reported == one.reported

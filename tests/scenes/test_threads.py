@@ -1,7 +1,5 @@
 """Several simulations in one process at once: their first compilation, and the same bits as one after the other."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading
@@ -43,9 +41,9 @@ def test_first_runs_in_threads_of_one_process_give_the_same_bits(tmp_path):
 def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp_path, monkeypatch):
     monkeypatch.setattr(cache_dir, "folder", lambda: tmp_path)
     text = "import time\ntime.sleep(0.3)\nlaw = 1\n"
-    found: list[object] = []
+    found = []
 
-    def load() -> None:
+    def load():
         found.append(getattr(module_cache.load_module("slow", text, [])[0], "law", "was not there yet"))
 
     threads = [threading.Thread(target=load) for _ in range(2)]

@@ -1,7 +1,5 @@
 """The tutorials run as they are shipped, show what their text says, and their stored outputs are small."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import json
@@ -13,13 +11,14 @@ pytest.importorskip("nbclient")
 pytest.importorskip("pandas")
 pytest.importorskip("SALib")
 
+from each import each
 from pages import ROOT
+from slow import slow
 from tutorials import NOTEBOOKS, PNG, executed
 
 import thirdbody
 
 KILOBYTES = 150
-
 # What the text of a notebook says about its results. Margins: other compilers change last bits, and a body near the edge of two
 # seats may take the other one, so fractions of bodies have room for a few of them.
 CLAIMS = {
@@ -79,14 +78,13 @@ def test_every_notebook_is_listed():
     assert all(f"(tutorials/{path.name})" in page for path in NOTEBOOKS)
 
 
-LONG = ("3_my_particles", "6_how_accurate", "7_a_sweep", "8_which_input_matters", "9_calibration")
-"""Run behind `-m slow`: what they show besides is shown by the others and by tests of meshes, levels and sweeps."""
-
-RUN = [pytest.param(path, marks=pytest.mark.full(kind="slow") if path.stem in LONG else (), id=path.stem) for path in NOTEBOOKS]
+SHORT = ("2_reading_a_run", "5_my_own_law")
+"""What the others show besides is shown by tests of meshes, levels, strokes and sweeps."""
 
 
-@pytest.mark.parametrize("path", RUN)
-def test_it_runs_and_shows_what_it_says(path, tmp_path):
+@pytest.mark.parametrize("name", [name if name in SHORT else slow(name) for name in CLAIMS])
+def test_it_runs_and_shows_what_it_says(name, tmp_path):
+    path = NOTEBOOKS[0].with_name(f"{name}.ipynb")
     claims = re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE)
     notebook = executed(path, tmp_path, claims)  # raises for a failing cell
     stored = json.loads(path.read_text(encoding="utf-8"))["cells"]
@@ -96,7 +94,7 @@ def test_it_runs_and_shows_what_it_says(path, tmp_path):
         assert not [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@each(NOTEBOOKS)
 def test_its_pictures_are_stored_and_small(path):
     text = path.read_text(encoding="utf-8")
     outputs = [output for cell in json.loads(text)["cells"] for output in cell.get("outputs", [])]
@@ -106,18 +104,14 @@ def test_its_pictures_are_stored_and_small(path):
     assert all(len(base64.b64decode(picture)) < 1000 * KILOBYTES for picture in pictures) and len(text) < 300_000
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_its_cells_are_python_of_public_names(path):
-    """Also of those that are run behind `-m slow` only."""
-    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
-    code = "\n".join(re.sub(r"^[!%].*", "", "".join(cell["source"]), flags=re.MULTILINE) for cell in cells)
-    for node in ast.walk(ast.parse(code)):
+@each(NOTEBOOKS)
+def test_its_cells_are_python_of_public_names_and_its_links_exist(path):
+    """Also of those that are run outside the default command only."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    for node in ast.walk(ast.parse("\n".join(re.sub(r"^[!%].*", "", text, flags=re.MULTILINE) for text in code))):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "thirdbody":
             assert hasattr(thirdbody, node.attr), node.attr
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_its_links_exist(path):
-    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+    for cell in cells:
         for target in re.findall(r"\]\(([^)#]+)\)", "".join(cell["source"])) if cell["cell_type"] == "markdown" else ():
             assert (path.parent / target).exists(), target

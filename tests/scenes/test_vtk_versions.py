@@ -4,8 +4,6 @@ Not in CI: the first makes a virtual environment per version from PyPI (kept in 
 and Xvfb (Debian: `apt-get install paraview xvfb`).
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -31,7 +29,6 @@ VERSIONS = ["9.4", "9.5", "9.6", "9.7"]
 CONTACTS = (0, 4, 0, 0, 7, 2, 0)  # none at the start, between, twice in a row, and at the end
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SHORT = {"debris.0.count": "16", "solver.distance": "0.5 um", "output.every": "0.1 um"}
-
 # Runs where neither h5py nor thirdbody is: what VTK gives, against arrays that were laid down beside the files.
 CHECK = r"""
 import sys
@@ -88,7 +85,6 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def real(folder) -> Path:
-    """A real run, whose first frame has no contact."""
     scene = thirdbody.Scene.load(SCENE).with_settings(SHORT)
     with thirdbody.run(scene, out=folder / "real", progress=False) as run:
         counts = [run.rows("contacts", number) for number in range(run.frames)]
@@ -98,7 +94,6 @@ def real(folder) -> Path:
 
 @pytest.fixture(scope="module")
 def made(folder) -> Path:
-    """A made-up run with contacts that come and go."""
     path = folder / "made.vtkhdf"
     names = ["free", "sticking", "sliding", "rolling"]
     header = {"scene_text": "", "state_names": names, "reason_names": ["none"], "units": {}}
@@ -116,7 +111,6 @@ def made(folder) -> Path:
 
 
 def lay_down(run: Run, path: Path) -> Path:
-    """All arrays of all frames in one NPZ file."""
     arrays = {
         f"{block}/{number}/{name}": values
         for block in BLOCKS for number in range(run.frames) for name, values in run.block(block, number).items()
@@ -126,7 +120,6 @@ def lay_down(run: Run, path: Path) -> Path:
 
 
 def python_with(version: str, cache: Path) -> Path:
-    """The interpreter of a virtual environment with that version of VTK."""
     place = cache / f"vtk-{version}"
     python = place / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     done = place / "installed"
