@@ -58,19 +58,14 @@ GROUPS: Mapping[str, Mapping[str, Settings]] = {
            for s in ("1.5 GPa", "600 MPa", "300 MPa")},
     },
     "necks": {
-        "none": {},
-        "5 mJ/m2": necks("5 mJ/m2"),
-        "50 mJ/m2": necks("50 mJ/m2"),
+        "none": {}, "5 mJ/m2": necks("5 mJ/m2"), "50 mJ/m2": necks("50 mJ/m2"),
         "50 mJ/m2, external": necks("50 mJ/m2", friction_load="external"),
-        "200 mJ/m2": necks("200 mJ/m2"),
-        "1 J/m2": necks("1 J/m2"),
+        "200 mJ/m2": necks("200 mJ/m2"), "1 J/m2": necks("1 J/m2"),
     },
     "spots": {"none": {}, "pivoting": {"effects.pivoting": {}}, "close spots": {"effects.close_spots": {}}},
     "heavy": {
-        "none, 1 mN": HEAVY,
-        "pivoting, 1 mN": HEAVY | {"effects.pivoting": {}},
-        "close spots, 1 mN": HEAVY | {"effects.close_spots": {}},
-        "50 mJ/m2, 1 mN": HEAVY | necks("50 mJ/m2"),
+        "none, 1 mN": HEAVY, "pivoting, 1 mN": HEAVY | {"effects.pivoting": {}},
+        "close spots, 1 mN": HEAVY | {"effects.close_spots": {}}, "50 mJ/m2, 1 mN": HEAVY | necks("50 mJ/m2"),
     },
 }  # fmt: skip
 
@@ -115,11 +110,9 @@ def print_row(name: str, result: Story, base: Story) -> None:
     assert labeller is not None
     agree = np.mean(result.labels == base.labels, axis=1)
     rolling = np.mean(result.labels[-1] == labeller.states.index("rolling"))
-    print(
-        f"{name:26s} labels {100 * agree.mean():.2f} % (least {100 * agree.min():.1f} %), rolling {100 * rolling:.1f} %, "
-        f"friction {result.friction.mean():.4f} ({result.friction.mean() / base.friction.mean() - 1.0:+.1e})",
-        flush=True,
-    )
+    mean = result.friction.mean()
+    words = f"{name:26s} labels {100 * agree.mean():.2f} % (least {100 * agree.min():.1f} %), rolling {100 * rolling:.1f} %, "
+    print(f"{words}friction {mean:.4f} ({mean / base.friction.mean() - 1.0:+.1e})", flush=True)
 
 
 def labels(groups: list[str]) -> None:

@@ -23,22 +23,15 @@ PATH = 10e-6
 EVERY = 1e-6
 """Way between two stops, m, as in the scene: every step of a body ends there."""
 
-EXPLICIT = "explicit, mindlin"
-
-SEED = 1
-"""Seed of the debris, as in the scene."""
-
-SPRINGS = 16
-"""Springs of the level mdr."""
+EXPLICIT, SPRINGS = "explicit, mindlin", 16
+"""Name in tables, and springs of the level mdr."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One ensemble: `integrator` explicit or implicit, `level` of the law, speed of the drag, m/s, number of bodies, and its
-    whole way and the way between two outputs, m.
+    """One ensemble: speed of the drag, m/s, the whole way and the way between two outputs, m.
 
     `fraction`: of the lower plate that a layer whose bodies meet covers, seen from above; None for bodies that do not meet.
-    `seed`: of the debris.
     """
 
     integrator: str
@@ -48,7 +41,7 @@ class Case:
     path: float = PATH
     every: float = EVERY
     fraction: float | None = None
-    seed: int = SEED
+    seed: int = 1
 
     @property
     def name(self) -> str:
@@ -59,17 +52,11 @@ def scene_of(case: Case) -> thirdbody.Scene:
     """The shipped scene with its particles as densely laid, which do not see each other, or at another area fraction, meeting."""
     scene = thirdbody.Scene.load(SCENE)
     settings: dict[str, Any] = {
-        "debris.0.count": case.bodies,
-        "debris.0.seed": case.seed,
-        "domain.size": _size(scene, case.bodies),
-        "contact.law": "three_spot",
-        "contact.level": case.level,
-        "contact.debris_contact": "none",
-        "plates.upper.motion.x.velocity": f"{case.speed:.9g} m/s",
-        "solver.integrator": case.integrator,
-        "solver.distance": f"{case.path:.9g} m",
-        "output.every": f"{case.every:.9g} m",
-    }
+        "debris.0.count": case.bodies, "debris.0.seed": case.seed, "domain.size": _size(scene, case.bodies),
+        "contact.law": "three_spot", "contact.level": case.level, "contact.debris_contact": "none",
+        "plates.upper.motion.x.velocity": f"{case.speed:.9g} m/s", "solver.integrator": case.integrator,
+        "solver.distance": f"{case.path:.9g} m", "output.every": f"{case.every:.9g} m",
+    }  # fmt: skip
     if case.level == "mdr":
         settings["contact.springs"] = SPRINGS
     if case.integrator == "implicit":
@@ -120,12 +107,8 @@ def middle(values: list[float]) -> dict[str, Any]:
 
 def spread_of(steps: np.ndarray) -> dict[str, float]:
     """Of the steps of single particles: median, 99 % and the largest, and which particle that is: one that chatters shows."""
-    return {
-        "median": float(np.median(steps)),
-        "99 %": float(np.quantile(steps, 0.99)),
-        "largest": float(steps.max()),
-        "body": int(steps.argmax()),
-    }
+    median, high = float(np.median(steps)), float(np.quantile(steps, 0.99))
+    return {"median": median, "99 %": high, "largest": float(steps.max()), "body": int(steps.argmax())}
 
 
 def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
@@ -142,19 +125,12 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
         busy.append(spent / (time.perf_counter() - started))
         seconds.append(spent / case.bodies * PATH / case.path)
     taken = (integrator.totals[:, run_totals.STEPS] - before) * PATH / case.path
-    steps = float(taken.mean())
-    result = middle(seconds)
+    steps, result = float(taken.mean()), middle(seconds)
     return {
-        "engine": case.name,
-        "speed": case.speed,
-        "seconds_per_particle": result,
-        "steps_per_particle": steps,
-        "steps": spread_of(taken),
-        "seconds_per_step": result["median"] / steps,
-        "busy": middle(busy),
-        "unsolved": len(integrator.summary()["unsolved"]),
-        **report,
-    }
+        "engine": case.name, "speed": case.speed, "seconds_per_particle": result, "steps_per_particle": steps,
+        "steps": spread_of(taken), "seconds_per_step": result["median"] / steps, "busy": middle(busy),
+        "unsolved": len(integrator.summary()["unsolved"]), **report,
+    }  # fmt: skip
 
 
 def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
@@ -178,16 +154,8 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
         shares.append(state.distance / PATH)
     step, per_step = simulated / steps, middle(seconds)
     needed = PATH / case.speed / step
-    each = needed / case.bodies
     return {
-        "engine": case.name,
-        "speed": case.speed,
-        "seconds_per_particle": middle([each * value for value in seconds]),
-        "steps_per_particle": needed,
-        "seconds_per_step": per_step["median"],
-        "busy": middle(busy),
-        "ns_per_sphere_step": 1e9 * per_step["median"] / state.n_spheres,
-        "time_step": step,
-        "share_run": min(shares),
-        **report,
-    }
+        "engine": case.name, "speed": case.speed, "steps_per_particle": needed, "seconds_per_step": per_step["median"],
+        "seconds_per_particle": middle([needed / case.bodies * value for value in seconds]), "busy": middle(busy),
+        "ns_per_sphere_step": 1e9 * per_step["median"] / state.n_spheres, "time_step": step, "share_run": min(shares), **report,
+    }  # fmt: skip

@@ -23,8 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from ensemble import Case, scene_of, time_explicit, warm_up
-from machine import machine
-from rich.console import Console
+from machine import machine, screen
 
 import thirdbody
 from thirdbody.engine import implicit_islands
@@ -34,14 +33,9 @@ from thirdbody.runner.simulate import prepare, set_threads
 
 SIZES, SHAPES = [10, 30, 100, 300, 600, 1000, 2000], ["chain", "0.5"]
 SPEED, PATH, EVERY = 1e-3, 0.4e-6, 0.02e-6
-SEEDS = 5
-"""Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps."""
-
-KEYS = ("shape", "bodies")
-"""What is not a figure."""
-
-PATIENCE = 20.0
-"""Processor seconds after which a drag ends at its next stop."""
+SEEDS, PATIENCE = 5, 20.0
+"""Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps. Processor
+seconds after which a drag ends at its next stop."""
 
 RADIUS, GAP = 5e-6, 0.01
 """Radius of the balls of a chain, m, and the gap between them in radii."""
@@ -54,28 +48,18 @@ def chain(bodies: int) -> thirdbody.Scene:
     size = f'["{bodies * x + 1e-4!r} m", "{bodies * y + 1e-4!r} m"]'
     return thirdbody.Scene.parse(f"""scene = 1
 domain = {{size = {size}}}
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+materials.steel = {{youngs_modulus = "210 GPa", poisson_ratio = 0.3, density = "7850 kg/m3"}}
+pairs = [{{between = ["steel", "steel"], friction = 0.3, restitution = 0.6}}]
+solver = {{integrator = "implicit", on_failure = "continue", distance = "{PATH!r} m"}}
+output.every = "{EVERY!r} m"
+[plates]
+lower = {{material = "steel"}}
+upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "{SPEED!r} m/s"}}}}}}
 [[debris]]
 material = "steel"
 kind = "spheres"
 shape = [{{center = ["0 m", "0 m", "0 m"], radius = "{RADIUS!r} m"}}]
 positions = [{places}]
-[plates]
-lower = {{material = "steel"}}
-upper = {{material = "steel", support = "load_per_particle", load = "0.1 mN", motion = {{x = {{velocity = "{SPEED!r} m/s"}}}}}}
-[solver]
-integrator = "implicit"
-on_failure = "continue"
-distance = "{PATH!r} m"
-[output]
-every = "{EVERY!r} m"
 """)
 
 
@@ -88,7 +72,7 @@ def island(shape: str, bodies: int, seed: int) -> thirdbody.Scene:
 def measure(shape: str, bodies: int, path: float, gap: float) -> dict[str, Any]:
     seeds = 1 if shape == "chain" else max(1, min(SEEDS, 500 // bodies))
     rows = [one(shape, bodies, path, gap, seed) for seed in range(1, seeds + 1)]
-    return rows[0] | {name: statistics.median(row[name] for row in rows) for name, value in rows[0].items() if name not in KEYS}
+    return rows[0] | {name: statistics.median(row[name] for row in rows) for name in rows[0] if name not in ("shape", "bodies")}
 
 
 def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str, Any]:
@@ -99,30 +83,27 @@ def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str
     began = time.process_time()
     integrator.advance_to(simulation.settle)
     settled = time.process_time()
-    steps, tries, iterations = _counts(integrator)
-    distance, wide = 0.0, 0
+    before, distance, wide = _counts(integrator), 0.0, 0
     while distance < path - 0.5 * EVERY and time.process_time() - settled < PATIENCE:
         distance += EVERY
         integrator.advance_to(distance=distance)
         wide = max(wide, int(integrator.islands.tables.widths.max(initial=0)))
     seconds = time.process_time() - settled
-    after = _counts(integrator)
+    steps, tries, iterations = (late - early for late, early in zip(_counts(integrator), before, strict=True))
     summary = integrator.summary()
     return {
         "shape": shape, "bodies": bodies, "largest": summary["islands"]["largest"], "half_width": wide,
         "fraction_of_bodies": summary["islands"]["fraction_of_bodies"], "path_um": 1e6 * distance,
-        "steps_per_um": (after[0] - steps) / bodies / (1e6 * distance), "tries_per_step": (after[1] - tries) / (after[0] - steps),
-        "iterations_per_try": (after[2] - iterations) / (after[1] - tries),
-        "us_per_step_and_body": 1e6 * seconds / (after[0] - steps),
+        "steps_per_um": steps / bodies / (1e6 * distance), "tries_per_step": tries / steps,
+        "iterations_per_try": iterations / tries, "us_per_step_and_body": 1e6 * seconds / steps,
         "s_per_body_um": seconds / bodies / (1e6 * distance), "settle_s": settled - began, "slide_s": seconds,
         "unsolved": len(summary["unsolved"]),
     }  # fmt: skip
 
 
-def _counts(integrator: Any) -> tuple[float, float, float]:
-    memory = integrator.memory
-    columns = memory[:, step_memory.TRIES], memory[:, step_memory.ITERATIONS]
-    return float(integrator.totals[:, run_totals.STEPS].sum()), *(float(column.sum()) for column in columns)
+def _counts(integrator: Any) -> list[float]:
+    columns = (integrator.memory[:, column] for column in (step_memory.TRIES, step_memory.ITERATIONS))
+    return [float(column.sum()) for column in (integrator.totals[:, run_totals.STEPS], *columns)]
 
 
 def explicit_seconds(shape: str) -> float:
@@ -140,7 +121,7 @@ def main() -> None:
     parser.add_argument("--gap", type=float, default=3.0, help="of bodies that belong together, um (default %(default)s)")
     parser.add_argument("--path", type=float, default=1e6 * PATH, help="drag, um (default %(default)s)")
     chosen = parser.parse_args()
-    console = Console(width=150)
+    console = screen()
     warm_up("implicit", "mindlin"), warm_up("explicit", "mindlin")
     rows = []
     for shape in chosen.shapes:

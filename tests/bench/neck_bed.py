@@ -105,10 +105,7 @@ def ours(start: Mapping[str, Any], effect: str, step: float = STEP) -> dict[str,
 
 
 def stress_of(state: Any, volume: float) -> np.ndarray:
-    """Return xx, yy, zz and xz of the stress of contacts between balls [Pa], positive in compression: branch times force.
-
-    xz is that of LAMMPS, the force along z; friction makes the sum unsymmetric where balls spin up.
-    """
+    # positive in compression: branch times force; xz is that of LAMMPS, the force along z: it is unsymmetric where balls spin up
     slots = state.slots
     R = slots.R[(slots.histories.slip > 0.0) & (slots.partner >= 0)]
     normal = R[:, record.NORMAL3]

@@ -70,36 +70,26 @@ def measure(requested: argparse.Namespace) -> dict[str, Any]:
     built, seconds = peak(), time.perf_counter() - began
     advance(simulation, requested.warm)
     report: dict[str, list[Any]] = {"t": [], "cpu": [], "rebuild_every": [], "contacts": [], "plate": []}
-    note(report, count_contacts(start, spheres_of(simulation)["points"]))
-    for _ in range(requested.reps):
-        time_segment(simulation, requested.steps, report)
-        highest = peak()
-        note(report, count_contacts(start, spheres_of(simulation)["points"]))
+    for k in range(requested.reps + 1):
+        if k:
+            time_segment(simulation, requested.steps, report)
+            highest = peak()
+        found = count_contacts(start, spheres_of(simulation)["points"])
+        report["contacts"].append(found[0])
+        report["plate"].append(found[1])
     energy = kinetic_energy(start, spheres_of(simulation)["velocity"])
     stepping = resident(simulation)
     touching = statistics.fmean(report["contacts"]) + statistics.fmean(report["plate"])
+    marks = {"built": built, "run": highest, "stepping": stepping}
     return {
-        "engine": "thirdbody",
-        "scene": requested.kind,
-        "N": requested.number,
-        "tiles": requested.tiles,
-        "cores": requested.threads,
-        "spheres": start.spheres,
-        "bodies": start.bodies,
-        "steps": requested.steps,
-        "setup_s": seconds,
-        **report,
-        "ke_end": energy,
-        "start": at_start,
+        "engine": "thirdbody", "scene": requested.kind, "N": requested.number, "tiles": requested.tiles,
+        "cores": requested.threads, "spheres": start.spheres, "bodies": start.bodies, "steps": requested.steps,
+        "setup_s": seconds, **report, "ke_end": energy, "start": at_start,
         "ns_per_sphere_step": [1e9 * t / start.spheres for t in report["t"]],
         "processor_ns_per_sphere_step": 1e9 / start.spheres * statistics.median(map(mul, report["t"], report["cpu"])),
         "ns_per_contact_step": [1e9 * t / touching for t in report["t"]],
-        "bytes_per_sphere": {
-            "built": (built - base) / start.spheres,
-            "run": (highest - base) / start.spheres,
-            "stepping": (stepping - base) / start.spheres,
-        },
-    }
+        "bytes_per_sphere": {name: (mark - base) / start.spheres for name, mark in marks.items()},
+    }  # fmt: skip
 
 
 def time_segment(simulation: Any, steps: int, report: dict[str, list[Any]]) -> None:
@@ -135,11 +125,6 @@ def resident(simulation: Any) -> int:
     return min(seen)
 
 
-def note(report: dict[str, list[Any]], found: tuple[int, int]) -> None:
-    report["contacts"].append(found[0])
-    report["plate"].append(found[1])
-
-
 def reset_peak() -> int:
     """Resident memory now, bytes; the peak is counted from here on where the system lets us."""
     try:
@@ -164,7 +149,7 @@ def _status(key: str) -> int:
 
 
 def show(report: dict[str, Any]) -> None:
-    each = ", ".join(f"{t:.1f}" for t in report["ns_per_sphere_step"])
+    each, size = ", ".join(f"{t:.1f}" for t in report["ns_per_sphere_step"]), report["bytes_per_sphere"]
     touching = f"{report['contacts']} + {report['plate']} with plates (at the start {report['start'][0]} + {report['start'][1]})"
     print(f"{report['scene']} {report['N']}: {report['spheres']} spheres, {report['bodies']} bodies, {report['cores']} threads")
     print(f"ns per sphere-step   {statistics.median(report['ns_per_sphere_step']):.1f}  ({each}; CPU {min(report['cpu']):.0%})")
@@ -173,10 +158,7 @@ def show(report: dict[str, Any]) -> None:
     print(f"contacts             {touching}")
     print(f"steps per search     {', '.join(f'{n:.0f}' for n in report['rebuild_every'])}")
     print(f"kinetic energy       {report['ke_end']:.5g} J")
-    print(
-        f"bytes per sphere     {report['bytes_per_sphere']['built']:.0f} built, {report['bytes_per_sphere']['run']:.0f} at most, "
-        f"{report['bytes_per_sphere']['stepping']:.0f} between searches"
-    )
+    print(f"bytes per sphere     {size['built']:.0f} built, {size['run']:.0f} at most, {size['stepping']:.0f} between searches")
     print(f"built in             {report['setup_s']:.2f} s")
 
 

@@ -77,10 +77,7 @@ PATIENCE = 3600.0
 
 @dataclass(frozen=True)
 class Engine:
-    """A peer: its script with its variant, the scenes that it can run, and its program.
-
-    That is in the peers' folder or found by its name, and tells its version.
-    """
+    """A peer: its script, the scenes that it can run, and its program, in the peers' folder or found by its name."""
 
     name: str
     script: str
@@ -97,26 +94,21 @@ ENGINES = (
     Engine("LIGGGHTS", "run_liggghts.sh", (), "SCT", "liggghts", ("-h", r"Version (.*?),")),
     Engine("YADE", "run_yade.sh", (), "SCT", "yade", ("--version", r"version: (\S+)")),
 )
-"""LAMMPS' `granular` has our law but for its dashpots (see `peers.py`); `gran` is gran/hertz/history, with a cheaper dashpot."""
+"""LAMMPS' `granular` has our law but for its dashpots (see above); `gran` is gran/hertz/history, with a cheaper dashpot."""
 
 
 def installed(folder: Path | None) -> dict[str, str | None]:
     """Version of every peer by name, "unknown" if it does not tell; None where it cannot be run."""
-    if folder is None or not (folder / "scripts").is_dir():
-        return dict.fromkeys((engine.name for engine in ENGINES), None)
-    return {engine.name: _version(engine, folder) for engine in ENGINES}
-
-
-def _version(engine: Engine, folder: Path) -> str | None:
-    program = shutil.which(folder / engine.program) or shutil.which(engine.program)
-    if program is None:
-        return None
-    argument, pattern = engine.version
-    options: dict[str, Any] = {"capture_output": True, "text": True, "env": _environment(folder), "timeout": 60.0}
-    with tempfile.TemporaryDirectory() as aside:  # LIGGGHTS writes a log wherever it is started
-        report = subprocess.run([program, argument], cwd=aside, **options)
-    found = re.search(pattern, report.stdout + report.stderr)
-    return found.group(1) if found else "unknown"
+    versions: dict[str, str | None] = dict.fromkeys(engine.name for engine in ENGINES)
+    for engine in ENGINES if folder is not None and (folder / "scripts").is_dir() else ():
+        if program := shutil.which(folder / engine.program) or shutil.which(engine.program):
+            argument, pattern = engine.version
+            options: dict[str, Any] = {"capture_output": True, "text": True, "env": _environment(folder), "timeout": 60.0}
+            with tempfile.TemporaryDirectory() as aside:  # LIGGGHTS writes a log wherever it is started
+                report = subprocess.run([program, argument], cwd=aside, **options)
+            found = re.search(pattern, report.stdout + report.stderr)
+            versions[engine.name] = found.group(1) if found else "unknown"
+    return versions
 
 
 def _environment(folder: Path, **more: str) -> dict[str, str]:
@@ -125,28 +117,22 @@ def _environment(folder: Path, **more: str) -> dict[str, str]:
     return kept | {"LD_LIBRARY_PATH": str(folder / "venv" / "lib"), **more}
 
 
-def run_peer(
-    engine: Engine, folder: Path, kind: str, number: int, cores: int, steps: int, warm: int, reps: int
-) -> dict[str, Any]:
+def run_peer(engine: Engine, folder: Path, case: Case) -> Run:
     """What the peer's script told of one run, or `failed` with its last words."""
     for made in ("work", "results"):
         (folder / made).mkdir(exist_ok=True)
-    command = [str(folder / "scripts" / engine.script), kind, str(number), str(cores), *engine.variant]
-    environment = _environment(folder, STEPS=str(steps), WARM=str(warm), REPS=str(reps))
+    command = [str(folder / "scripts" / engine.script), case.kind, str(case.number), str(case.cores)]
+    environment = _environment(folder, STEPS=str(case.steps), WARM=str(case.warm), REPS=str(case.reps))
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+        done = subprocess.run([*command, *engine.variant], env=environment, capture_output=True, text=True, timeout=PATIENCE)
     except (subprocess.TimeoutExpired, OSError) as error:
         return {"engine": engine.name, "failed": str(error)}
     lines = [line for line in done.stdout.splitlines() if line.startswith('{"engine"')]
     if not lines:
         return {"engine": engine.name, "failed": (done.stdout + done.stderr)[-300:].strip() or f"exit status {done.returncode}"}
     report = json.loads(lines[-1])
-    energy = report["ke_end"]
-    return report | {
-        "engine": engine.name,
-        "ke_end": None if energy is None else 1e-15 * energy,  # pg um2/us2 in J
-        "cpu": [0.01 * share for share in report.get("cpu_pct") or []],
-    }
+    energy = None if report["ke_end"] is None else 1e-15 * report["ke_end"]  # pg um2/us2 in J
+    return report | {"engine": engine.name, "ke_end": energy, "cpu": [0.01 * x for x in report.get("cpu_pct") or []]}
 
 
 def main() -> None:
@@ -209,8 +195,7 @@ def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: di
     runs.setdefault(OURS, []).append(run_ours(case, folder))
     for engine in peers:
         if case.kind in engine.kinds and case.tiles == "1x1":
-            report = run_peer(engine, folder, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
-            runs.setdefault(engine.name, []).append(report)
+            runs.setdefault(engine.name, []).append(run_peer(engine, folder, case))
 
 
 def cases(requested: argparse.Namespace) -> list[Case]:

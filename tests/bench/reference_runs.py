@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +35,9 @@ NAMES = (*SCENES, *BALANCES)
 CHANGING = {"wall_time", "sphere_steps_per_second"}
 """Entries of the summary that depend on time or machine."""
 
-WORST = 4
-"""Arrays and figures of a scene that are told one by one."""
-
-SKETCHES = 8
-"""Sums of an array with random signs: from their differences follows the rms difference of two arrays, to about a fourth."""
+WORST, SKETCHES = 4, 8
+"""Arrays and figures of a scene that are told one by one. Sums of an array with random signs: from their differences follows the
+rms difference of two arrays, to about a fourth."""
 
 
 def described(values: Any) -> Tables:
@@ -100,62 +98,52 @@ def driver() -> str:
     return ""
 
 
-class CompileTimer:
-    """Seconds in which numba compiled in this process; code that is loaded from the cache does not count."""
+def compile_clock() -> Callable[[], float]:
+    """Return a clock of the seconds in which numba compiled in this process; loading from the cache does not count."""
+    from numba.core import event
 
-    def __init__(self) -> None:
-        from numba.core import event
-
-        self._listener = event.TimingListener()
-        event.register("numba:compile", self._listener)
-
-    @property
-    def seconds(self) -> float:
-        return float(self._listener.duration) if self._listener.done else 0.0
+    listener = event.TimingListener()
+    event.register("numba:compile", listener)
+    return lambda: float(listener.duration) if listener.done else 0.0
 
 
-def simulate(name: str, folder: Path, threads: int | None, compiler: CompileTimer) -> Tables:
+def simulate(name: str, threads: int | None, compiler: Callable[[], float]) -> Tables:
     marks: Tables = {}
 
     def report(_: Any) -> None:
         if not marks:
-            marks.update(driver=driver(), compiled=compiler.seconds, busy=time.process_time(), first=time.perf_counter())
+            marks.update(driver=driver(), compiled=compiler(), busy=time.process_time(), first=time.perf_counter())
 
     gc.collect()
-    compiled, begun = compiler.seconds, time.perf_counter()
-    run = thirdbody.run(tables_of(SCENES[name]), out=folder / name, threads=threads, progress=report)
+    folder = Path("runs") / name
+    compiled, begun = compiler(), time.perf_counter()
+    run = thirdbody.run(tables_of(SCENES[name]), out=folder, threads=threads, progress=report)
     ended, busy = time.perf_counter(), time.process_time()
-    arrays, texts = contents(folder / name / "run.vtkhdf")
+    arrays, texts = contents(folder / "run.vtkhdf")
     summary = dict(leaves(run.summary()))
     codes = np.bincount(run.states[-1], minlength=len(run.state_names)).tolist()
     return {
-        "driver": marks["driver"],
-        "integrator": run.header.get("integrator", {}).get("name", ""),
+        "driver": marks["driver"], "integrator": run.header.get("integrator", {}).get("name", ""),
         "friction": {"value": run.friction.value, "error": run.friction.error},
-        "states": dict(zip(run.state_names, codes, strict=True)),
-        "energy_residual": summary.get("energy_residual"),
+        "states": dict(zip(run.state_names, codes, strict=True)), "energy_residual": summary.get("energy_residual"),
         "seconds": {
-            "integration": ended - marks["first"] - (compiler.seconds - marks["compiled"]),  # with the frames that it writes
+            "integration": ended - marks["first"] - (compiler() - marks["compiled"]),  # with the frames that it writes
             "processor": busy - marks["busy"],  # in that time, of all threads
-            "before_first_frame": marks["first"] - begun,
-            "compiling": compiler.seconds - compiled,
-            "total": ended - begun,
+            "before_first_frame": marks["first"] - begun, "compiling": compiler() - compiled, "total": ended - begun,
         },
-        "arrays": arrays,
-        "texts": texts,
-        "summary": summary,
+        "arrays": arrays, "texts": texts, "summary": summary,
     }  # fmt: skip
 
 
-def balance(name: str, compiler: CompileTimer) -> Tables:
+def balance(name: str, compiler: Callable[[], float]) -> Tables:
     level = {"balance_mdr": "mdr"}.get(name, "exact")
-    compiled, begun = compiler.seconds, time.perf_counter()
+    compiled, begun = compiler(), time.perf_counter()
     result = thirdbody.balance(BALANCE | BALANCES[name], level).to_dict()
     total = time.perf_counter() - begun
     points = [dict(leaves(point)) for point in result.pop("points")]
     labels = [point["label"] for point in points]
     arrays = {key: described([point.get(key, math.nan) for point in points]) for key in points[-1]}
-    compiling = compiler.seconds - compiled
+    compiling = compiler() - compiled
     return {
         "driver": "balance", "states": {label: labels.count(label) for label in sorted(set(labels))},
         "seconds": {"integration": total - compiling, "compiling": compiling, "total": total},
@@ -185,7 +173,7 @@ def environment() -> Tables:
 
 def run_all(out: Path, threads: int | None, names: list[str]) -> int:
     """Run the scenes into a folder that is removed, and write the report; returns the number that failed."""
-    out, before, compiler = out.absolute(), Path.cwd(), CompileTimer()
+    out, before, compiler = out.absolute(), Path.cwd(), compile_clock()
     scenes: Tables = {}
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # files of scenes are named without a folder: the text of a scene is the same everywhere
@@ -194,17 +182,14 @@ def run_all(out: Path, threads: int | None, names: list[str]) -> int:
                 Path(name).write_text(text, encoding="utf-8")
             for name in names:
                 try:
-                    scenes[name] = (
-                        balance(name, compiler) if name in BALANCES else simulate(name, Path("runs"), threads, compiler)
-                    )
+                    scenes[name] = balance(name, compiler) if name in BALANCES else simulate(name, threads, compiler)
                 except Exception as error:  # a scene that an engine refuses is a difference, not the end
                     scenes[name] = {"error": f"{type(error).__name__}: {error}"}
                 print(line_of(name, scenes[name]), flush=True)
         finally:
             os.chdir(before)
-    out.write_text(
-        json.dumps({"environment": environment() | {"threads": threads}, "scenes": scenes}, indent=1), encoding="utf-8"
-    )
+    report = {"environment": environment() | {"threads": threads}, "scenes": scenes}
+    out.write_text(json.dumps(report, indent=1), encoding="utf-8")
     return sum("error" in scene for scene in scenes.values())
 
 

@@ -25,11 +25,8 @@ from thirdbody.runner.prepare import prepare, set_threads
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 
-STEPS, PATH = 400, 0.05e-6
-"""Of a segment: explicit steps; drag of implicit ones, m."""
-
-WARM = 0.3e-6
-"""Drag before the first segment, m."""
+STEPS, PATH, WARM = 400, 0.05e-6, 0.3e-6
+"""Of a segment: explicit steps; drag of implicit ones, m. Drag before the first segment, m."""
 
 
 def built(bodies: int, integrator: str, rough: dict[str, Any]) -> Any:
@@ -50,9 +47,9 @@ def segment(simulation: Any, integrator: str) -> float:
     if integrator == "explicit":
         taken = advance(simulation, STEPS)
         return (time.process_time() - began) / taken
-    before = float(simulation.integrator.totals[:, run_totals.STEPS].sum())
+    before = simulation.integrator.totals[:, run_totals.STEPS].sum()
     simulation.integrator.advance_to(distance=simulation.state.distance + PATH)
-    return (time.process_time() - began) / (float(simulation.integrator.totals[:, run_totals.STEPS].sum()) - before)
+    return (time.process_time() - began) / float(simulation.integrator.totals[:, run_totals.STEPS].sum() - before)
 
 
 def measure(bodies: int, integrator: str, rms: str, rounds: int) -> dict[str, float]:
@@ -65,10 +62,8 @@ def measure(bodies: int, integrator: str, rms: str, rounds: int) -> dict[str, fl
     found = {"flat_us": 1e6 * statistics.median(t for t, _ in times), "rough_us": 1e6 * statistics.median(t for _, t in times),
              "ratio": statistics.median(b / a for a, b in times)}  # fmt: skip
     if integrator == "explicit":
-        ends = [float((one.state.slots.closed == 1).sum()) for one in (flat, rough)]
-        found |= {
-            f"{name}_ns_per_contact": 1e3 * found[f"{name}_us"] / n for name, n in zip(("flat", "rough"), ends, strict=True)
-        }
+        for name, one in (("flat", flat), ("rough", rough)):
+            found[f"{name}_ns_per_contact"] = 1e3 * found[f"{name}_us"] / float((one.state.slots.closed == 1).sum())
     return found
 
 

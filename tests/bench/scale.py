@@ -5,7 +5,6 @@ A process each, because the peak memory of a process never falls.
 
 import importlib
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from ensemble import Case, scene_of, spread_of, warm_up
+from ours import peak as memory_peak
 
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import run_totals
@@ -35,42 +35,30 @@ CLOCKED = {
 def measure(case: Case, threads: int | None) -> dict[str, Any]:
     """Build, settle and slide one ensemble with its outputs: seconds of each part, peak memory, bytes per particle."""
     seconds: dict[str, float] = {"compile": warm_up(case.integrator, case.level)}
-    base = _peak()
+    base = memory_peak()
     for part, (module, name) in CLOCKED.items():
         owner = importlib.import_module(module)
         setattr(owner, name, _clocked(getattr(owner, name), seconds, part))
     started = time.perf_counter()
     simulation = prepare(scene_of(case), force=True)
     seconds["build"] = time.perf_counter() - started
-    built = _peak()
+    built = memory_peak()
     disk, stopped = _slide(simulation, threads, seconds)
     summary = simulation.integrator.summary()
-    peak, tables = _peak(), _tables(simulation)
+    peak, state = memory_peak(), simulation.state
+    sizes = {"process": peak - base, "bodies": _size(state), "contacts": _size(state.slots)}
+    sizes["integrator"] = _size(simulation.integrator)
     return {
-        "engine": case.name,
-        "case": asdict(case),
-        "bodies": case.bodies,
-        "spheres": simulation.state.n_spheres,
-        "seconds": seconds,
-        "seconds_per_particle": seconds["slide"] / case.bodies,
-        "steps_per_particle": summary["steps_per_body"],
-        "steps": spread_of(simulation.integrator.totals[:, run_totals.STEPS]),
-        "unsolved": len(summary["unsolved"]),
-        "stopped": stopped,
-        "disk": disk,
-        "peak_memory": {"imported": base, "built": built, "end": peak},
-        "bytes_per_particle": {
-            "process": (peak - base) / case.bodies,
-            **{name: size / case.bodies for name, size in tables.items()},
-        },
-    }
+        "engine": case.name, "case": asdict(case), "bodies": case.bodies, "spheres": state.n_spheres, "seconds": seconds,
+        "seconds_per_particle": seconds["slide"] / case.bodies, "steps_per_particle": summary["steps_per_body"],
+        "steps": spread_of(simulation.integrator.totals[:, run_totals.STEPS]), "unsolved": len(summary["unsolved"]),
+        "stopped": stopped, "disk": disk, "peak_memory": {"imported": base, "built": built, "end": peak},
+        "bytes_per_particle": {name: size / case.bodies for name, size in sizes.items()},
+    }  # fmt: skip
 
 
 def _slide(simulation: Any, threads: int | None, seconds: dict[str, float]) -> tuple[int, str]:
-    """Run the scene into a temporary folder; its size in bytes, and what stopped the run, if anything did.
-
-    What is not stepping is called `output`.
-    """
+    """Run the scene into a temporary folder; its size in bytes, and what stopped the run. What is not stepping is `output`."""
     integrator, stopped = simulation.integrator, ""
     seconds |= {"settle": 0.0, "slide": 0.0}
     advance = integrator.advance_to
@@ -107,19 +95,9 @@ def _clocked(function: Callable, seconds: dict[str, float], part: str) -> Callab
     return timed
 
 
-def _tables(simulation: Any) -> dict[str, int]:
-    """Bytes of the arrays of a simulation: those of bodies and spheres, of the candidate contacts, of the integrator."""
-    state = simulation.state
-    return {"bodies": _size(state), "contacts": _size(state.slots), "integrator": _size(simulation.integrator)}
-
-
 def _size(owner: Any) -> int:
+    """Bytes of the arrays of a state, of the candidate contacts, or of the integrator."""
     return sum(value.nbytes for value in vars(owner).values() if isinstance(value, np.ndarray))
-
-
-def _peak() -> int:
-    """Peak resident memory of this process, bytes: Linux counts it in KiB, macOS in bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def in_process_of_its_own(case: Case, threads: int | None) -> dict[str, Any]:

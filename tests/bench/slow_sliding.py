@@ -2,7 +2,7 @@
 
     python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
     python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
-    python tests/bench/slow_sliding.py --layers [--json FILE] [--picture FILE] [--bodies N] [--seeds N] [--quick]
+    python tests/bench/slow_sliding.py --layers [--json FILE] [--bodies N] [--seeds N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
 and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
@@ -23,8 +23,7 @@ bytes per particle. All particles are made one by one as any scene makes them; n
 
 With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one thread. Told are the
 processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above:
-the median, smallest and largest of three layers of different particles, and the median of the ratios. --picture draws both
-against the area fraction.
+the median, smallest and largest of three layers of different particles, and the median of the ratios.
 
 Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
 the wall time in which the one thread did run; far below 100 % means that others used the core.
@@ -97,7 +96,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
     parser.add_argument("--layers", action="store_true", help="the third part: layers whose bodies meet, by area fraction")
     parser.add_argument("--seeds", type=int, default=3, help="layers of each area fraction (default %(default)s)")
-    parser.add_argument("--picture", metavar="FILE", help="draw the third part there")
     parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
     parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
     requested = parser.parse_args()
@@ -111,9 +109,8 @@ def arguments() -> argparse.Namespace:
 def part_speeds(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
     compiled = {"explicit": warm_up("explicit", "mindlin"), **{level: warm_up("implicit", level) for level in LEVELS}}
     ensemble = ensemble_of(requested.bodies)
-    ours = [
-        time_explicit(Case("explicit", "mindlin", v, requested.bodies), requested.repeats, requested.patience) for v in SPEEDS
-    ]
+    cases = [Case("explicit", "mindlin", v, requested.bodies) for v in SPEEDS]
+    ours = [time_explicit(case, requested.repeats, requested.patience) for case in cases]
     steps = {row["speed"]: row["time_step"] for row in ours}
     for level in LEVELS:
         ours += [time_implicit(Case("implicit", level, v, requested.bodies), requested.repeats) for v in SPEEDS]
@@ -151,11 +148,13 @@ def peer_rows(requested: argparse.Namespace, ensemble: dict[str, float], steps: 
 
 
 def print_speeds(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
-    title = (
-        f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {requested.bodies} particles, median of "
-        f"{requested.repeats}"
+    title = f"processor seconds per particle per {1e6 * PATH:g} um of sliding, one thread; {requested.bodies} particles"
+    table = Table(
+        "engine",
+        *(_speed(v) for v in SPEEDS),
+        title=f"{title}, median of {requested.repeats}",
+        caption="x: the peer's time (shorter one) over ours",
     )
-    table = Table("engine", *(_speed(v) for v in SPEEDS), title=title, caption="x: the peer's time (shorter one) over ours")
     by = {(row["engine"], row["speed"]): row["seconds_per_particle"] for row in rows}
     peers = {v: min(cell["median"] for (_, u), cell in by.items() if u == v and cell["spread"] is None) for v in SPEEDS}
     for engine in dict.fromkeys(row["engine"] for row in rows):
@@ -164,17 +163,8 @@ def print_speeds(rows: Rows, requested: argparse.Namespace, console: Console) ->
 
 
 def _cell(report: dict[str, Any], peer: float) -> str:
-    if report["spread"] is None:
-        return f"{report['median']:.3g}"
-    return f"{report['median']:.3g} (spread {100.0 * report['spread']:.0f} %)  {peer / report['median']:.3g} x"
-
-
-def _steps(row: dict[str, Any]) -> str:
-    return ", ".join(f"{row['steps'][key]:.0f}" for key in ("median", "99 %", "largest"))
-
-
-def _busy(row: dict[str, Any]) -> str:
-    return f"{100.0 * row['busy']['median']:.0f} %"
+    median, spread = report["median"], report["spread"]
+    return f"{median:.3g}" + ("" if spread is None else f" (spread {100.0 * spread:.0f} %)  {peer / median:.3g} x")
 
 
 def _speed(v: float) -> str:
@@ -187,7 +177,7 @@ def print_explicit(rows: Rows, console: Console) -> None:
     for row in rows:
         table.add_row(_speed(row["speed"]), f"{100.0 * row['share_run']:.3g} %", f"{1e9 * row['time_step']:.3g} ns",
                       f"{row['steps_per_particle']:.3g}", f"{row['ns_per_sphere_step']:.0f}",
-                      f"{row['settle_s']:.2g} s", _busy(row))  # fmt: skip
+                      f"{row['settle_s']:.2g} s", f"{row['busy']['median']:.0%}")  # fmt: skip
     console.print(table)
 
 
@@ -195,9 +185,10 @@ def print_implicit(rows: Rows, console: Console) -> None:
     table = Table("engine", "speed", "steps per particle", "median, 99 %, largest", "us per step", "unsolved",
                   "settling, all", "CPU", title="implicit: the whole way is run")  # fmt: skip
     for row in rows:
-        table.add_row(row["engine"], _speed(row["speed"]), f"{row['steps_per_particle']:.0f}", _steps(row),
+        steps = ", ".join(f"{row['steps'][key]:.0f}" for key in ("median", "99 %", "largest"))
+        table.add_row(row["engine"], _speed(row["speed"]), f"{row['steps_per_particle']:.0f}", steps,
                       f"{1e6 * row['seconds_per_step']:.1f}", str(row["unsolved"]), f"{row['settle_s']:.2g} s",
-                      _busy(row))  # fmt: skip
+                      f"{row['busy']['median']:.0%}")  # fmt: skip
     console.print(table)
 
 
@@ -244,8 +235,6 @@ def part_layers(requested: argparse.Namespace, console: Console) -> dict[str, An
     fractions = QUICK_FRACTIONS if requested.quick else FRACTIONS
     rows = [layers_of(fraction, requested) for fraction in fractions]
     print_layers(rows, requested, console)
-    if requested.picture:
-        draw_layers(rows, Path(requested.picture))
     return {"rows": rows}
 
 
@@ -261,49 +250,19 @@ def layers_of(fraction: float, requested: argparse.Namespace) -> dict[str, Any]:
     return row
 
 
-def draw_layers(rows: Rows, path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
-    fractions = [row["fraction"] for row in rows]
-    for name, color, marker in (("explicit", "#0072B2", "s"), ("implicit", "#D55E00", "o")):
-        words = ", extrapolated" if name == "explicit" else ""
-        costs = [_layer_costs(row, name) for row in rows]
-        axes.plot(fractions, [statistics.median(cost) for cost in costs], color=color, marker=marker, label=f"{name}{words}")
-        axes.fill_between(fractions, [min(cost) for cost in costs], [max(cost) for cost in costs], color=color, alpha=0.2)
-    for row in rows:
-        low, high = (statistics.median(_layer_costs(row, name)) for name in ("implicit", "explicit"))
-        axes.annotate(f"{_ratio(row):.0f} x", (row["fraction"], (low * high) ** 0.5), ha="center", fontsize=8)
-    axes.set(yscale="log", xlabel="area fraction of the layer", ylabel="processor seconds per particle and um",
-             title="Slow sliding of a layer whose particles meet, 1 mm/s")  # fmt: skip
-    axes.grid(alpha=0.3)
-    figure.legend(frameon=False, loc="outside lower center", ncols=2)
-    figure.savefig(path, dpi=150)
-
-
-def _layer_costs(row: dict[str, Any], engine: str) -> list[float]:
-    return [float(run["seconds_per_particle"]["median"]) * 1e-6 / PATH for run in row[engine]]
-
-
-def _ratio(row: dict[str, Any]) -> float:
-    pairs = zip(_layer_costs(row, "explicit"), _layer_costs(row, "implicit"), strict=True)
-    return statistics.median(explicit / implicit for explicit, implicit in pairs)
-
-
 def print_layers(rows: Rows, requested: argparse.Namespace, console: Console) -> None:
     title = (
         f"processor seconds per particle and um of sliding at {_speed(SPEEDS[-1])}, one thread; {requested.bodies} particles, "
-        f"median (smallest to largest) of {requested.seeds} layers"
     )
+    title += f"median (smallest to largest) of {requested.seeds} layers"
     table = Table("area fraction", "implicit", "steps per um", "unsolved", "explicit, extrapolated", "ratio", title=title)
     for row in rows:
-        cells = [_with_range(_layer_costs(row, engine)) for engine in ("implicit", "explicit")]
+        costs = [[float(run["seconds_per_particle"]["median"]) * LAYER_UM for run in row[e]] for e in ("implicit", "explicit")]
+        cells = [_with_range(values) for values in costs]
+        ratio = statistics.median(explicit / implicit for implicit, explicit in zip(*costs, strict=True))
         steps = _with_range([run["steps_per_particle"] * LAYER_UM for run in row["implicit"]])
         unsolved = str(sum(run["unsolved"] for run in row["implicit"]))
-        table.add_row(f"{row['fraction']:g}", cells[0], steps, unsolved, cells[1], f"{_ratio(row):.3g}")
+        table.add_row(f"{row['fraction']:g}", cells[0], steps, unsolved, cells[1], f"{ratio:.3g}")
     console.print(table)
 
 
