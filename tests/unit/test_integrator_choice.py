@@ -1,7 +1,5 @@
 """Which integrator a scene gets and why, what it refuses, and what a stopped run leaves."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -19,13 +17,13 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
+FULL = pytest.mark.full(kind="slow")
 PAIR = edited(
     BALLS,
     ('title = "four balls"\n', ""),
     ("count = 4", "count = 2"),
     ("[solver]", '[contact]\ndebris_contact = "auto"\n[solver]'),
 )
-
 NONE = ('debris_contact = "auto"', 'debris_contact = "none"')
 ALONE = ("count = 2", "count = 1")
 LOCAL = ("[solver]", "[effects.local_damping]\ncoefficient = 0.1\n[solver]")
@@ -46,8 +44,6 @@ def scene(*changes):
 
 @pytest.fixture
 def command(command, tmp_path):
-    """`thirdbody ARGUMENTS` on a scene with changes."""
-
     def call(changes, *arguments):
         (tmp_path / "scene.toml").write_text(text(*changes), encoding="utf-8")
         return command(arguments[0], "scene.toml", *arguments[1:])
@@ -59,7 +55,6 @@ SLOW, SLOWER, FAST = (('velocity = "0.5 m/s"', f'velocity = "{speed}"') for spee
 """Explicit runs of the slow ones take a third of a second, and minutes; with 50 m/s the inertial number of these balls is 5."""
 
 ONE_PLATE = ("load_per_particle", "rigid")
-
 CHOICES = {
     "two that may meet": ((), "explicit", "expected to take about as long"),
     "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
@@ -77,12 +72,12 @@ CHOICES = {
 }
 
 
-@pytest.mark.parametrize("changes, kind, reason", CHOICES.values(), ids=CHOICES)
-def test_choice_and_reason(changes, kind, reason):
-    simulation = build(scene(*changes))
-    assert simulation.plan.kind == kind
-    assert reason in simulation.plan.reason
-    assert type(simulation.integrator).__name__.lower().startswith(kind)
+def test_choice_and_reason():
+    for name, (changes, kind, reason) in CHOICES.items():
+        simulation = build(scene(*changes))
+        assert simulation.plan.kind == kind, name
+        assert reason in simulation.plan.reason, name
+        assert type(simulation.integrator).__name__.lower().startswith(kind), name
 
 
 UPPER = PAIR[PAIR.index("[plates.upper]") : PAIR.index("[contact]")]
@@ -106,36 +101,26 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("changes, key, words", REFUSED.values(), ids=REFUSED)
-def test_what_cannot_work_is_one_clear_fault(changes, key, words):
-    with pytest.raises(InputError) as caught:
-        build(scene(*changes))
-    assert caught.value.exit_code == 3
-    assert [fault.key for fault in caught.value.faults] == [key]
-    assert caught.value.faults[0].line is not None
-    for word in words:
-        assert word in caught.value.faults[0].message
-
-
-def test_a_refused_scene_ends_the_command_with_three(command):
+def test_what_cannot_work_is_one_clear_fault(command):
+    for name, (changes, key, words) in REFUSED.items():
+        with pytest.raises(InputError) as caught:
+            build(scene(*changes))
+        assert caught.value.exit_code == 3, name
+        assert [fault.key for fault in caught.value.faults] == [key], name
+        assert caught.value.faults[0].line is not None, name
+        for word in words:
+            assert word in caught.value.faults[0].message, name
     code, _, err = command((asks("implicit"), LOCAL), "run", "-o", "out", "-q")
-    assert code == 3
-    assert "solver.integrator" in err and "local_damping" in err and "Traceback" not in err
+    assert code == 3 and "solver.integrator" in err and "local_damping" in err and "Traceback" not in err
 
 
-@pytest.mark.parametrize("word", ["stop", "continue"])
-def test_words_of_on_failure(word):
-    simulation = build(scene(NONE, asks("implicit", f'on_failure = "{word}"')))
-    assert simulation.integrator.accuracy.skip_unsolved is (word == "continue")
-
-
-def test_keys_reach_the_integrator():
+def test_keys_reach_the_integrator_and_friction_without_bound_is_bounded():
+    for word in ("stop", "continue"):
+        simulation = build(scene(NONE, asks("implicit", f'on_failure = "{word}"')))
+        assert simulation.integrator.accuracy.skip_unsolved is (word == "continue")
     simulation = build(scene(NONE, asks("auto", 'tolerance = 0.002\nlargest_step = "3 nm"')))
     assert (simulation.integrator.accuracy.tolerance, simulation.integrator.accuracy.largest_step) == (0.002, 3e-9)
-
-
-def test_friction_without_bound_is_bounded_and_reported():
-    """Above 1e6 the friction limit of a spot that lifts off is lost in the error of its load: 1e9 counts as 1e4."""
+    # above 1e6 the friction limit of a spot that lifts off is lost in the error of its load: 1e9 counts as 1e4
     mild, wild = (build(scene(NONE, ("friction = 0.30", f"friction = {mu}"))) for mu in ("1e4", "1e9"))
     assert np.array_equal(mild.state.physics.pairs, wild.state.physics.pairs)
     assert any("count as 10000" in warning for warning in wild.warnings)
@@ -145,16 +130,16 @@ def test_friction_without_bound_is_bounded_and_reported():
 def test_check_reports_integrator_and_reason(command):
     code, out, _ = command((NONE,), "check", "--json")
     report = json.loads(out)
-    assert code == 0
-    assert report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
+    assert code == 0 and report["integrator"] == "implicit" and "meet only the plates" in report["integrator_reason"]
     assert "time_step" not in report and report["accuracy"]["tolerance"] == 5e-4
     assert not report["common_steps"] and not report["bodies_meet"]
+    code, out, _ = command((NONE,), "check")
+    assert code == 0 and "integrator implicit: bodies meet only the plates" in out
     code, out, _ = command((NONE, ONE_PLATE), "check")
     assert code == 0 and "all bodies by common steps, since they carry one plate together" in " ".join(out.split())
     code, out, _ = command((), "check", "--json")
     report = json.loads(out)
-    assert code == 0
-    assert report["integrator"] == "explicit" and "expected to take" in report["integrator_reason"]
+    assert code == 0 and report["integrator"] == "explicit" and "expected to take" in report["integrator_reason"]
     assert report["time_step"]["step"] > 0.0
     assert report["expected_times"]["explicit"] == pytest.approx(report["estimated_step_time"])
     assert report["islands"]["largest"] == 1 and report["islands"]["fraction_of_bodies"] == 0.0
@@ -162,16 +147,14 @@ def test_check_reports_integrator_and_reason(command):
 
 def test_check_and_run_report_islands_and_the_times_of_both(command):
     code, out, _ = command((SLOWER,), "check")
-    assert code == 0
-    assert "integrator implicit: few bodies meet at a time" in out
+    assert code == 0 and "integrator implicit: few bodies meet at a time" in out
     assert "bodies cover 0.03 of the area, 0 % of them could meet another within 1.25 um of sliding" in out
     assert re.search(r"steps, on one core: implicit about .*, explicit about ", out)
     code, _, err = command((SLOWER,), "run", "-o", "out")
-    assert code == 0
-    assert re.search(r"^integrator implicit: few .* times as fast as the explicit one$", err, re.MULTILINE)
+    assert code == 0 and re.search(r"^integrator implicit: few .* times as fast as the explicit one$", err, re.MULTILINE)
 
 
-@pytest.mark.parametrize("changes, kind", [((SLOW,), "explicit"), ((), "implicit")])
+@pytest.mark.parametrize("changes, kind", [((SLOW,), "explicit"), pytest.param((), "implicit", marks=FULL)])
 def test_a_resumed_run_keeps_its_integrator(changes, kind, tmp_path, monkeypatch):
     """As one of a version that would choose another, or one that is made so long that the choice would change."""
     monkeypatch.setattr("thirdbody.assembly.integrator.FEW", 0.0)
@@ -181,12 +164,6 @@ def test_a_resumed_run_keeps_its_integrator(changes, kind, tmp_path, monkeypatch
     execute(built, tmp_path / "run", threads=1)
     with thirdbody.resume(tmp_path / "run", progress=False, settings={"solver.distance": "0.15 um"}) as run:
         assert run.summary()["integrator"] == kind and run.summary()["distance"] == pytest.approx(0.15e-6, rel=1e-2)
-
-
-def test_check_in_words(command):
-    code, out, _ = command((NONE,), "check")
-    assert code == 0
-    assert "integrator implicit: bodies meet only the plates" in out
 
 
 def test_summary_and_file_report_the_integrator(tmp_path):
@@ -204,15 +181,11 @@ NEAR = (
 )
 
 # A ball rolls at half the speed of the upper plate into a flake, whose weight keeps it on the lower one.
-FLAKE = """[[debris]]
+SPHERES = ", ".join(f'{{center = ["{x} um", "{y} um", "0 um"], radius = "4 um"}}' for x, y in ((0, -7), (0, 0), (0, 7), (6, 0)))
+FLAKE = f"""[[debris]]
 material = "steel"
 kind = "spheres"
-shape = [
-  {center = ["0 um", "-7 um", "0 um"], radius = "4 um"},
-  {center = ["0 um", "0 um", "0 um"], radius = "4 um"},
-  {center = ["0 um", "7 um", "0 um"], radius = "4 um"},
-  {center = ["6 um", "0 um", "0 um"], radius = "4 um"},
-]
+shape = [{SPHERES}]
 positions = [["34 um", "30 um", "5 um"]]
 [effects]
 gravity = ["0 m/s2", "0 m/s2", "-1e5 m/s2"]
@@ -227,19 +200,18 @@ MEETING = (
 )
 
 
-def test_two_balls_that_keep_their_distance_may_run(tmp_path):
+def test_two_balls_that_keep_their_distance_may_run_and_strangers_pass_through_each_other(tmp_path):
     """Both roll alike: the watch on their distance lets them go."""
     with thirdbody.run(scene(*NEAR), out=tmp_path / "run", progress=False) as run:
         assert run.summary()["finished"]
         x = run.bodies(-1)["position"][:, 0]
+    with thirdbody.run(scene(NONE, *MEETING), out=tmp_path / "strangers", progress=False) as run:
+        assert run.summary()["finished"]  # bodies told not to see each other pass through each other
     assert x[1] - x[0] == pytest.approx(11e-6, rel=1e-6)
     assert x[0] - 20e-6 == pytest.approx(10e-6, rel=0.01)
 
 
-RIGID = ("load_per_particle", "rigid")
-
-
-@pytest.mark.parametrize("plate", [(), (RIGID,)], ids=["patches", "rigid"])
+@pytest.mark.parametrize("plate", [(), pytest.param((ONE_PLATE,), marks=FULL)])
 def test_a_ball_that_meets_a_flake_pushes_it_along(tmp_path, plate):
     """The flake is too low for the plate, and its weight is a hundredth of the load on the ball, which rolls on."""
     with thirdbody.run(scene(*MEETING, *plate), out=tmp_path / "run", progress=False) as run:
@@ -249,8 +221,7 @@ def test_a_ball_that_meets_a_flake_pushes_it_along(tmp_path, plate):
     assert bodies["velocity"][:, 0] == pytest.approx([0.005, 0.005], rel=1e-2)
 
 
-@pytest.mark.parametrize(("plate", "advice"), [((), 'on_failure = "continue"'), ((RIGID,), "solver.inertial_number")],
-                         ids=["patches", "rigid"])  # fmt: skip
+@pytest.mark.parametrize(("plate", "advice"), [((), 'on_failure = "continue"'), ((ONE_PLATE,), "solver.inertial_number")])
 def test_an_island_that_does_not_pay_stops_the_run_and_frames_are_kept(tmp_path, monkeypatch, plate, advice):
     """One of two bodies, so that the run stops where they come near; or goes on, if the scene says so."""
     monkeypatch.setattr(implicit_islands, "LARGEST", 1)
@@ -269,14 +240,8 @@ def test_an_island_that_does_not_pay_stops_the_run_and_frames_are_kept(tmp_path,
         assert run.summary()["finished"] and run.summary()["islands"]["largest"] == 2
 
 
-def test_declared_strangers_pass_through_each_other(tmp_path):
-    """The same bodies, told not to see each other."""
-    with thirdbody.run(scene(NONE, *MEETING), out=tmp_path / "run", progress=False) as run:
-        assert run.summary()["finished"]
-
-
 def test_only_the_explicit_integrator_needs_years():
-    """A day of fretting, a millimetre at 10 nm/s, under one plate."""
+    # a day of fretting, a millimetre at 10 nm/s, under one plate
     slow = (('velocity = "0.5 m/s"', 'velocity = "10 nm/s"'), ('distance = "0.1 um"', 'distance = "1 mm"'))
     with pytest.raises(InputError, match="of explicit integration.*explicit, because"):
         prepare(scene(ONE_PLATE, *slow))
@@ -292,6 +257,7 @@ CLUMPS = (
 )
 
 
+@FULL
 def test_threads_and_processes_change_no_bit(tmp_path):
     """Two and a half chunks of bodies on one thread and on two, each in a process of its own."""
     (tmp_path / "scene.toml").write_text(text(*CLUMPS), encoding="utf-8")

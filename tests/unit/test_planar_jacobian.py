@@ -19,8 +19,8 @@ def random_contact(seed, upper, rolling):
     rng = np.random.default_rng(seed)
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     n, e = axes[0], axes[1]
-    vectors = [tuple(float(x) for x in v) for v in (n, e, np.cross(n, e), *rng.normal(size=(4, 3)))]
-    tangent = tuple(float(x) for x in rng.normal(size=7))
+    vectors = [tuple(v.tolist()) for v in (n, e, np.cross(n, e), *rng.normal(size=(4, 3)))]
+    tangent = tuple(rng.normal(size=7).tolist())
     none = (0.0, 0.0, 0.0)
     return Contact(
         (vectors[0], vectors[1], vectors[2]), vectors[3], vectors[4], 1.0, vectors[5], none, 1.0, 1.0, none, NO_TANGENT,
