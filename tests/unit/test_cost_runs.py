@@ -134,6 +134,7 @@ def test_the_worker_reports_what_failed_and_times_the_rest(file, tmp_path):
     assert not stopped["stable"] and "given up after 0 s of one core" in stopped["message"]
 
 
+@pytest.mark.full(kind="slow")  # starts other processes
 def test_a_worker_that_dies_is_reported_and_one_that_is_late_is_ended():
     with Worker() as process:
         report = process.request({"do": "nothing that it knows"})

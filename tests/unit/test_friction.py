@@ -136,8 +136,8 @@ def test_the_error_of_a_change_covers_white_and_correlated_noise():
 
 def square_loop(cycles: float) -> tuple[np.ndarray, np.ndarray]:
     """A stroke of 80 nm that grows: friction .1 in the first cycle, .2 in all later ones, against the motion."""
-    u = stroke(cycles)
-    size = np.where(np.arange(len(u)) <= 40, 0.1, 0.2)
+    u = stroke(cycles, per_cycle=20)
+    size = np.where(np.arange(len(u)) <= 20, 0.1, 0.2)
     mu = size * np.sign(np.diff(u, prepend=-u[1]))
     mu[0] = np.nan
     return u, mu
@@ -155,7 +155,7 @@ def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path):
         assert run.cycles["energy"] == pytest.approx([0.5 * work, work, work], rel=1e-9)
         assert run.cycles["friction_coefficient_max"] == pytest.approx([0.1, 0.2, 0.2])
         assert run.cycles["tangential_force_min"] == pytest.approx(-LOAD * run.cycles["friction_coefficient_max"])
-        assert run.cycles["displacement_max"] == pytest.approx(80e-9) and run.cycles["end_time"][0] == pytest.approx(40e-6)
+        assert run.cycles["displacement_max"] == pytest.approx(80e-9) and run.cycles["end_time"][0] == pytest.approx(20e-6)
         assert "32 pJ per cycle" not in str(run.friction) and "6.4 pJ per cycle" in str(run.friction)
         export_csv(run, tmp_path / "csv")
         rows = list(csv.DictReader((tmp_path / "csv" / "cycles.csv").open()))
