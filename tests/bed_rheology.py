@@ -93,7 +93,6 @@ def speeds(run: thirdbody.Run) -> list[np.ndarray]:
 
 
 def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
-    """Return one state of shear from its frames."""
     cores = [core(run, frame, area) for frame in frames]
     spheres = run.spheres(int(frames[0]))
     diameter = 2.0 * np.median(spheres["radius"])
@@ -119,7 +118,6 @@ def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
 
 
 def measure(run: thirdbody.Run) -> list[Shear]:
-    """Return the states of shear of a run, fastest first."""
     size = thirdbody.Scene.load(Path(run.path).parent / "scene.toml").domain.size
     return [shear(run, frames, size[0] * size[1]) for frames in speeds(run)]
 
@@ -147,13 +145,11 @@ def limit(states: list[Shear]) -> Limit:
 
 
 def read_sweep(folder: Path) -> dict[float, list[Shear]]:
-    """Return the states of shear by contact friction."""
     points = thirdbody.Sweep(folder).points
     return {float(point.values[FRICTION]): measure(point.run) for point in points}
 
 
 def draw(found: dict[float, list[Shear]], path: Path) -> None:
-    """Draw friction and solid fraction over the inertial number, with the values of the reference at the left."""
     import matplotlib.pyplot as plt
 
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(8.0, 7.0), sharex=True, layout="constrained")
@@ -175,7 +171,6 @@ def draw(found: dict[float, list[Shear]], path: Path) -> None:
 
 
 def table(found: dict[float, list[Shear]]) -> str:
-    """Return the states of shear and their limits as text."""
     rows = ["friction  I        plate            bed              solid fraction   normal/pressure  contacts  overlap/R"]
     for friction, states in sorted(found.items()):
         for s in states:

@@ -10,7 +10,6 @@ from thirdbody_three_spot.theory import contact_radius, hertz_force
 
 
 def hertz_stiffness(e: float, radius: float, overlap: float) -> float:
-    """Tangent stiffness dN/dd = 2 E* a [N/m]."""
     return 2.0 * e * contact_radius(radius, overlap)
 
 
@@ -78,10 +77,8 @@ def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float
 
 
 def gross_slip_spin(mu: float, restitution: float, angle: float, speed: float, radius: float) -> float:
-    """Spin after a gross-slip impact, zero before [rad/s]: -(5/2) mu (1+e) V cos(angle)/R.
-
-    Source: Chung and Ooi 2011, test 4.
-    """
+    """Spin after a gross-slip impact, zero before [rad/s]: -(5/2) mu (1+e) V cos(angle)/R. Source: Chung and Ooi 2011, test
+    4."""
     return -2.5 * mu * (1.0 + restitution) * speed * math.cos(angle) / radius
 
 
@@ -139,10 +136,8 @@ def stopped_sphere(mu: float, rub: float) -> tuple[float, float, float]:
 
 
 def second_of_two_stopped_spheres(mu: float, rubs: tuple[float, float]) -> tuple[float, float, float]:
-    """The same of the sphere behind which another one waits; `rubs`: friction between the two, and at the obstacle.
-
-    At rest the first rubs up on neither: it hangs on the second by rubs[0], which turns both the same way.
-    """
+    """The same of the sphere behind which another one waits; `rubs`: friction between the two, and at the obstacle. At rest the
+    first rubs up on neither: it hangs on the second by rubs[0], which turns both the same way."""
     behind, ahead = rubs
     lower = mu - behind - ahead
     return lower, 1.0 + behind - ahead, stopped_sphere(mu, behind)[2] + mu + lower
@@ -158,11 +153,9 @@ def sphere_turning_on_the_spot(mu_lower: float, mu_obstacle: float) -> float:
 
 
 def mounting_friction(low: float, high: float) -> float:
-    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`.
-
-    Both touch the lower plate. The top of the one, where they touch, and the foot of the other lie on one line, which meets all
-    three surfaces at the same angle; without the lower plate the force on the large sphere goes along it: tan = sqrt(low/high).
-    """
+    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`. Both touch
+    the lower plate. The top of the one, where they touch, and the foot of the other lie on one line, which meets all three
+    surfaces at the same angle; without the lower plate the force on the large sphere goes along it: tan = sqrt(low/high)."""
     return math.sqrt(low / high)
 
 
@@ -174,11 +167,9 @@ def _arithmetic_geometric_mean(a: float, b: float) -> float:
 
 
 def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
-    """Period of the body-frame angular velocity of a torque-free top [s] (Landau and Lifshitz I, section 37).
-
-    `moments` I_1 < I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by the
-    arithmetic-geometric mean. Raises ValueError on the separatrix (and for a top at rest), where the period is infinite.
-    """
+    """Period of the body-frame angular velocity of a torque-free top [s] (Landau and Lifshitz I, section 37). `moments` I_1 <
+    I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by the arithmetic-geometric mean.
+    Raises ValueError on the separatrix (and for a top at rest), where the period is infinite."""
     square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
     twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))
     i_1, i_2, i_3 = moments

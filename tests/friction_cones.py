@@ -29,10 +29,8 @@ PRECISE = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Spots that hold a particle against an external force (3,) [N] and moment (3,) [N m]; `axis` makes it planar.
-
-    With `axis` (3,) friction acts along it only and the plane's cones are exact: no pyramids.
-    """
+    """Spots that hold a particle against an external force (3,) [N] and moment (3,) [N m]; `axis` makes it planar. With `axis`
+    (3,) friction acts along it only and the plane's cones are exact: no pyramids."""
 
     points: Array
     normals: Array
@@ -48,10 +46,7 @@ def grasp(
     points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
     force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """Return a checked `Grasp`.
-
-    Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load.
-    """
+    """Return a checked `Grasp`. Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load."""
     positions, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
     count = len(positions)
     frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
@@ -69,10 +64,8 @@ def between_plates(
     upper: ArrayLike, lower: ArrayLike, h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0,
     axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """`Grasp` of a particle between horizontal plates, spots at (n, 2) [m] from the centre of mass, at +-h/2.
-
-    `weight_ratio` = m g/N_1, N_1 = 1 the load of the upper side.
-    """
+    """`Grasp` of a particle between horizontal plates, spots at (n, 2) [m] from the centre of mass, at +-h/2. `weight_ratio` = m
+    g/N_1, N_1 = 1 the load of the upper side."""
     above, below = (np.asarray(side, dtype=np.float64).reshape(-1, 2) for side in (upper, lower))
     signs = np.repeat([1.0, -1.0], [len(above), len(below)])
     points = np.column_stack([np.concatenate([above, below]), 0.5 * h * signs])
@@ -82,12 +75,10 @@ def between_plates(
 
 
 def required_scale(grasp: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
-    """(lower, upper) bracket of the smallest s for which cones of friction s mu_i balance the wrench.
-
-    upper/lower = 1/cos(pi/K) up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) the
-    bisection is the only error. (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1.
-    `RESIDUAL` matters where s is that small. Raises ValueError for fewer than 3 edges.
-    """
+    """(lower, upper) bracket of the smallest s for which cones of friction s mu_i balance the wrench. upper/lower = 1/cos(pi/K)
+    up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) the bisection is the only error.
+    (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1. `RESIDUAL` matters where s is
+    that small. Raises ValueError for fewer than 3 edges."""
     if edges < 3:
         raise ValueError(f"{edges} edges are no pyramid")
     shrink = 1.0 if grasp.axis is not None else math.cos(math.pi / edges)
@@ -110,19 +101,15 @@ def required_scale(grasp: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> 
 
 
 def can_balance(grasp: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
-    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench.
-
-    With `scale`/cos(pi/K) the pyramids are circumscribed.
-    """
+    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench. With `scale`/cos(pi/K) the pyramids are
+    circumscribed."""
     return _feasible(grasp, _cone_rays(grasp, scale, edges))
 
 
 def can_slide(grasp: Grasp, friction_directions: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
     """Return whether spot forces balance the wrench if those of the spots `sliding` (n,), all by default, are at their limit.
-
     These are N_i (n_i + mu_i pull_i); `friction_directions` (n, 3): unit direction of the friction on the particle at each spot:
-    along the drag above, against it below. The others lie anywhere inside pyramids of `edges` edges.
-    """
+    along the drag above, against it below. The others lie anywhere inside pyramids of `edges` edges."""
     limits = (grasp.normals + grasp.mu[:, None] * np.asarray(friction_directions, dtype=np.float64))[:, None, :]
     chosen = np.broadcast_to(np.asarray(sliding, dtype=bool), (len(grasp.points),))
     if chosen.all():

@@ -72,23 +72,19 @@ ENTRIES = {
 
 
 def scene_file(name: str) -> Path:
-    """Return the file of a scene."""
     return SCENES / f"{name}.toml"
 
 
 def picture(name: str) -> Path:
-    """Return the picture of a scene."""
     return PICTURES / f"{name.replace('/', '_')}.png"
 
 
 def digest(name: str) -> str:
-    """Return a short digest of what a scene says besides its comments."""
     lines = [line for line in scene_file(name).read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 
 def commands(name: str) -> list[str]:
-    """Return the commands that run and draw a scene, from the top of the project."""
     entry, file = ENTRIES[name], scene_file(name).relative_to(ROOT).as_posix()
     words = {"SCENE": file, "PICTURE": picture(name).name, "RUN": f"runs/{Path(name).name}", "SWEEP": f"sweeps/{Path(name).name}"}
     drawn, verb = entry.draw, next((verb for verb in ("run", "sweep") if verb.upper() in entry.draw), "")
@@ -99,7 +95,6 @@ def commands(name: str) -> list[str]:
 
 
 def measure(name: str) -> dict[str, Any]:
-    """Run and draw a scene; return what it gave."""
     with tempfile.TemporaryDirectory() as folder:
         for part in ("scenes", "tests"):
             (Path(folder) / part).symlink_to(ROOT / part)
@@ -117,13 +112,11 @@ def measure(name: str) -> dict[str, Any]:
 
 
 def _processor_time() -> float:
-    """Return the processor time [s] of all ended processes that this one started."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def results(folder: Path) -> dict[str, Any]:
-    """Return the numbers of a run that the page shows; none without a run."""
     if not folder.is_dir():
         return {}
     with thirdbody.open(folder) as run:
@@ -145,7 +138,6 @@ def results(folder: Path) -> dict[str, Any]:
 
 
 def sweep_results(folder: Path) -> dict[str, Any]:
-    """Return the numbers of a sweep that the page shows; none without a sweep."""
     if not folder.is_dir():
         return {}
     sweep = thirdbody.Sweep(folder)
@@ -184,7 +176,6 @@ def shrink(source: Path, target: Path) -> None:
 
 
 def header(name: str) -> tuple[str, str]:
-    """Return the question in the first line of a scene, and the text of the comment below it."""
     lines = scene_file(name).read_text(encoding="utf-8").splitlines()
     end = next(number for number, line in enumerate(lines) if not line.startswith("#"))
     comment = [line.lstrip("# ") for line in lines[:end]]
@@ -192,7 +183,6 @@ def header(name: str) -> tuple[str, str]:
 
 
 def gallery() -> str:
-    """Return the page's list of scenes, and a section for each."""
     measured = json.loads(RESULTS.read_text(encoding="utf-8"))
     rows = ["| scene | question | processor time |", "| --- | --- | --- |"]
     for name in ENTRIES:
@@ -227,7 +217,6 @@ def _why_not_run(command: str, seconds: float) -> str:
 
 
 def main(names: list[str]) -> None:
-    """Measure the scenes, all without names, one after the other."""
     measured = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
     for name in names or ENTRIES:
         measured[name] = measure(name)

@@ -19,7 +19,6 @@ PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOT
 
 
 def packages() -> str:
-    """Return a table of all packages with the first line of their docstring, in the order of their names."""
     lines = ["| package | what it holds |", "|---|---|"]
     for path in sorted(SOURCE.rglob("__init__.py")):
         name = ".".join(path.parent.relative_to(SOURCE).parts)
@@ -29,7 +28,6 @@ def packages() -> str:
 
 
 def tables() -> str:
-    """Return the columns of all tables, one table after the other, in the order of their modules' names."""
     import thirdbody.kernels.columns as columns
     from thirdbody.kernels.columns.table import Table
 
@@ -42,7 +40,6 @@ def tables() -> str:
 
 
 def laws() -> str:
-    """Return the table of all contact laws, by stage, with their options and sources."""
     from thirdbody.laws.contract import STAGES, STIFF
 
     every = sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name))
@@ -54,7 +51,6 @@ def laws() -> str:
 
 
 def levels() -> str:
-    """Return the table of law families and levels: the chain of laws of each."""
     lines = ["| family | level | laws |", "|---|---|---|"]
     for family in _registry().families.values():
         for level, chain in family.levels.items():
@@ -64,14 +60,12 @@ def levels() -> str:
 
 
 def effects() -> str:
-    """Return the table of all effects with their options and sources."""
     lines = ["| effect | options | source |", "|---|---|---|"]
     lines += [f"| `{e.name}` | {_options(e)} | {e.source} |" for e in _registry().effects.values()]
     return "\n".join(lines)
 
 
 def measures() -> str:
-    """Return the table of all measures with their options, what they give bodies and maps, and their sources."""
     from thirdbody.laws.measures import layout_of
 
     lines = ["| measure | options | arrays of bodies | maps | source |", "|---|---|---|---|---|"]
@@ -83,7 +77,6 @@ def measures() -> str:
 
 
 def kinds() -> str:
-    """Return the table of the installed kinds of debris with the first sentence of their docstring."""
     from thirdbody.scene.debris.registry import DebrisKinds
 
     lines = ["| kind | what it makes |", "|---|---|"]
@@ -109,14 +102,12 @@ def law_data() -> str:
 
 
 def _registry():
-    """Return the registry of installed laws, and of the template plug-in."""
     from thirdbody.laws.registry import discover
 
     return discover([ROOT / "plugins" / "dmt_adhesion.py"])
 
 
 def _options(thing) -> str:
-    """Return the options of a law or an effect with their defaults, or the dimension of those that a scene must give."""
     return ", ".join(_option(option) for option in thing.options) or "-"
 
 
@@ -133,7 +124,6 @@ def _first_sentence(docstring: str | None) -> str:
 
 
 def sweep_keys() -> str:
-    """Return the table of the keys of a sweep file."""
     from thirdbody.scene.keys import table_keys
     from thirdbody.studies.sweep.sweep_file import SweepFile
 
@@ -146,7 +136,6 @@ def sweep_keys() -> str:
 
 
 def sweep_results() -> str:
-    """Return the table of the results that a sweep can put into its table."""
     from thirdbody.studies.sweep.results import DEFAULT, RESULTS, result
 
     states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}

@@ -45,7 +45,6 @@ def convex_hull(points: ArrayLike) -> Array:
 
 
 def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Chain of left turns through points in lexical order."""
     chain: list[tuple[float, float]] = []
     for x, y in ordered:
         while len(chain) > 1:

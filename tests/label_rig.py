@@ -52,7 +52,6 @@ class View:
 
 
 def quaternion(turn):
-    """Of a rotation vector."""
     angle = math.sqrt(sum(t * t for t in turn))
     return np.array([math.cos(angle / 2.0), *(0.5 * np.sinc(angle / (2.0 * math.pi)) * np.array(turn))])
 
@@ -132,7 +131,6 @@ class Rig:
         return c.STATES[int(self.last["state"])], c.REASONS[int(self.last["reason"])]
 
     def has(self, state, reason):
-        """Ask for the label, which must be this one."""
         assert self.label() == (state, reason)
         return self
 

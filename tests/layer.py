@@ -34,11 +34,9 @@ def clump_layer(count: int, per_clump: int = 6):
 
 
 def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: float = 1.0, surfaces=None):
-    """A run of `count` clumps between plates; from frame to frame all slide along x (`path` 1 or -1) and leave the domain.
-
-    Each carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one
-    (three quarters). The gap is `deep` times the height of the layer. `surfaces`: those of rough plates.
-    """
+    """A run of `count` clumps between plates; from frame to frame all slide along x (`path` 1 or -1) and leave the domain. Each
+    carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one (three
+    quarters). The gap is `deep` times the height of the layer. `surfaces`: those of rough plates."""
     centers, radii, owner, bodies, states, size = clump_layer(count)
     rng = np.random.default_rng(5)
     gap = deep * float((centers[:, 2] + radii).max())

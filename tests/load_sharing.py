@@ -86,7 +86,6 @@ Series = dict[tuple[float, int], list[Point]]
 
 
 def read_sweep(folder: Path) -> Series:
-    """Return the points of a finished sweep."""
     table = thirdbody.Sweep(folder).to_pandas()
     assert (table["status"] == "done").all()
     columns = [PRESSURE, "friction_coefficient", "load_share_debris", "active"]
@@ -95,23 +94,19 @@ def read_sweep(folder: Path) -> Series:
 
 
 def scenes(folder: Path) -> dict[tuple[float, int], thirdbody.Scene]:
-    """Return the scene of one point of each series."""
     scene, points = thirdbody.Scene.load(folder / "scene.toml"), thirdbody.Sweep(folder).points
     return {(p.values[ROUGHNESS], p.values[COUNT]): scene.with_settings(p.values) for p in points}
 
 
 def debris_friction(found: Series) -> float:
-    """Return the mean friction where debris carries all of the load."""
     return float(np.mean([p.friction for points in found.values() for p in points if p.share > ALONE]))
 
 
 def mixed(share: float, debris: float, direct: float) -> float:
-    """Return the friction of debris and plates that share a load."""
     return share * debris + (1.0 - share) * direct
 
 
 def draw(found: Series, estimates: dict[tuple[float, int], Sharing], direct: float, path: Path) -> None:
-    """Draw friction, share and active bodies over the pressure: points of the sweep, lines of the estimate."""
     import matplotlib.pyplot as plt
 
     figure, panels = plt.subplots(3, 1, figsize=(8.0, 9.0), sharex=True, layout="constrained")

@@ -55,7 +55,6 @@ class Meeting:
     restitution: float = 0.5
 
     def text(self, integrator: str) -> str:
-        """Return the scene."""
         names = sorted({"base", "lid"} | {name for name, _, _ in self.bodies})
         tables = ["scene = 1", *(f"[materials.{name}]\n{STEEL}" for name in names)]
         for a, b in itertools.combinations_with_replacement(names, 2):

@@ -31,20 +31,16 @@ class Block:
 
 
 class Page:
-    """A page in Markdown."""
-
     def __init__(self, path: Path):
         self.path = path
         self.text = path.read_text(encoding="utf-8")
 
     @property
     def name(self) -> str:
-        """Path from the top of the project."""
         return self.path.relative_to(ROOT).as_posix()
 
     @cached_property
     def blocks(self) -> list[Block]:
-        """Fenced blocks in the order of the page."""
         blocks = []
         for comments, language, text in _FENCE.findall(self.text):
             notes = dict(_NOTE.findall(comments))
@@ -53,17 +49,14 @@ class Page:
 
     @cached_property
     def prose(self) -> str:
-        """Text without fenced blocks and comments."""
         return re.sub(r"<!--.*?-->", "", _FENCE.sub("", self.text), flags=re.DOTALL)
 
     @property
     def links(self) -> list[str]:
-        """Targets of links and pictures."""
         return [target for _, _, target in _LINK.findall(self.prose)]
 
     @property
     def pictures(self) -> list[str]:
-        """Targets of pictures."""
         return [target for mark, _, target in _LINK.findall(self.prose) if mark]
 
     @property
@@ -81,7 +74,6 @@ class Page:
 
     @property
     def inline(self) -> list[str]:
-        """Pieces of code within the prose."""
         return re.findall(r"(?<!`)`([^`\n]+)`(?!`)", self.prose)
 
     @property

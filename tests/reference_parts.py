@@ -14,12 +14,10 @@ HEADINGS = {"materials": "materials.NAME", "pairs": "[pairs]", "debris": "[debri
 
 @cache
 def registry() -> Registry:
-    """Return the registry of installed laws."""
     return discover()
 
 
 def scene_keys() -> str:
-    """Return a table of keys for each table of a scene."""
     parts = []
     for name, keys in groupby(all_keys(registry()), key=lambda key: key.path.rpartition(".")[0] and key.path.split(".")[0]):
         rows = [(f"`{path}`", *cells, f"`{example}`") for path, *cells, example in key_rows(keys)]
@@ -29,7 +27,6 @@ def scene_keys() -> str:
 
 
 def run_names() -> str:
-    """Return a table of names for each table of a run."""
     parts = []
     for name, entries in all_names(registry()).items():
         rows = [(f"`{first}`", *rest) for first, *rest in name_rows(entries)]
@@ -38,12 +35,10 @@ def run_names() -> str:
 
 
 def exit_codes() -> str:
-    """Return the table of exit codes."""
     return markdown(("code", "meaning"), [(str(code), meaning) for code, meaning in EXIT_CODES.items()])
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown; a bar inside a cell is escaped."""
     lines = [headings, ["---"] * len(headings), *rows]
     return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
 

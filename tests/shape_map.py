@@ -34,7 +34,6 @@ class Map(NamedTuple):
 
 
 def read_map(folder: Path) -> Map:
-    """Return the map of a finished sweep, each point of which holds one particle that slides or rolls."""
     table = thirdbody.Sweep(folder).to_pandas()
     assert (table["status"] == "done").all()
     rolling = table.pivot(index=FRICTION, columns=RATIO, values=ROLLING)
@@ -50,14 +49,12 @@ def boundary(found: Map) -> np.ndarray:
 
 
 def corrugation_text(found: Map) -> str:
-    """Return how far the particles of a map are from spheroids, in words."""
     height, angle = np.max([corrugation("prolate", ratio, SPHERES) for ratio in found.ratio if ratio < 1.0], axis=0)
     size, normals = f"{100.0 * height:.2g} % of its size", f"{math.degrees(angle):.2g} deg of its normals"
     return f"{SPHERES} spheres follow the spheroid to {size} and {normals}"
 
 
 def draw(found: Map, path: Path) -> None:
-    """Draw the points of a map, coloured by what the particle does, over the closed form."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(8.0, 5.0), layout="constrained")

@@ -57,10 +57,8 @@ def _rows(place, depth, radius, stiffness):
 
 
 def solved(place, depth, radius, stiffness, c, swept=False, scratch=1000) -> Loads:
-    """Solve spots at `place` (n, 2) with overlaps `depth` (n,) and radii (n,) [m]; `stiffness`: 4/3 E* [Pa]; c [m2/N].
-
-    `swept`: by sweeps; `scratch`: numbers of it.
-    """
+    """Solve spots at `place` (n, 2) with overlaps `depth` (n,) and radii (n,) [m]; `stiffness`: 4/3 E* [Pa]; c [m2/N]. `swept`:
+    by sweeps; `scratch`: numbers of it."""
     relief, force, x, y = np.full((4, len(depth)), np.nan)
     rows = _rows(place, depth, radius, stiffness)
     _solve(len(depth), c, rows, np.zeros(scratch), swept, Spots(relief, force, x, y, rows))
@@ -69,9 +67,7 @@ def solved(place, depth, radius, stiffness, c, swept=False, scratch=1000) -> Loa
 
 def closed_path(path, speed, depth, radius, stiffness, c):
     """Return work along a closed path [J], by the trapezoid rule, the largest energy on it [J], and how often spots carry none.
-
-    `path` (t, n, 3): places and what is added to the overlaps `depth` (n,), at equal intervals; `speed`: its rate, per round.
-    """
+    `path` (t, n, 3): places and what is added to the overlaps `depth` (n,), at equal intervals; `speed`: its rate, per round."""
     rows, none = _rows(path[0, :, :2], depth, radius, stiffness), np.zeros(len(depth))
     spots = Spots(*np.zeros((4, len(depth))), rows)
     return *_work(path, speed, depth, c, rows, np.zeros(1000), spots, none), int(none.sum())

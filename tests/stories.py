@@ -26,9 +26,7 @@ PATH, STOPS = 20e-6, 20
 @dataclass
 class Story:
     """What a run tells at equal distances: labels (F, n), friction (F), centres (F, n, 3), and which bodies have touched others.
-
-    `seconds` of sliding, `size` of the domain, m.
-    """
+    `seconds` of sliding, `size` of the domain, m."""
 
     labels: np.ndarray
     friction: np.ndarray
@@ -80,7 +78,6 @@ def dragged(scene: thirdbody.Scene, nudge: float = 0.0, path: float = PATH) -> S
 
 
 def agreement(a: Story, b: Story, path: float = PATH) -> Agreement:
-    """Return how far two stories agree."""
     equal = a.labels == b.labels
     apart = b.centres[-1] - a.centres[-1]
     apart[:, :2] -= a.size * np.rint(apart[:, :2] / a.size)

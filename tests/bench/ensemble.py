@@ -29,10 +29,8 @@ EXPLICIT, SPRINGS = "explicit, mindlin", 16
 
 @dataclass(frozen=True)
 class Case:
-    """One ensemble: speed of the drag, m/s, the whole way and the way between two outputs, m.
-
-    `fraction`: of the lower plate that a layer whose bodies meet covers, seen from above; None for bodies that do not meet.
-    """
+    """One ensemble: speed of the drag, m/s, the whole way and the way between two outputs, m. `fraction`: of the lower plate
+    that a layer whose bodies meet covers, seen from above; None for bodies that do not meet."""
 
     integrator: str
     level: str
@@ -134,10 +132,9 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
 
 
 def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
-    """Processor seconds per particle for the whole way, one thread, from `patience` seconds of it: the first part of the sliding.
-
-    The rest is taken to cost as much per step, with steps as long: steps needed = way / speed / mean step of the part.
-    """
+    """Processor seconds per particle for the whole way, one thread, from `patience` seconds of it: the first part of the
+    sliding. The rest is taken to cost as much per step, with steps as long: steps needed = way / speed / mean step of the
+    part."""
     simulation, report = settled(case)
     seconds, busy, shares = [], [], []
     for _ in range(repeats):

@@ -106,10 +106,8 @@ def start_of(kind: str, given: Arrays) -> Start:
 
 
 def simulation_of(start: Start) -> Simulation:
-    """Our simulation of a configuration at time zero: laws of the catalogue, no labels.
-
-    A scene refuses bodies that overlap at the start, and here a flow goes on; so the bodies take the place of those of the scene.
-    """
+    """Our simulation of a configuration at time zero: laws of the catalogue, no labels. A scene refuses bodies that overlap at
+    the start, and here a flow goes on; so the bodies take the place of those of the scene."""
     warm_up(EXPLICIT)
     placed = placed_of(start)
     plate = building.upper_plate

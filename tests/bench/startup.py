@@ -42,10 +42,8 @@ STEPS, COUNTED = 20_000, 1_280
 
 
 def measure_startup(rounds: int) -> dict[str, Any]:
-    """Seconds of wall time and of the processor, all processes together, from the start of the interpreter to its end.
-
-    cold: the first process with a new cache; warm: the next ones with the same; help: `thirdbody --help`.
-    """
+    """Seconds of wall time and of the processor, all processes together, from the start of the interpreter to its end. cold: the
+    first process with a new cache; warm: the next ones with the same; help: `thirdbody --help`."""
     report: dict[str, Any] = {"cold": [], "warm": [], "help": []}
     command = [sys.executable, "-c", FIRST_STEP, str(SCENE)]
     for _ in range(COLD):
