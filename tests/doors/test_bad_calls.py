@@ -50,7 +50,6 @@ def wrong(c, n, p):
 LAW = Law("wrong", "adhesion", wrong, Numbers, lambda pair, options: Numbers(1.0), "none")
 PLUGIN = Plugin("wrong", effects=(LAW,))
 """
-
 OPTIONS = [
     *((*RENDER, f"--zoom={value}", 3) for value in ("0", "-1", "1e-300", "9e-5", "1.001", "nan", "inf", "-inf", "1e300", HUGE)),
     *((*RENDER, f"--frame={value}", 3) for value in (HUGE, f"-{HUGE}", "4", "-5")),
@@ -69,7 +68,6 @@ OPTIONS = [
     *(("run", "scene.toml", f"--threads={value}", 2) for value in ("0", "-1", "nan", "1e300", "")),
     *(("run", "scene.toml", f"--{name}={text}", 2) for name in ("wall-limit", "checkpoint-every") for text in ("-1 s", "nan s")),
 ]  # fmt: skip
-
 NAMES = [
     *((name, word, 3) for name in ("check", "run", "shapes", "cost", "balance", "states", "resume") for word in (LONG, DEEP)),
     *((name, word, "-o", "p.png", 3) for name in ("plot", "render") for word in (LONG, DEEP)),

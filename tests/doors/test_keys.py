@@ -29,7 +29,6 @@ TABLES = {
 }  # fmt: skip
 """Keys that hold nothing but tables, whose own keys are listed."""
 PYTHON_ONLY = {"every_kind", "options", "named"}
-
 OF_EFFECTS = {
     "series": {"energy_plastic", "energy_adhesion", "energy_body_effects", "scene_time"}
     | {f"count_{reason}" for reason in REASONS},
