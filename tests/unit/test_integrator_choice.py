@@ -176,7 +176,7 @@ def test_summary_and_file_report_the_integrator(tmp_path):
 NEAR = (
     asks("implicit"),
     ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"], ["31 um", "30 um", "5 um"]]'),
-    ('distance = "0.1 um"', 'distance = "20 um"'),
+    ('distance = "0.1 um"', 'distance = "4 um"'),
     ('every = "0.05 um"', 'every = "0.5 um"'),
 )
 
@@ -194,7 +194,7 @@ MEETING = (
     asks("implicit"),
     ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"]]'),
     ("[domain]", FLAKE),
-    ('distance = "0.1 um"', 'distance = "30 um"'),
+    ('distance = "0.1 um"', 'distance = "16 um"'),
     ('every = "0.05 um"', 'every = "0.5 um"'),
     ('velocity = "0.5 m/s"', 'velocity = "0.01 m/s"'),
 )
@@ -208,7 +208,7 @@ def test_two_balls_that_keep_their_distance_may_run_and_strangers_pass_through_e
     with thirdbody.run(scene(NONE, *MEETING), out=tmp_path / "strangers", progress=False) as run:
         assert run.summary()["finished"]  # bodies told not to see each other pass through each other
     assert x[1] - x[0] == pytest.approx(11e-6, rel=1e-6)
-    assert x[0] - 20e-6 == pytest.approx(10e-6, rel=0.01)
+    assert x[0] - 20e-6 == pytest.approx(2e-6, rel=0.01)
 
 
 @pytest.mark.parametrize("plate", [(), pytest.param((ONE_PLATE,), marks=FULL)])

@@ -306,7 +306,7 @@ def test_panels_without_data_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "case", ["stroke", "long", *(pytest.param(name, marks=FULL) for name in ("straight", "one frame", "utilisation"))]
+    "case", ["long", *(pytest.param(name, marks=FULL) for name in ("stroke", "straight", "one frame", "utilisation"))]
 )
 def test_no_text_lies_on_another_or_outside(tmp_path, case):
     u = {"stroke": stroke(), "one frame": np.zeros(1)}.get(case, straight())
