@@ -12,13 +12,8 @@ load = "0.1 mN"
 damping = "7e-5 kg/s"
 motion = {x = {velocity = "0.5 m/s"}}
 """
-"""Of steel, with a load on each particle, the upper one dragged."""
-
-BALLS = (
-    'title = "four balls"\n'
-    + STEEL
-    + """\
-[[debris]]
+BALLS = f"""title = "four balls"
+{STEEL}[[debris]]
 material = "steel"
 kind = "spheres"
 radius = "5 um"
@@ -26,16 +21,12 @@ count = 4
 seed = 1
 [domain]
 size = ["80 um", "60 um"]
-"""
-    + PLATES
-    + """\
-[solver]
+{PLATES}[solver]
 distance = "0.1 um"
 settle = "1 us"
 [output]
 every = "0.05 um"
 """
-)
 
 
 def edited(text: str, *changes: tuple[str, str]) -> str:

@@ -14,11 +14,9 @@ import numpy as np
 import thirdbody
 from thirdbody.palette import INK, LINE_COLORS
 
-FRICTION = "pairs.0.friction"
-MARGIN, SKIPPED = 3.5, 0.4
-"""Diameters that are left out at each plate; part of the distance at each speed that is left out."""
-SLOW = 0.05
-"""Inertial number below which friction and solid fraction are fitted by straight lines."""
+MARGIN, SKIPPED, SLOW = 3.5, 0.4, 0.05
+"""Diameters that are left out at each plate; part of the distance at each speed that is left out; inertial number below which
+friction and solid fraction are fitted by straight lines."""
 REFERENCE = {0.0: (0.105, 0.636), 0.1: (0.268, 0.613), 0.3: (0.357, 0.596), 0.5: (0.382, 0.587), 1.0: (0.405, 0.581)}
 """Quasi-static friction and critical solid fraction by contact friction: homogeneous shear of spheres of one size, no plates.
 
@@ -37,21 +35,9 @@ class Shear(NamedTuple):
     bed_friction_error: float
     solid_fraction: float
     solid_fraction_error: float
-    pressure_ratio: float
-    """Normal stress on the plates over pressure."""
+    pressure_ratio: float  # normal stress on the plates over pressure
     coordination: float
-    overlap: float
-    """Mean overlap over mean radius."""
-
-
-class Core(NamedTuple):
-    """The middle of a bed in one frame: stress (3, 3) [Pa], shear rate [1/s], solid fraction, coordination, mean overlap [m]."""
-
-    stress: np.ndarray
-    rate: float
-    solid_fraction: float
-    coordination: float
-    overlap: float
+    overlap: float  # mean overlap over mean radius
 
 
 def volume_below(height: float, z: np.ndarray, radius: np.ndarray) -> float:
@@ -60,8 +46,11 @@ def volume_below(height: float, z: np.ndarray, radius: np.ndarray) -> float:
     return float(np.sum(np.pi * (radius**2 * depth - depth**3 / 3.0 + 2.0 * radius**3 / 3.0)))
 
 
-def core(run: thirdbody.Run, frame: int, area: float) -> Core:
-    """Return the middle of a bed of spheres; its stress is the sum of force times branch over volume (Love and Weber)."""
+def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float, float, float, float]:
+    """Return stress (3, 3) [Pa], shear rate [1/s], solid fraction, coordination and mean overlap [m] in the middle of a bed.
+
+    The stress is the sum of force times branch over volume (Love and Weber).
+    """
     spheres, contacts = run.spheres(frame), run.contacts(frame)
     z, radius, diameter = spheres["position"][:, 2], spheres["radius"], 2.0 * np.median(spheres["radius"])
     low, high = MARGIN * diameter, run.series["gap"][frame] - MARGIN * diameter
@@ -74,7 +63,7 @@ def core(run: thirdbody.Run, frame: int, area: float) -> Core:
     met = (contacts["side"] == 2) & (height > low) & (height < high)
     length = of_body[contacts["body"][met]] + of_body[contacts["partner"][met]] - contacts["overlap"][met]
     stress = contacts["force"][met].T @ (length[:, None] * contacts["normal"][met]) / (area * (high - low))
-    return Core(stress, rate, fraction, 2.0 * met.sum() / inside.sum(), contacts["overlap"][met].mean())
+    return stress, rate, fraction, 2.0 * met.sum() / inside.sum(), contacts["overlap"][met].mean()
 
 
 def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
@@ -93,18 +82,18 @@ def speeds(run: thirdbody.Run) -> list[np.ndarray]:
 
 
 def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
-    cores = [core(run, frame, area) for frame in frames]
+    stresses, rates, *rest = (np.array(values) for values in zip(*(core(run, k, area) for k in frames), strict=True))
+    fractions, coordination, overlap = rest
     spheres = run.spheres(int(frames[0]))
     diameter = 2.0 * np.median(spheres["radius"])
     body = run.bodies(int(frames[0]))
     density = np.median(body["mass"] / (np.pi / 6.0 * body["diameter"] ** 3))
     force = run.series["upper_force"][frames]
     pressure = force[:, 2].mean() / area
-    stress = np.mean([c.stress for c in cores], axis=0)
-    mean, shares = np.trace(stress) / 3.0, np.array([c.stress[2, 0] + c.stress[0, 2] for c in cores]) / 2.0
-    fractions = np.array([c.solid_fraction for c in cores])
+    stress, shares = stresses.mean(axis=0), (stresses[:, 2, 0] + stresses[:, 0, 2]) / 2.0
+    mean = np.trace(stress) / 3.0
     return Shear(
-        float(np.mean([c.rate for c in cores]) * diameter * np.sqrt(density / pressure)),
+        float(rates.mean() * diameter * np.sqrt(density / pressure)),
         float(-force[:, 0].mean() / force[:, 2].mean()),
         error_of_mean(-force[:, 0] / force[:, 2].mean()),
         float(abs(shares.mean()) / mean),
@@ -112,8 +101,8 @@ def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
         float(fractions.mean()),
         error_of_mean(fractions),
         float(stress[2, 2] / mean),
-        float(np.mean([c.coordination for c in cores])),
-        float(np.mean([c.overlap for c in cores]) / (0.5 * diameter)),
+        float(coordination.mean()),
+        float(overlap.mean() / (0.5 * diameter)),
     )
 
 
@@ -146,7 +135,7 @@ def limit(states: list[Shear]) -> Limit:
 
 def read_sweep(folder: Path) -> dict[float, list[Shear]]:
     points = thirdbody.Sweep(folder).points
-    return {float(point.values[FRICTION]): measure(point.run) for point in points}
+    return {float(point.values["pairs.0.friction"]): measure(point.run) for point in points}
 
 
 def draw(found: dict[float, list[Shear]], path: Path) -> None:
@@ -170,24 +159,6 @@ def draw(found: dict[float, list[Shear]], path: Path) -> None:
     plt.close(figure)
 
 
-def table(found: dict[float, list[Shear]]) -> str:
-    rows = ["friction  I        plate            bed              solid fraction   normal/pressure  contacts  overlap/R"]
-    for friction, states in sorted(found.items()):
-        for s in states:
-            plate, bed = (
-                f"{s.plate_friction:.4f} ± {s.plate_friction_error:.4f}",
-                f"{s.bed_friction:.4f} ± {s.bed_friction_error:.4f}",
-            )
-            fraction = f"{s.solid_fraction:.4f} ± {s.solid_fraction_error:.4f}"
-            last = f"{s.pressure_ratio:<15.3f}  {s.coordination:<8.2f}  {s.overlap:.4f}"
-            rows.append(f"{friction:<8g}  {s.inertial_number:<7.2g}  {plate}  {bed}  {fraction}  {last}")
-        zero = limit(states)
-        values = (zero.plate_friction, zero.bed_friction, zero.solid_fraction)
-        rows.append(f"{friction:<8g}  0        " + "  ".join(f"{value:.4f} ± {error:.4f}" for value, error in values))
-        rows.append(f"{'':10}reference{'':17} {REFERENCE[friction][0]:<15}  {REFERENCE[friction][1]}")
-    return "\n".join(rows)
-
-
 def texts(found: dict[float, list[Shear]]) -> dict[str, str]:
     """Return the limits of slow shear in words, by contact friction."""
     words = {}
@@ -207,5 +178,8 @@ if __name__ == "__main__":
     parser.add_argument("-o", dest="picture", type=Path, required=True)
     requested = parser.parse_args()
     measured = read_sweep(requested.sweep)
-    print(table(measured))
+    for mu, states in sorted(measured.items()):
+        for one in states:
+            print(f"{mu:g}:", ", ".join(f"{name} {value:.4g}" for name, value in one._asdict().items()))
+    print("\n".join(f"{name}: {words}" for name, words in texts(measured).items()))
     draw(measured, requested.picture)

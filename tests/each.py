@@ -1,18 +1,13 @@
-"""One rule for many files as one test, which names every file that breaks it: thousands of tests cost more than the rules."""
-
-from collections.abc import Callable, Iterable
-from typing import TypeVar
-
-Item = TypeVar("Item")
+"""One rule for many items as one test, which names every item that breaks it: thousands of tests cost more than the rules."""
 
 
-def each(items: Iterable[Item], name_of: Callable[[Item], str] = str) -> Callable[[Callable[[Item], None]], Callable[[], None]]:
+def each(items, name_of=str):
     """Make a test of one item a test of all of them."""
     rows = list(items)
     assert rows
 
-    def of_all(rule: Callable[[Item], None]) -> Callable[[], None]:
-        def test() -> None:
+    def of_all(rule):
+        def test():
             broken = []
             for item in rows:
                 try:

@@ -1,22 +1,17 @@
 """An ensemble of bodies that do not influence each other, and what two of its runs have in common."""
 
-import json
 from pathlib import Path
 
-import h5py
-import numpy as np
 from steel import STEEL
+from trajectories import contents
 
 import thirdbody
 
-SCENE = (
-    STEEL
-    + """\
-[[debris]]
+SCENE = f"""{STEEL}[[debris]]
 material = "steel"
 kind = "irregular"
 count = 7
-size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
+size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}}
 spheres = [4, 8]
 aspect = [1.0, 0.8, 0.6]
 [domain]
@@ -27,7 +22,7 @@ material = "steel"
 material = "steel"
 support = "load_per_particle"
 load = "0.1 mN"
-motion = {x = {velocity = "10 mm/s"}}
+motion = {{x = {{velocity = "10 mm/s"}}}}
 [contact]
 debris_contact = "none"
 [solver]
@@ -35,7 +30,6 @@ distance = "0.1 um"
 [output]
 every = "0.05 um"
 """
-)
 
 SURFACE = {"rms": "20 nm", "hurst": 0.8, "long": "100 um", "short": "10 um", "seed": 3}
 ROUGH = {
@@ -46,24 +40,11 @@ ROUGH = {
 """More than a group of 512 bodies between rough plates, in a few hundred explicit steps. Bodies that do not see each other may
 overlap: a small domain has few heights."""
 
-VARYING = {"wall_time", "sphere_steps_per_second"}
-"""Entries of the summary that may differ."""
-
 
 def scene(**changes: object) -> thirdbody.Scene:
     given = thirdbody.Scene.parse(SCENE)
     return given.with_settings(changes) if changes else given
 
 
-def arrays(run: Path) -> dict[str, object]:
-    """All data sets of a run, as bytes; of the summary what may not differ."""
-    content: dict[str, object] = {}
-
-    def keep(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset):
-            content[name] = item[()] if item.dtype == object else np.asarray(item[()]).tobytes()
-
-    with h5py.File(run / "run.vtkhdf") as file:
-        file.visititems(keep)
-    summary = json.loads(content.pop("scene/summary"))  # type: ignore[arg-type]
-    return content | {"summary": {name: value for name, value in summary.items() if name not in VARYING}}
+def arrays(run: Path) -> dict[str, bytes]:
+    return contents(run, scene=True)

@@ -1,14 +1,13 @@
-"""Balance of a wrench by friction cones: the general case by linear programming.
+"""Balance of a wrench by friction cones, by linear programming: any weight, normals, and friction per spot.
 
-Any weight, normals, and friction per spot. `hull_conditions` and `conditions` are exact where they hold; this module is their
-reference, and replaces them elsewhere. A cone is approximated by an inscribed pyramid of K edges. The circumscribed pyramid is
-the inscribed one of a friction larger by 1/cos(pi/K), so one search gives both ends of a bracket. Feasibility grows with friction
-(cones contain smaller cones), hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs. 1
-and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
+Reference of `hull_conditions` and `conditions`, which are exact where they hold. A cone is approximated by an inscribed pyramid
+of K edges; the circumscribed one is that of a friction larger by 1/cos(pi/K), so one search gives both ends of a bracket.
+Feasibility grows with friction, hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs.
+1 and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
 
-Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass: weight then has none); `normals` (n, 3),
-unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load` [N] (of one side, such as
-the upper: without it zero forces would be a solution).
+Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass); `normals` (n, 3), unit, into the
+particle; `mu` (n,); `pressed` (n,) bool, the spots (of one side) whose normal forces add up to `load` [N]: else zero forces are
+a solution.
 """
 
 import math
@@ -55,9 +54,8 @@ def grasp(
         raise ValueError("points and normals must be (n, 3) and pressed (n,), n >= 1")
     if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
         raise ValueError("needs unit normals, a positive load and frictions that are not negative")
-    line = None if axis is None else np.asarray(axis, dtype=np.float64)
-    push, rotation = np.asarray(force, dtype=np.float64), np.asarray(moment, dtype=np.float64)
-    return Grasp(positions, outward, frictions, chosen, load, push, rotation, line)
+    rest = (None if given is None else np.asarray(given, dtype=np.float64) for given in (force, moment, axis))
+    return Grasp(positions, outward, frictions, chosen, load, *rest)
 
 
 def between_plates(

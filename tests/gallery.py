@@ -47,9 +47,7 @@ ENTRIES = {
     "three_spot": Entry(f"{RENDER} --body 0 --frame 6"),
     "scanned_debris": Entry(f"{RENDER} --zoom 0.4"),
     "sheared_debris": Entry(),
-    "million": Entry(
-        settings='--set debris.0.count=400 --set \'domain.size=["448 um", "336 um"]\' --set solver.distance="20 um"'
-    ),
+    "million": Entry(RENDER, '--set debris.0.count=400 --set \'domain.size=["448 um", "336 um"]\' --set solver.distance="20 um"'),
     "yielding_debris": Entry(f"{RENDER} --zoom 0.3 --color plastic_work"),
     "mixed_population": Entry(f"{RENDER} --color population --forces"),
     "fretting": Entry("plot RUN -o PICTURE --panel loop"),
@@ -71,21 +69,17 @@ ENTRIES = {
 """Scenes in the order of the page."""
 
 
-def scene_file(name: str) -> Path:
-    return SCENES / f"{name}.toml"
-
-
 def picture(name: str) -> Path:
     return PICTURES / f"{name.replace('/', '_')}.png"
 
 
 def digest(name: str) -> str:
-    lines = [line for line in scene_file(name).read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    lines = [line for line in (SCENES / f"{name}.toml").read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 
 def commands(name: str) -> list[str]:
-    entry, file = ENTRIES[name], scene_file(name).relative_to(ROOT).as_posix()
+    entry, file = ENTRIES[name], (SCENES / f"{name}.toml").relative_to(ROOT).as_posix()
     words = {"SCENE": file, "PICTURE": picture(name).name, "RUN": f"runs/{Path(name).name}", "SWEEP": f"sweeps/{Path(name).name}"}
     drawn, verb = entry.draw, next((verb for verb in ("run", "sweep") if verb.upper() in entry.draw), "")
     for word, text in words.items():
@@ -112,8 +106,7 @@ def measure(name: str) -> dict[str, Any]:
 
 
 def _processor_time() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -144,21 +137,19 @@ def sweep_results(folder: Path) -> dict[str, Any]:
     table = sweep.to_pandas()
     done = int((table["status"] == "done").sum())
     texts = {"points": f"{len(table)}, {'all' if done == len(table) else done} done"}
-    if Path(folder).name == "shape_against_friction":
+    if folder.name == "shape_against_friction":
         found = shape_map.read_map(folder)
         off = abs(shape_map.boundary(found) / shape_map.closed_form(found.friction) - 1.0).max()
         texts["boundary"] = f"within {100.0 * off:.1f} % of the closed form at every friction; points are 2 % apart"
         texts["corrugation"] = shape_map.corrugation_text(found)
-    elif Path(folder).name == "mu_of_inertia":
+    elif folder.name == "mu_of_inertia":
         texts |= bed_rheology.texts(bed_rheology.read_sweep(folder))
-    elif Path(folder).name == "friction_against_pressure":
+    elif folder.name == "friction_against_pressure":
         texts |= load_sharing.texts(load_sharing.read_sweep(folder))
     else:
         groups = table.groupby("pairs.0.friction")["fraction_rolling"].agg(["mean", "sem"])
-        texts |= {
-            f"rolling at friction {mu:g}": f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
-            for mu, row in groups.iterrows()
-        }
+        for mu, row in groups.iterrows():
+            texts[f"rolling at friction {mu:g}"] = f"{100.0 * row['mean']:.0f} ± {100.0 * row['sem']:.1f} %"
     return texts | {"energy residual": f"at most {table['energy_residual'].max():.0e} of the work".replace("e-0", "e-")}
 
 
@@ -176,7 +167,7 @@ def shrink(source: Path, target: Path) -> None:
 
 
 def header(name: str) -> tuple[str, str]:
-    lines = scene_file(name).read_text(encoding="utf-8").splitlines()
+    lines = (SCENES / f"{name}.toml").read_text(encoding="utf-8").splitlines()
     end = next(number for number, line in enumerate(lines) if not line.startswith("#"))
     comment = [line.lstrip("# ") for line in lines[:end]]
     return comment[0], " ".join(comment[1:]).strip()
@@ -187,12 +178,8 @@ def gallery() -> str:
     rows = ["| scene | question | processor time |", "| --- | --- | --- |"]
     for name in ENTRIES:
         question = header(name)[0]
-        rows.append(f"| [`{name}`](#{_anchor(name)}) | {question} | {measured[name]['seconds']:.0f} s |")
+        rows.append(f"| [`{name}`](#{name.replace('/', '')}) | {question} | {measured[name]['seconds']:.0f} s |")
     return "\n".join(rows) + "\n\n" + "\n\n".join(_section(name, measured[name]) for name in ENTRIES)
-
-
-def _anchor(name: str) -> str:
-    return name.replace("/", "")
 
 
 def _section(name: str, measured: dict[str, Any]) -> str:
@@ -202,18 +189,15 @@ def _section(name: str, measured: dict[str, Any]) -> str:
         parts.append(f"Picture and numbers are of a shorter run: `{ENTRIES[name].settings}`.")
     for why, lines in groupby(commands(name), key=lambda command: _why_not_run(command, measured["seconds"])):
         parts.append((f"<!-- not run: {why} -->\n" if why else "") + "```sh\n" + "\n".join(lines) + "\n```")
-    shown = {key: value for key, value in measured.items() if key not in ("scene", "seconds")}
-    if shown:
-        rows = [f"| {key} | {value} |" for key, value in shown.items()]
+    rows = [f"| {key} | {value} |" for key, value in measured.items() if key not in ("scene", "seconds")]
+    if rows:
         parts.append("| to expect | |\n| --- | --- |\n" + "\n".join(rows))
     return "\n\n".join(parts)
 
 
 def _why_not_run(command: str, seconds: float) -> str:
     """Return why the tests of pages do not run a command; an empty text if they do."""
-    if seconds > QUICK:
-        return f"{seconds:.0f} s"
-    return "pictures need OpenGL" if " render " in command else ""
+    return f"{seconds:.0f} s" if seconds > QUICK else "pictures need OpenGL" * (" render " in command)
 
 
 def main(names: list[str]) -> None:

@@ -8,11 +8,15 @@ import importlib
 import inspect
 import pkgutil
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
 
 from gallery import gallery
 from pages import ROOT, pages
-from reference_parts import PARTS as REFERENCE
+
+from thirdbody.errors import EXIT_CODES
+from thirdbody.laws.registry import discover
+from thirdbody.report.key_reference import KEY_HEADINGS, NAME_HEADINGS, all_keys, all_names, key_rows, name_rows
 
 SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
@@ -89,10 +93,7 @@ def law_data() -> str:
     from thirdbody import plugin
 
     lines = ["| tuple | field | meaning |", "|---|---|---|"]
-    for name in (
-        "Contact", "Normal", "Adhesion", "Load", "Tangential", "Turn", "Rolling", "Twist", "Twisting", "Body", "Wrench",
-        "ContactStep",
-    ):  # fmt: skip
+    for name in "Contact Normal Adhesion Load Tangential Turn Rolling Twist Twisting Body Wrench ContactStep".split():
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
         fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
         for k, (names, meaning) in enumerate(fields):
@@ -102,13 +103,11 @@ def law_data() -> str:
 
 
 def _registry():
-    from thirdbody.laws.registry import discover
-
     return discover([ROOT / "plugins" / "dmt_adhesion.py"])
 
 
 def _options(thing) -> str:
-    return ", ".join(_option(option) for option in thing.options) or "-"
+    return ", ".join(map(_option, thing.options)) or "-"
 
 
 def _option(option) -> str:
@@ -147,12 +146,41 @@ def sweep_results() -> str:
     return "\n".join(lines)
 
 
+HEADINGS = {"materials": "materials.NAME", "pairs": "[pairs]", "debris": "[debris]"}
+"""Tables that are written otherwise than their keys' paths begin."""
+
+
+def scene_keys() -> str:
+    parts = []
+    for name, keys in groupby(all_keys(discover()), key=lambda key: key.path.rpartition(".")[0] and key.path.split(".")[0]):
+        rows = [(f"`{path}`", *cells, f"`{example}`") for path, *cells, example in key_rows(keys)]
+        title = f"[{HEADINGS.get(name, name)}]" if name else "Top of the file"
+        parts.append(f"### {title}\n\n{markdown(KEY_HEADINGS, rows)}")
+    return "\n\n".join(parts)
+
+
+def run_names() -> str:
+    parts = []
+    for name, entries in all_names(discover()).items():
+        rows = [(f"`{first}`", *rest) for first, *rest in name_rows(entries)]
+        parts.append(f"### {name}\n\n{markdown(NAME_HEADINGS, rows)}")
+    return "\n\n".join(parts)
+
+
+def exit_codes() -> str:
+    return markdown(("code", "meaning"), [(str(code), meaning) for code, meaning in EXIT_CODES.items()])
+
+
+def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "packages": packages, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "measures": measures,
     "kinds": kinds, "sweep_keys": sweep_keys, "sweep_results": sweep_results,
-    "law-data": law_data,
+    "law-data": law_data, "scene-keys": scene_keys, "run-names": run_names, "exit-codes": exit_codes, "gallery": gallery,
 }  # fmt: skip
-PARTS |= REFERENCE | {"gallery": gallery}
 
 
 def regenerated(text: str) -> str:

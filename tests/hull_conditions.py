@@ -1,12 +1,11 @@
 """Conditions of sticking and sliding between parallel plates, in 3-D, without weight: convex hulls.
 
-With one friction mu and no weight the particle is a strut: the upper resultant acts in the convex hull P of the horizontal
-positions of the upper spots, the lower one in Q below, and both lie on one line of action. So the force leans by q - p over the
-height h, and T/N = (q - p)/h for some point of the difference set {q - p}. Sticking needs a point within mu h of the origin;
-sliding along e needs the point mu h e itself, since every spot pulls the particle along e with mu N. Hulls may be segments or
-points: the difference set may then be one, too, and sliding possible at one mu only, or never. Weight adds a moment that hulls do
-not include: see `conditions` in the plane and `friction_cones` in space. Two frictions: use the smaller one. Generalises E.
-Willert's Eqs. 16, 19 and 20. Imports nothing of thirdbody.
+With one friction mu (of two: the smaller one) and no weight the particle is a strut: the upper resultant acts in the convex hull
+P of the upper spots, the lower one in Q below, both on one line of action. So the force leans by q - p over the height h, and
+T/N = (q - p)/h for some point of the difference set {q - p}. Sticking needs a point within mu h of the origin; sliding along e
+the point mu h e itself, since every spot pulls the particle along e with mu N. Hulls may be segments or points. Weight adds a
+moment: see `conditions` in the plane and `friction_cones` in space. Generalises E. Willert's Eqs. 16, 19 and 20; nothing of
+thirdbody.
 
 Positions are (n, 2) arrays [m]; a direction needs no unit length; raises ValueError for no spots, h <= 0 or no direction.
 """
@@ -19,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12  # of the largest |q - p|: positions nearer to a line than this lie on it
-NEVER = (math.inf, -math.inf)
-"""The empty interval (t_min, t_max)."""
+NEVER = (math.inf, -math.inf)  # the empty interval (t_min, t_max)
 
 
 def _positions(spots: ArrayLike) -> Array:

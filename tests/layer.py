@@ -41,13 +41,10 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
     rng = np.random.default_rng(5)
     gap = deep * float((centers[:, 2] + radii).max())
     header = {
-        "scene_text": "scene = 1\n",
-        "title": "Wear debris under a load of 0.1 mN per particle",
-        "state_names": list(STATE_COLORS),
-        "reason_names": ["none", "friction_limit", "rotation"],
-        "units": {"distance": "m"},
+        "scene_text": "scene = 1\n", "title": "Wear debris under a load of 0.1 mN per particle", "units": {"distance": "m"},
+        "state_names": list(STATE_COLORS), "reason_names": ["none", "friction_limit", "rotation"],
         "domain": {"size": size, "periodic": True},
-    }
+    }  # fmt: skip
     static = {"spheres": {"radius": radii, "clump": owner}, "clumps": {"id": np.arange(count)}}
     corners = np.array([[0, 0, 0], [size[0], 0, 0], [size[0], size[1], 0], [0, size[1], 0]], float)
     touching = np.repeat(np.arange(count), 2)
@@ -59,31 +56,20 @@ def write_layer(path, count: int, frames: int = 2, distance: float = 1.0, deep: 
         for number in range(frames):
             shift = np.array([distance * 10e-6 * number, 0.0, 0.0])
             upper = corners + [2 * shift[0], 0.0, gap]
-            writer.append(
-                Frame(
-                    time=10e-6 * number,
-                    spheres={"points": centers + shift},
-                    clumps={
-                        "points": bodies + shift,
-                        "state": states,
-                        "state_reason": np.where(states == 0, 0, 1 + states % 2).astype(np.uint8),
-                        "velocity": rng.normal(size=(count, 3)),
-                        "friction_work": np.abs(bodies[:, 0]) * 1e-6,
-                    },
-                    contacts={
-                        "points": tops + shift,
-                        "body": touching,
-                        "partner": np.tile([-1, -2], count),
-                        "utilisation": np.tile([0.75, 0.25], count),
-                        "normal": normal,
-                        "normal_force": load,
-                        "force": load[:, None] * normal + rub,
-                        "contact_radius": np.full(2 * count, 1e-7),
-                    },
-                    plates={"points": np.concatenate([corners, upper])},
-                    series={"distance": 20e-6 * number, "friction_coefficient": 0.31},
-                )
-            )
+            clumps = {
+                "points": bodies + shift, "state": states, "velocity": rng.normal(size=(count, 3)),
+                "state_reason": np.where(states == 0, 0, 1 + states % 2).astype(np.uint8),
+                "friction_work": np.abs(bodies[:, 0]) * 1e-6,
+            }  # fmt: skip
+            contacts = {
+                "points": tops + shift, "body": touching, "partner": np.tile([-1, -2], count),
+                "utilisation": np.tile([0.75, 0.25], count), "normal": normal, "normal_force": load,
+                "force": load[:, None] * normal + rub, "contact_radius": np.full(2 * count, 1e-7),
+            }  # fmt: skip
+            plates = {"points": np.concatenate([corners, upper])}
+            series = {"distance": 20e-6 * number, "friction_coefficient": 0.31}
+            spheres = {"points": centers + shift}
+            writer.append(Frame(10e-6 * number, spheres, clumps, contacts, plates, series))
     return path
 
 

@@ -1,14 +1,10 @@
 """Friction and shares of the load over the pressure on rough plates: `python tests/load_sharing.py SWEEP -o PICTURE`.
 
-SWEEP is a finished sweep of scenes/sweeps/friction_against_pressure.toml, drawn over an estimate in closed form. A body of height
-h at a place where the surfaces reach z into the gap is pressed where h + z exceeds the mean gap u, by a spring k for each (what
-contacts themselves give way is neglected). With h + z normally distributed (Greenwood and Williamson 1966, springs for Hertz), n
-bodies per area carry
-
-    p_debris = n k s (phi(t) - t Q(t)),  active = Q(t),  t = (u - mean of h)/s,  s^2 = spread of h^2 + rms^2 of both surfaces
-
-and the plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction is that of the debris and of the plates, mixed by
-their shares of the load: mu = share mu_debris + (1 - share) mu_direct, with mu_debris of the points where debris carries all.
+SWEEP is a finished sweep of scenes/sweeps/friction_against_pressure.toml, drawn over an estimate in closed form. A body of
+height h where the surfaces reach z into the gap is pressed where h + z exceeds the mean gap u, by a spring k for each (contacts
+are taken as stiff). With h + z normally distributed (Greenwood and Williamson 1966, springs for Hertz), n bodies per area carry
+p_debris = n k s (phi(t) - t Q(t)), active = Q(t), t = (u - mean of h)/s, s^2 = spread of h^2 + rms^2 of both surfaces, and the
+plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction is mixed by the shares of the load.
 """
 
 import argparse
@@ -39,10 +35,8 @@ class Sharing(NamedTuple):
     spring: float
     height: float
     spread: float
-    prefactor: float
-    """Pressure of direct contact at zero gap [Pa]."""
-    length: float
-    """u_0 [m]."""
+    prefactor: float  # pressure of direct contact at zero gap [Pa]
+    length: float  # u_0 [m]
 
     def pressures(self, gap: float) -> tuple[float, float, float]:
         """Return the pressures on debris and of direct contact [Pa] at a mean gap [m], and the fraction of bodies that carry."""
@@ -67,9 +61,8 @@ def estimate(scene: thirdbody.Scene) -> Sharing:
     centres, radii, body = sphere_centres(populate(scene, [], {}))
     heights = np.array([np.max((centres[:, 2] + radii)[body == k]) for k in range(body.max() + 1)])
     spread = math.hypot(float(heights.std()), upper.surface.rms, lower.surface.rms)
-    return Sharing(
-        len(heights) / area, upper.stiffness, float(heights.mean()), spread, direct.prefactor / area, direct.length
-    )  # fmt: skip
+    mean, prefactor = float(heights.mean()), direct.prefactor / area
+    return Sharing(len(heights) / area, upper.stiffness, mean, spread, prefactor, direct.length)
 
 
 class Point(NamedTuple):
@@ -98,10 +91,6 @@ def scenes(folder: Path) -> dict[tuple[float, int], thirdbody.Scene]:
     return {(p.values[ROUGHNESS], p.values[COUNT]): scene.with_settings(p.values) for p in points}
 
 
-def debris_friction(found: Series) -> float:
-    return float(np.mean([p.friction for points in found.values() for p in points if p.share > ALONE]))
-
-
 def mixed(share: float, debris: float, direct: float) -> float:
     return share * debris + (1.0 - share) * direct
 
@@ -111,7 +100,10 @@ def draw(found: Series, estimates: dict[tuple[float, int], Sharing], direct: flo
 
     figure, panels = plt.subplots(3, 1, figsize=(8.0, 9.0), sharex=True, layout="constrained")
     colors = dict(zip(sorted({key[0] for key in found}), ("blue", "green", "vermilion"), strict=False))
-    most, debris = max(key[1] for key in found), debris_friction(found)
+    most, debris = (
+        max(key[1] for key in found),
+        float(np.mean([p.friction for points in found.values() for p in points if p.share > ALONE])),
+    )
     for (rms, count), points in found.items():
         color, many = LINE_COLORS[colors[rms]], count == most
         pressure = np.geomspace(0.7 * points[0].pressure, 1.4 * points[-1].pressure, 60)

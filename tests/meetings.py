@@ -11,29 +11,14 @@ from dataclasses import dataclass, field, replace
 
 STEEL = 'youngs_modulus = "210 GPa"\npoisson_ratio = 0.3\ndensity = "7850 kg/m3"\n'
 
-R = 5.0
-"""Radius of the balls, and of the spheres of posts and riders, um."""
-
-LOAD = 1e-4
-"""Load on each body, N: the overlaps are a thousandth of the radius and less."""
-
-SPEED = 0.2
-"""Speed of the upper plate, m/s: balls come to rest within a tenth of a um after they have bounced."""
-
-SETTLE = 2.5
-"""Time under load before the upper plate moves, us."""
-
-MU, GRIP, STUCK = 0.3, 0.5, 10.0
-"""Friction of a ball with the upper and with the lower plate, and of what must not slip."""
-
-HALF = 9.0
-"""Distance of the first sphere of a post from its middle, um."""
-
-GAP, START = 0.1, 15.0
-"""Gap between bodies at the start, and place of the first one, um."""
-
-RIDGE = 0.8
-"""Radius of the spheres of a ridge, um: sqrt(RIDGE/R) is 0.4."""
+R = 5.0  # radius of the balls, and of the spheres of posts and riders, um
+LOAD = 1e-4  # on each body, N: the overlaps are a thousandth of the radius and less
+SPEED = 0.2  # of the upper plate, m/s: balls come to rest within a tenth of a um after they have bounced
+SETTLE = 2.5  # time under load before the upper plate moves, us
+MU, GRIP, STUCK = 0.3, 0.5, 10.0  # friction of a ball with the upper and with the lower plate, and of what must not slip
+HALF = 9.0  # distance of the first sphere of a post from its middle, um
+GAP, START = 0.1, 15.0  # gap between bodies at the start, and place of the first one, um
+RIDGE = 0.8  # radius of the spheres of a ridge, um: sqrt(RIDGE/R) is 0.4
 
 Shape = tuple[tuple[float, float, float], ...]
 """Spheres x, y, radius, um; their centres are at one height."""
@@ -93,16 +78,15 @@ def against_ridge(friction: float) -> Meeting:
 
 def head_on(**frictions: float) -> Meeting:
     """Return a rider, on a lower plate without friction, and the post that it meets."""
-    bodies = (("rider", POST, START), ("post", POST, START + 2.0 * (R + HALF) + GAP))
-    return Meeting(bodies, _pairs(frictions))
+    return Meeting((("rider", POST, START), ("post", POST, START + 2.0 * (R + HALF) + GAP)), _pairs(frictions))
 
 
 def _pairs(frictions: dict[str, float]) -> dict[tuple[str, str], float]:
     return {(name.split("_")[0], name.split("_")[1]): mu for name, mu in frictions.items()}
 
 
+# stroke, um, peak to peak, and period, us, of the upper plate in `lost_and_found`: eight outputs in a period
 STROKE, PERIOD = 2.0, 8.0 * SETTLE
-"""Stroke, um, peak to peak, and period, us, of the upper plate in `lost_and_found`: eight outputs in a period."""
 
 MEETINGS = {
     "two_that_touch": Meeting(
@@ -121,10 +105,7 @@ MEETINGS = {
     "mounts": against_ridge(0.5),
     "held_by_a_ridge": against_ridge(0.3),
     "lost_and_found": replace(
-        against_post(1),
-        motion=f'{{stroke = "{STROKE} um", frequency = "{1e3 / PERIOD} kHz"}}',
-        end=f'duration = "{2.0 * PERIOD} us"',
-        every=f"{SETTLE} us",
+        against_post(1), motion=f'{{stroke = "{STROKE} um", frequency = "{1e3 / PERIOD} kHz"}}',
+        end=f'duration = "{2.0 * PERIOD} us"', every=f"{SETTLE} us",
     ),
-}
-"""By name."""
+}  # fmt: skip

@@ -1,6 +1,5 @@
 """Rough plates made in Python, for tests: height fields from functions, and scenes built with them."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from unittest.mock import patch
 
@@ -9,10 +8,8 @@ import numpy as np
 from thirdbody.assembly import simulation
 from thirdbody.surfaces.surface import Surface
 
-Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-
-def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int], curvature: bool = True) -> Surface:
+def field(heights, size, cells, curvature=True):
     """The surface that has these heights at its nodes; their mean is not taken off."""
     x, y = (np.arange(n) * (length / n) for n, length in zip(cells, size, strict=True))
     values = heights(*np.meshgrid(x, y)) + np.zeros(cells[::-1])
@@ -20,7 +17,7 @@ def field(heights: Heights, size: tuple[float, float], cells: tuple[int, int], c
 
 
 @contextmanager
-def rough_plates(lower: Surface | None, upper: Surface | None = None) -> Iterator[None]:
+def rough_plates(lower, upper=None):
     """Let `build` make plates with these surfaces."""
     surfaces = {side: surface for side, surface in (("lower", lower), ("upper", upper)) if surface is not None}
     with patch.object(simulation, "plate_surfaces", lambda scene: surfaces):

@@ -16,8 +16,7 @@ from thirdbody.palette import INK, STATE_COLORS
 from thirdbody.scene.debris.kinds.spheroid import corrugation
 
 ROLLING, FRICTION, RATIO = "fraction_rolling", "pairs.0.friction", "debris.0.axial_ratio"
-SPHERES = 40
-"""Spheres of each particle."""
+SPHERES = 40  # of each particle
 
 
 def closed_form(friction: np.ndarray) -> np.ndarray:
@@ -59,16 +58,12 @@ def draw(found: Map, path: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
     friction, ratio = np.meshgrid(found.friction, found.ratio, indexing="ij")
-    for state, color, name in (
-        (~found.rolls, STATE_COLORS["sliding"], "slides"),
-        (found.rolls, STATE_COLORS["rolling"], "rolls"),
-    ):
-        axes.scatter(friction[state], ratio[state], s=14, color=color, label=name, linewidths=0)
+    for state, name, label in ((~found.rolls, "sliding", "slides"), (found.rolls, "rolling", "rolls")):
+        axes.scatter(friction[state], ratio[state], s=14, color=STATE_COLORS[name], label=label, linewidths=0)
     curve = np.geomspace(0.045, 1.1, 200)
     axes.plot(curve, closed_form(curve), color=INK, label="rigid ellipse: $r = \\sqrt{1 + \\mu^2} - \\mu$")
-    axes.set(
-        xscale="log", yscale="log", xlim=(0.045, 1.1), ylim=(0.34, 1.03), xlabel="friction coefficient", ylabel="axial ratio"
-    )
+    axes.set(xscale="log", yscale="log", xlim=(0.045, 1.1), ylim=(0.34, 1.03))
+    axes.set(xlabel="friction coefficient", ylabel="axial ratio")
     axes.set_xticks(ticks := [0.05, 0.1, 0.2, 0.5, 1.0], [f"{tick:g}" for tick in ticks], minor=False)
     axes.set_yticks(ticks := [0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0], [f"{tick:g}" for tick in ticks], minor=False)
     axes.minorticks_off()

@@ -1,11 +1,7 @@
-"""The debris of the main scene by both integrators: what a run tells at equal distances, and how far two runs agree.
-
-How far two runs can agree at all is told by a third one: explicit again, from starts that differ by
-`thirdbody.studies.nudge.NUDGE`.
-"""
+"""The debris of the main scene by both integrators: what a run tells at equal distances, and how far two runs agree."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -48,10 +44,10 @@ class Agreement:
     alike: float
 
     def __str__(self) -> str:
+        labels, every, friction, place, alike = (100.0 * part for part in astuple(self))
         return (
-            f"labels {100.0 * self.labels:.2f} % ({100.0 * self.all_labels:.2f} % at all stops), "
-            f"friction {100.0 * self.friction:.3f} %, mean place {100.0 * self.place:.3f} % of the drag, "
-            f"{100.0 * self.alike:.1f} % of the bodies within 1 % of it"
+            f"labels {labels:.2f} % ({every:.2f} % at all stops), friction {friction:.3f} %, "
+            f"mean place {place:.3f} % of the drag, {alike:.1f} % of the bodies within 1 % of it"
         )
 
 
@@ -81,25 +77,17 @@ def agreement(a: Story, b: Story, path: float = PATH) -> Agreement:
     equal = a.labels == b.labels
     apart = b.centres[-1] - a.centres[-1]
     apart[:, :2] -= a.size * np.rint(apart[:, :2] / a.size)
-    return Agreement(
-        float(np.mean(equal[-1])),
-        float(np.mean(equal)),
-        abs(b.friction.mean() / a.friction.mean() - 1.0),
-        float(np.linalg.norm(apart.mean(axis=0))) / path,
-        float(np.mean(np.linalg.norm(apart, axis=1) < 0.01 * path)),
-    )
+    place, alike = np.linalg.norm(apart.mean(axis=0)) / path, np.mean(np.linalg.norm(apart, axis=1) < 0.01 * path)
+    friction = abs(b.friction.mean() / a.friction.mean() - 1.0)
+    return Agreement(float(np.mean(equal[-1])), float(np.mean(equal)), friction, float(place), float(alike))
 
 
 def layer(fraction: float, bodies: int, **settings: object) -> thirdbody.Scene:
     """Return the main scene with fewer bodies that cover this fraction of the lower plate, seen from above."""
     base = thirdbody.Scene.load(SCENE)
     size = np.array(base.domain.size)
-    wide = base.with_settings({"debris.0.count": bodies, "domain.size": _lengths(size * (bodies / 500.0) ** 0.5)})
+    wide = base.with_settings({"debris.0.count": bodies, "domain.size": [f"{x:.9g} m" for x in size * (bodies / 500.0) ** 0.5]})
     state = prepare(wide).state
     covered = sum(projected_area(state.S[state.body == number, :4]) for number in range(state.n_bodies))
     stretch = (covered / (fraction * size.prod())) ** 0.5
-    return wide.with_settings({"domain.size": _lengths(size * stretch)} | settings)
-
-
-def _lengths(values: np.ndarray) -> list[str]:
-    return [f"{value:.9g} m" for value in values]
+    return wide.with_settings({"domain.size": [f"{x:.9g} m" for x in size * stretch]} | settings)

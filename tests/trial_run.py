@@ -10,14 +10,10 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 
 CONTACT_COUNTS = (0, 4, 0, 7, 2)
 HEADER = {
-    "scene_text": 'scene = 1\ntitle = "three grains, µm"\n',
-    "title": "three grains",
-    "versions": {"thirdbody": "0.1.0"},
-    "state_names": ["free", "sticking", "sliding", "rolling"],
-    "reason_names": ["none", "friction_limit"],
-    "units": {"time": "s", "upper_force": "N"},
-    "domain": {"size": [40e-6, 20e-6], "periodic": True},
-}
+    "scene_text": 'scene = 1\ntitle = "three grains, µm"\n', "title": "three grains", "versions": {"thirdbody": "0.1.0"},
+    "state_names": ["free", "sticking", "sliding", "rolling"], "reason_names": ["none", "friction_limit"],
+    "units": {"time": "s", "upper_force": "N"}, "domain": {"size": [40e-6, 20e-6], "periodic": True},
+}  # fmt: skip
 CLUMP_OF_SPHERE = np.repeat(np.arange(3), (1, 2, 3))
 STATIC = {
     "spheres": {"radius": np.linspace(1e-6, 2e-6, 6), "clump": CLUMP_OF_SPHERE},
