@@ -6,6 +6,7 @@ from pathlib import Path
 import closed_forms
 import numpy as np
 import pytest
+from each import each
 from hard.free_bodies import turned_pair
 from theory import builders as make
 from thirdbody_three_spot import theory
@@ -29,7 +30,7 @@ PAIRS = {f"nu = {nu}": ({"ball": make.solid(1e9, nu, 1000.0)}, (1.0, 1.0)) for n
 """Materials, and radii in RADIUS, of undamped head-on impacts at 1 m/s; masses of a ratio of a million in the last two."""
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@each(PAIRS)
 def test_impacts_of_unlike_pairs(name):
     materials, sizes = PAIRS[name]
     names, radii = list(materials), [RADIUS * size for size in sizes]
@@ -67,7 +68,7 @@ def test_without_friction_a_dragged_ball_stays_where_it_is():
     assert make.label(simulation) == "sliding"
 
 
-FEW = [(1.0, 36, "auto"), (1e3, 76, "auto"), (0.1, 20, 5e-8)]
+FEW = [(0.1, 20, "auto"), (1e9, 76, 5e-8)]  # others are those of the case `oblique_impact`
 ALL = [(mu, degrees, step) for mu in (0.1, 1.0, 1e3, 1e9) for degrees in (20, 36, 60, 76) for step in (5e-8, "auto")]
 
 

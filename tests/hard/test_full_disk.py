@@ -29,7 +29,7 @@ from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory import writer
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
-SHORT = {"debris.0.count": "12", "solver.distance": "0.2 um", "output.every": "0.05 um", "solver.settle": "1 us"}
+SHORT = {"debris.0.count": "8", "solver.distance": "0.2 um", "output.every": "0.05 um", "solver.settle": "1 us"}
 KINDS = {"explicit": {}, "implicit": {"contact.debris_contact": "none", "solver.integrator": "implicit"}}
 USAGE = namedtuple("usage", "total used free")
 
@@ -57,9 +57,9 @@ def cut(runs, tmp_path):
     return Path(shutil.copytree(runs[1], tmp_path / "run"))
 
 
-def take_up(folder):
+def take_up(folder, every=0.0):
     simulation, kept = prepare_resume(folder)
-    execute(simulation, folder, checkpoint=kept, times=WallTimes(0.0))
+    execute(simulation, folder, checkpoint=kept, times=WallTimes(every))
 
 
 def goes_on(folder, whole, before):
@@ -67,7 +67,7 @@ def goes_on(folder, whole, before):
     assert names(folder) == before
     with thirdbody.open(folder) as run:
         assert run.frames >= read_checkpoint(folder).frames > 1
-    take_up(folder)
+    take_up(folder, 1e9)
     first, second = contents(whole), contents(folder)
     assert [name for name in first if first[name] != second[name]] == []
 
@@ -180,11 +180,13 @@ def remount(folder, how):
     subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True)
 
 
+HARD = pytest.mark.full(kind="hard")
 needs_mount = pytest.mark.skipif(not sys.platform.startswith("linux") or not shutil.which("mount"), reason="needs mount")
 
 
 @needs_mount
-@pytest.mark.parametrize("room", [slow(4096), 300_000])
+@HARD
+@pytest.mark.parametrize("room", [4096, 300_000])
 def test_a_file_system_without_space(runs, tmp_path, room):
     """The real thing: with a page left, and with room for a part of the copy."""
     size = sum(path.stat().st_size for path in runs[1].iterdir())
@@ -221,6 +223,7 @@ def test_folders_above_a_run_that_could_not_begin_are_removed_only_if_it_made_th
 
 
 @needs_mount
+@HARD
 def test_a_read_only_file_system(runs, tmp_path):
     size = sum(path.stat().st_size for path in runs[1].iterdir())
     with mounted(tmp_path / "small", 4 * size + 20_000_000) as small:

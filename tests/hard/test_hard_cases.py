@@ -14,28 +14,25 @@ LONG = {
     "sharp_valleys explicit", "rides_onto explicit", "chain_of_ten explicit", "meets_again explicit", "crowded_spots explicit",
 }  # fmt: skip
 HARD = pytest.mark.full(kind="hard")
+QUICK = {
+    case.name: [setting for setting in case.settings(True) if f"{case.name} {setting.integrator}" not in LONG]
+    for case in CASES.values()
+}  # fmt: skip
+FULL = [
+    pytest.param(case, s, id=f"{case.name}-{s.integrator}-{s.level}") for case in CASES.values() for s in case.settings(False)
+]
 
 
-def paths(quick):
-    found = [(case, setting) for case in CASES.values() for setting in case.settings(quick)]
-    return [
-        pytest.param(
-            case, setting, id=f"{case.name}-{setting.integrator}-{setting.level}",
-            marks=[HARD] * (quick and f"{case.name} {setting.integrator}" in LONG),
-        )
-        for case, setting in found
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("case, setting", paths(quick=True))
-def test_hard_case(case, setting):
+@pytest.mark.parametrize("name", [name for name in QUICK if QUICK[name]])
+def test_hard_case(name):
     """The reasons for the tolerances stand beside the invariants."""
-    row = run_case(case, setting, sweep=False)
-    assert not row.broken, "\n".join(row.broken)
+    for setting in QUICK[name]:
+        row = run_case(CASES[name], setting, sweep=False)
+        assert not row.broken, f"{setting}\n" + "\n".join(row.broken)
 
 
 @HARD
-@pytest.mark.parametrize("case, setting", paths(quick=False))
+@pytest.mark.parametrize("case, setting", FULL)
 def test_hard_case_in_full(case, setting):
     """Every level, the long versions, and the largest stable step between 1.2 and 10 times the automatic one."""
     row = run_case(case, setting)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from each import each
 from hard.between_plates import HEIGHT, SPAN, particle
 from hard.trial import TRIPOD
 from slow import slow
@@ -95,8 +96,11 @@ COURSES = {
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("name", COURSES)
-def test_course_of_a_slow_drag(name, level):
+def test_course_of_a_slow_drag(level):
+    each(COURSES)(lambda name: check_course(name, level))()
+
+
+def check_course(name, level):
     one, mu, stops, labels, force, tolerance = COURSES[name]
     simulation = start(one, drag(), level=level, friction=mu)
     run, state = follow(simulation, stops), simulation.state

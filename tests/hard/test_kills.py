@@ -2,7 +2,7 @@
 a sweep ends with the same table; a run that is read while it is written is never called damaged.
 
 `pytest -m full tests/hard/test_kills.py`: fifty kills at random times and fifty between data, flush, commit, fsync and replace,
-by either integrator, and thirty of processes of a sweep; one of each runs always.
+by either integrator, and thirty of processes of a sweep. One of a run is always made; tests/scenes/test_sweep.py kills workers.
 """
 
 import csv
@@ -23,6 +23,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.studies.sweep.results import TIMES
 
 PROGRAM = Path(__file__).with_name("killed_run.py")
@@ -86,7 +87,7 @@ def opens(folder):
 
 def survives(tmp_path, case, kill, kills):
     settings, rng = CASES[case], random.Random(f"{case} {kill.__name__}")
-    assert report(start(tmp_path / "whole", settings)) == 0
+    execute(prepare(thirdbody.Scene.load(SCENE).with_settings(settings)), tmp_path / "whole")
     wanted, done, round_ = contents(tmp_path / "whole"), 0, 0
     while done < kills:
         folder, code = tmp_path / f"cut{round_}", -1
@@ -203,6 +204,7 @@ def test_thirty_kills_of_a_sweep(whole):
     raise AssertionError(f"only {kills} kills came before the end of a sweep")
 
 
+@pytest.mark.full(kind="hard")
 def test_ctrl_c_keeps_what_is_done_and_a_kill_too(whole):
     """The terminal sends SIGINT to all processes of its group; workers, in sessions of their own, get none."""
     process = start_sweep(whole, "stopped")

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from meetings import against_post
 from shared_runs import PATH, PLATES, clumps
 from steel import STEEL
 from trajectories import contents
@@ -26,6 +27,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 ALONE = {"contact.debris_contact": "none"}
 IMPLICIT = {"solver.integrator": "implicit"}
 RIGID = {"plates.upper.support": "rigid", "plates.upper.load": "1 mN"}
+MEET = {"solver.distance": "0.6 um", "output.every": "0.2 um"}
 FAST = {"plates.upper.motion.x.velocity": "1 m/s", "solver.integrator": "explicit", "solver.settle": "1 us"}
 DRIVERS = {
     "Explicit": FAST | {"solver.distance": "0.1 um", "output.every": "0.05 um"},
@@ -33,11 +35,11 @@ DRIVERS = {
     "ImplicitEnsemble": IMPLICIT | ALONE | {
         "debris.0.count": 520, "domain.size": ["800 um", "600 um"], "solver.distance": "0.1 um", "output.every": "0.05 um",
     },
-    "ImplicitIslands": IMPLICIT,
+    "ImplicitIslands": MEET,
     "ImplicitCommonPlate": IMPLICIT | ALONE | RIGID,
-    "ImplicitCommonPlateIslands": IMPLICIT | RIGID,
+    "ImplicitCommonPlateIslands": MEET | RIGID,
 }  # fmt: skip
-"""Class of the integrator; two to four outputs each. Where bodies meet, they lie close."""
+"""Class of the integrator; two to four outputs each."""
 SHORT = {"solver.distance": "0.2 um", "output.every": "0.1 um"}
 LONG = {"solver.distance": "2 um", "output.every": "0.5 um"}
 SMALL = {"debris.0.count": "100"}
@@ -72,7 +74,8 @@ CASES = {
 
 
 def of_driver(name, **changes):
-    return thirdbody.Scene.parse(clumps(12, '["70 um", "60 um"]') + PLATES + PATH).with_settings(DRIVERS[name] | changes)
+    text = against_post(2).text("implicit") if "Islands" in name else clumps(12, '["70 um", "60 um"]') + PLATES + PATH
+    return thirdbody.Scene.parse(text).with_settings(DRIVERS[name] | changes)
 
 
 def of_file(name):
