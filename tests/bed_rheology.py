@@ -6,6 +6,7 @@ gives one state of shear. All is measured in the middle of the bed, more than 3.
 """
 
 import argparse
+from collections import namedtuple
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,10 +48,8 @@ def volume_below(height: float, z: np.ndarray, radius: np.ndarray) -> float:
 
 
 def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float, float, float, float]:
-    """Return stress (3, 3) [Pa], shear rate [1/s], solid fraction, coordination and mean overlap [m] in the middle of a bed.
-
-    The stress is the sum of force times branch over volume (Love and Weber).
-    """
+    """Return stress (3, 3) [Pa], shear rate [1/s], solid fraction, coordination and mean overlap [m] in the middle of a bed. The
+    stress is the sum of force times branch over volume (Love and Weber)."""
     spheres, contacts = run.spheres(frame), run.contacts(frame)
     z, radius, diameter = spheres["position"][:, 2], spheres["radius"], 2.0 * np.median(spheres["radius"])
     low, high = MARGIN * diameter, run.series["gap"][frame] - MARGIN * diameter
@@ -111,12 +110,8 @@ def measure(run: thirdbody.Run) -> list[Shear]:
     return [shear(run, frames, size[0] * size[1]) for frames in speeds(run)]
 
 
-class Limit(NamedTuple):
-    """Values at vanishing inertial number and their errors: friction of the bed, friction of the plate, solid fraction."""
-
-    bed_friction: tuple[float, float]
-    plate_friction: tuple[float, float]
-    solid_fraction: tuple[float, float]
+Limit = namedtuple("Limit", "bed_friction plate_friction solid_fraction")
+"""Values at vanishing inertial number and their errors."""
 
 
 def limit(states: list[Shear]) -> Limit:

@@ -19,36 +19,28 @@ def hertz_energy(e: float, radius: float, overlap: float) -> float:
 
 
 def mindlin_loading(s: float, limit: float, s_c: float) -> float:
-    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5] [N]; `limit` = mu N.
-
-    For s >= 0; mu N beyond s_c. Source: Cattaneo 1938, Mindlin 1949.
-    """
+    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5] [N]; `limit` = mu N. For s >= 0; mu N beyond s_c. Source:
+    Cattaneo 1938, Mindlin 1949."""
     return limit * (1.0 - max(1.0 - s / s_c, 0.0) ** 1.5)
 
 
 def mindlin_reversal(s: float, s_reversal: float, limit: float, s_c: float) -> float:
-    """T [N] after reversal at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5].
-
-    For s* - 2 s_c <= s <= s* <= s_c. Source: Mindlin and Deresiewicz 1953.
-    """
+    """T [N] after reversal at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5]. For s* - 2 s_c <= s <= s* <= s_c. Source:
+    Mindlin and Deresiewicz 1953."""
     return mindlin_loading(s_reversal, limit, s_c) - 2.0 * mindlin_loading((s_reversal - s) / 2.0, limit, s_c)
 
 
 def mindlin_loop_work(force_ratio: float) -> float:
-    """Work lost in a loop between +-T* over mu N s_c, for tau = T*/(mu N) in [0, 1].
-
-    (24/5) {1 - (1-tau)^(5/3) - (5 tau/6) [1 + (1-tau)^(2/3)]} (Mindlin and Deresiewicz 1953).
-    """
+    """Work lost in a loop between +-T* over mu N s_c, for tau = T*/(mu N) in [0, 1]. (24/5) {1 - (1-tau)^(5/3) - (5 tau/6) [1 +
+    (1-tau)^(2/3)]} (Mindlin and Deresiewicz 1953)."""
     tau, stick = force_ratio, 1.0 - force_ratio
     return 24.0 / 5.0 * (1.0 - stick ** (5.0 / 3.0) - 5.0 * tau / 6.0 * (1.0 + stick ** (2.0 / 3.0)))
 
 
 def closed_cycle_work(overlap_low: float, overlap_high: float) -> float:
-    """Work over k_1 U^2/2 lost by a contact in a rectangle of overlap and shear, no slip: 1 - sqrt(d_0/d_1).
-
-    Press and lift alternate with shear by U and back; k_1 = 2 G* a_1. The annulus between both contact areas carries (k_1 - k_0)
-    U when it loses contact (Elata and Berryman 1996).
-    """
+    """Work over k_1 U^2/2 lost by a contact in a rectangle of overlap and shear, no slip: 1 - sqrt(d_0/d_1). Press and lift
+    alternate with shear by U and back; k_1 = 2 G* a_1. The annulus between both contact areas carries (k_1 - k_0) U when it
+    loses contact (Elata and Berryman 1996)."""
     return 1.0 - math.sqrt(overlap_low / overlap_high)
 
 
@@ -69,16 +61,13 @@ def impact_duration(mass: float, radius: float, e: float, speed: float) -> float
 
 
 def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float:
-    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal.
-
-    Source: Chung and Ooi 2011, test 4.
-    """
+    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal. Source: Chung and Ooi
+    2011, test 4."""
     return 1.0 - mu * (1.0 + restitution) / math.tan(angle)
 
 
 def gross_slip_spin(mu: float, restitution: float, angle: float, speed: float, radius: float) -> float:
-    """Spin after a gross-slip impact, zero before [rad/s]: -(5/2) mu (1+e) V cos(angle)/R. Source: Chung and Ooi 2011, test
-    4."""
+    """Spin after a gross-slip impact, zero before [rad/s]: -(5/2) mu (1+e) V cos(angle)/R (Chung and Ooi 2011, test 4)."""
     return -2.5 * mu * (1.0 + restitution) * speed * math.cos(angle) / radius
 
 
@@ -93,10 +82,8 @@ def maw_chi(nu: float) -> float:
 
 
 def maw_gross_slip(psi: float, chi: float) -> float:
-    """Rebound angle psi_2 = psi_1 - 4 chi for psi_1 >= 4 chi - 1, where the whole impact slips.
-
-    Raises ValueError below, where there is no closed form.
-    """
+    """Rebound angle psi_2 = psi_1 - 4 chi for psi_1 >= 4 chi - 1, where the whole impact slips. Raises ValueError below, where
+    there is no closed form."""
     if psi < 4.0 * chi - 1.0:
         raise ValueError(f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while")
     return psi - 4.0 * chi
@@ -108,10 +95,8 @@ def slope_sphere_rolls(mu: float, g_t: float, g_n: float) -> bool:
 
 
 def sliding_sphere(mu: float, g_t: float, g_n: float, radius: float, time: float) -> tuple[float, float]:
-    """(speed [m/s], spin [rad/s]) of a sphere slipping down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R.
-
-    Holds where `slope_sphere_rolls` is false.
-    """
+    """(speed [m/s], spin [rad/s]) of a sphere slipping down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R. Holds where
+    `slope_sphere_rolls` is false."""
     return (g_t - mu * g_n) * time, 2.5 * mu * g_n * time / radius
 
 
@@ -127,11 +112,9 @@ def pinched_sphere_rolling(plate_speed: float, radius: float) -> tuple[float, fl
 
 def stopped_sphere(mu: float, rub: float) -> tuple[float, float, float]:
     """(tangential and normal force of the lower plate, push on the obstacle) over the load of a sphere that an obstacle stops.
-
     It slips on the upper plate, which drags it by mu; the obstacle, at the height of its centre, carries `rub` of its load by
     friction. Moments about the centre: mu = T + rub; forces: N = 1 - rub, push = mu + T. By statics alone `rub` is any value
-    that friction at the obstacle allows: 0 <= rub <= mu' push, so 2 mu/(1 + mu') <= push <= 2 mu.
-    """
+    that friction at the obstacle allows: 0 <= rub <= mu' push, so 2 mu/(1 + mu') <= push <= 2 mu."""
     return mu - rub, 1.0 - rub, 2.0 * mu - rub
 
 
@@ -145,17 +128,16 @@ def second_of_two_stopped_spheres(mu: float, rubs: tuple[float, float]) -> tuple
 
 def sphere_turning_on_the_spot(mu_lower: float, mu_obstacle: float) -> float:
     """Share of its load that an obstacle carries by friction, if the sphere rolls on the upper plate and slips everywhere else.
-
-    T = mu_lower (1 - F) below, F = mu' P at the obstacle, P = 2 T + F by forces and moments.
-    """
+    T = mu_lower (1 - F) below, F = mu' P at the obstacle, P = 2 T + F by forces and moments."""
     slip = 2.0 * mu_obstacle * mu_lower
     return slip / (1.0 - mu_obstacle + slip)
 
 
 def mounting_friction(low: float, high: float) -> float:
-    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`. Both touch
-    the lower plate. The top of the one, where they touch, and the foot of the other lie on one line, which meets all three
-    surfaces at the same angle; without the lower plate the force on the large sphere goes along it: tan = sqrt(low/high)."""
+    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`.
+
+    The top of the one, where they touch, and the foot of the other lie on a line that meets all surfaces at one angle, of tangent
+    sqrt(low/high)."""
     return math.sqrt(low / high)
 
 

@@ -11,7 +11,7 @@ a solution.
 """
 
 import math
-from dataclasses import dataclass
+from types import SimpleNamespace as Grasp
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,32 +20,19 @@ from scipy.optimize import linprog
 Array = NDArray[np.float64]
 
 EDGES = 32
-LARGEST = 1e3  # scale of friction beyond which a wrench counts as out of reach
-ROUNDS = 60
+LARGEST, ROUNDS = 1e3, 60  # scale of friction beyond which a wrench counts as out of reach; bisections
 RESIDUAL = 1e-8  # unbalanced wrench that counts as zero, over the load (forces) and load times largest arm (moments)
 PRECISE = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-
-
-@dataclass(frozen=True, eq=False)
-class Grasp:
-    """Spots that hold a particle against an external force (3,) [N] and moment (3,) [N m]; `axis` makes it planar. With `axis`
-    (3,) friction acts along it only and the plane's cones are exact: no pyramids."""
-
-    points: Array
-    normals: Array
-    mu: Array
-    pressed: NDArray[np.bool_]
-    load: float
-    force: Array
-    moment: Array
-    axis: Array | None = None
 
 
 def grasp(
     points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
     force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """Return a checked `Grasp`. Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load."""
+    """Return spots that hold a particle against an external force (3,) [N] and moment (3,) [N m].
+
+    With `axis` (3,) friction acts along it only and the plane's cones are exact: no pyramids. Raises ValueError for inconsistent
+    shapes, normals not of unit length, or no positive load."""
     positions, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
     count = len(positions)
     frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
@@ -55,7 +42,8 @@ def grasp(
     if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
         raise ValueError("needs unit normals, a positive load and frictions that are not negative")
     rest = (None if given is None else np.asarray(given, dtype=np.float64) for given in (force, moment, axis))
-    return Grasp(positions, outward, frictions, chosen, load, *rest)
+    values = (positions, outward, frictions, chosen, load, *rest)
+    return Grasp(**dict(zip(("points", "normals", "mu", "pressed", "load", "force", "moment", "axis"), values, strict=True)))
 
 
 def between_plates(
@@ -122,17 +110,11 @@ def _cone_rays(grasp: Grasp, scale: float, edges: int) -> Array:
         directions = np.broadcast_to(np.stack([line, -line]), (len(grasp.points), 2, 3))
     else:
         angles = 2.0 * math.pi * np.arange(edges) / edges
-        first, second = _tangents(grasp.normals)
+        first = np.cross(grasp.normals, np.where(np.abs(grasp.normals[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        second = np.cross(grasp.normals, first)
         directions = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
     return grasp.normals[:, None, :] + scale * grasp.mu[:, None, None] * directions
-
-
-def _tangents(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors (n, 3) each that complete the normals to right-handed frames."""
-    helper = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(normals, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(normals, first)
 
 
 def _feasible(grasp: Grasp, rays: Array) -> bool:

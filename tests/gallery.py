@@ -11,10 +11,9 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bed_rheology
 import load_sharing
@@ -31,15 +30,14 @@ WIDTH, COLORS, QUICK = 800, 256, 8.0
 """Width of a picture in pixels, its colours, and processor seconds up to which the tests run a scene's commands."""
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """How a scene is drawn, and which settings shorten it."""
 
     draw: str = "render RUN -o PICTURE --width 800 --height 450"
     settings: str = ""
 
 
-RENDER = Entry.draw
+RENDER = Entry().draw
 ENTRIES = {
     "roller_bearing": Entry(),
     "sliding_flakes": Entry(f"{RENDER} --zoom 0.3"),
@@ -92,21 +90,18 @@ def measure(name: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         for part in ("scenes", "tests"):
             (Path(folder) / part).symlink_to(ROOT / part)
-        start, seconds = _processor_time(), 0.0
+        start, seconds = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]), 0.0
         for command in commands(name):
             quiet = ["-q"] if " run " in command or " sweep " in command else []
             words = [*shlex.split(command), *(["--threads", "1"] if " run " in command else []), *quiet]
             words = words[1:] if words[0] == "python" else ["-m", *words]
             subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
-            seconds = seconds or _processor_time() - start  # of the first command; drawing is not counted
+            # of the first command: drawing is not counted
+            seconds = seconds or sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - start
         shrink(Path(folder) / picture(name).name, picture(name))
         measured = {"scene": digest(name), "seconds": round(seconds, 1)}
         end = Path(name).name
         return measured | results(Path(folder) / "runs" / end) | sweep_results(Path(folder) / "sweeps" / end)
-
-
-def _processor_time() -> float:
-    return sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -116,17 +111,15 @@ def results(folder: Path) -> dict[str, Any]:
         report, friction = run.summary(), run.friction
         shares = {row["name"]: percent(row["load_share"]) for row in report["populations"] if "load_share" in row}
         texts = {
-            "particles": str(report["bodies"]),
-            "integrator": report["integrator"],
-            "friction coefficient": with_error(friction.value, friction.error),
-            "trend": friction.verdict,
+            "particles": str(report["bodies"]), "integrator": report["integrator"],
+            "friction coefficient": with_error(friction.value, friction.error), "trend": friction.verdict,
             "energy per cycle": quantity_text(report["energy_per_cycle"], "J") if report.get("cycles") else "",
             "speed": report["speed_scale"]["text"] if report.get("speed_scale") else "",
             "bed": report.get("bed_verdict", ""),
             "states at the end": ", ".join(f"{percent(share)} {name}" for name, share in report["fractions"].items() if share),
             "share of the load": ", ".join(f"{name} {share}" for name, share in shares.items()) if len(shares) > 1 else "",
             "energy residual": f"{report['energy_residual']:.0e} of the work".replace("e-0", "e-"),
-        }
+        }  # fmt: skip
         return {name: text.replace(GLUE, " ").replace(MINUS, "-") for name, text in texts.items() if text}
 
 

@@ -22,13 +22,17 @@ SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 
 
+def _table(head: str, rows: list[str]) -> str:
+    return "\n".join([f"| {head} |", "|---" * (head.count("|") + 1) + "|", *rows])
+
+
 def packages() -> str:
-    lines = ["| package | what it holds |", "|---|---|"]
+    rows = []
     for path in sorted(SOURCE.rglob("__init__.py")):
         name = ".".join(path.parent.relative_to(SOURCE).parts)
         docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-        lines.append(f"| `{name or 'thirdbody'}` | {docstring.splitlines()[0] if docstring else ''} |")
-    return "\n".join(lines)
+        rows.append(f"| `{name or 'thirdbody'}` | {docstring.splitlines()[0] if docstring else ''} |")
+    return _table("package | what it holds", rows)
 
 
 def tables() -> str:
@@ -64,9 +68,8 @@ def levels() -> str:
 
 
 def effects() -> str:
-    lines = ["| effect | options | source |", "|---|---|---|"]
-    lines += [f"| `{e.name}` | {_options(e)} | {e.source} |" for e in _registry().effects.values()]
-    return "\n".join(lines)
+    rows = [f"| `{e.name}` | {_options(e)} | {e.source} |" for e in _registry().effects.values()]
+    return _table("effect | options | source", rows)
 
 
 def measures() -> str:
@@ -83,9 +86,8 @@ def measures() -> str:
 def kinds() -> str:
     from thirdbody.scene.debris.registry import DebrisKinds
 
-    lines = ["| kind | what it makes |", "|---|---|"]
-    lines += [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
-    return "\n".join(lines)
+    rows = [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
+    return _table("kind | what it makes", rows)
 
 
 def law_data() -> str:

@@ -75,19 +75,15 @@ def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
 
 
 def required_friction(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
-    """Smallest mu for which the particle can stick: dist(P, Q)/h.
-
-    The margin of static slip is 1 - `required_friction`/mu. Two spots: |tan alpha| of Eq. 16.
-    """
+    """Smallest mu for which the particle can stick: dist(P, Q)/h. The margin of static slip is 1 - `required_friction`/mu. Two
+    spots: |tan alpha| of Eq. 16."""
     return hull_distance(upper, lower) / _height(h)
 
 
 def sliding_interval(upper: ArrayLike, lower: ArrayLike, h: float, direction: ArrayLike) -> tuple[float, float]:
-    """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none.
-
-    The particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or rotates about the vertical. In the plane (e
-    toward -x) it is `conditions.planar_interval`.
-    """
+    """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none. The
+    particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or rotates about the vertical. In the plane (e
+    toward -x) it is `conditions.planar_interval`."""
     e = np.asarray(direction, dtype=np.float64)
     size = math.hypot(*e)
     if not size > 0.0:

@@ -31,33 +31,20 @@ class Block:
 
 
 class Page:
-    def __init__(self, path: Path):
-        self.path = path
-        self.text = path.read_text(encoding="utf-8")
+    """A page; `prose` is its text without fenced blocks and comments, `inline` the pieces of code in it."""
 
-    @property
-    def name(self) -> str:
-        return self.path.relative_to(ROOT).as_posix()
+    def __init__(self, path: Path):
+        self.path, self.name, self.text = path, path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+        self.prose = re.sub(r"<!--.*?-->", "", _FENCE.sub("", self.text), flags=re.DOTALL)
+        links = _LINK.findall(self.prose)
+        self.links = [target for _, _, target in links]
+        self.pictures = [target for mark, _, target in links if mark]
+        self.inline = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", self.prose)
 
     @cached_property
     def blocks(self) -> list[Block]:
-        blocks = []
-        for comments, language, text in _FENCE.findall(self.text):
-            notes = dict(_NOTE.findall(comments))
-            blocks.append(Block(language, text, notes.get("file", ""), notes.get("not run", "")))
-        return blocks
-
-    @cached_property
-    def prose(self) -> str:
-        return re.sub(r"<!--.*?-->", "", _FENCE.sub("", self.text), flags=re.DOTALL)
-
-    @property
-    def links(self) -> list[str]:
-        return [target for _, _, target in _LINK.findall(self.prose)]
-
-    @property
-    def pictures(self) -> list[str]:
-        return [target for mark, _, target in _LINK.findall(self.prose) if mark]
+        found = [(language, text, dict(_NOTE.findall(notes))) for notes, language, text in _FENCE.findall(self.text)]
+        return [Block(language, text, notes.get("file", ""), notes.get("not run", "")) for language, text, notes in found]
 
     @property
     def anchors(self) -> set[str]:
@@ -71,10 +58,6 @@ class Page:
             if before:
                 found.append(f"{slug}-{before}")
         return set(found)
-
-    @property
-    def inline(self) -> list[str]:
-        return re.findall(r"(?<!`)`([^`\n]+)`(?!`)", self.prose)
 
     @property
     def sentences(self) -> list[str]:

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import nbclient
 import nbformat
@@ -33,13 +34,10 @@ def executed(path: Path, folder: Path, then: str = "") -> Any:
     notebook = nbformat.read(path, as_version=4)
     if then:
         notebook.cells.append(nbformat.v4.new_code_cell(then))
-    before = os.environ["PATH"]
-    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{before}"  # where `thirdbody` is
-    try:
-        resources = {"metadata": {"path": str(place)}}
+    resources = {"metadata": {"path": str(place)}}
+    path_with_us = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # where `thirdbody` is
+    with patch.dict(os.environ, PATH=path_with_us):
         nbclient.NotebookClient(notebook, timeout=int(PATIENCE), kernel_name="python3", resources=resources).execute()
-    finally:
-        os.environ["PATH"] = before
     return notebook
 
 

@@ -2,17 +2,13 @@
 
     python tests/bench/island_sizes.py [--json FILE] [--sizes N N ...] [--shapes chain 0.5 0.6 ...] [--path UM]
 
-How to read it. The bodies of an island are solved together, in steps that are short enough for each of them. So a body costs the
-more the larger its island is: the factors of a wider band, and steps that end where any of the bodies lands or slips. An island
-is a *chain* of balls in a row, each a hundredth of its radius from the next, or the clumps of `scenes/sheared_debris.toml` in a
-layer that covers so much of the lower plate, seen from above. There, islands are larger than the integrator would make them: the
-gap below which two bodies belong together is --gap, so that nearly all do. So the same motion is computed, whatever the size; of
-small islands several are. Told are the largest island, the half width
-of its matrix in bodies, steps per um, microseconds per step and body, seconds per body and um, and the ratio to the explicit
-engine, extrapolated for the same bodies at 1 mm/s: its time falls with the speed, the implicit one hardly depends on it. So the
-speed at which both cost the same is 1 mm/s times the ratio.
-
-Seconds are those of the processor, on one thread.
+The bodies of an island are solved together, in steps that are short enough for each of them: a body costs the more the larger its
+island is. An island is a *chain* of balls in a row, each a hundredth of its radius from the next, or the clumps of
+`scenes/sheared_debris.toml` in a layer that covers so much of the lower plate. The gap below which two bodies belong together is
+--gap, so that nearly all do: the same motion is computed, whatever the size; of small islands several are. Told are the largest
+island, the half width of its matrix in bodies, steps per um, microseconds per step and body, seconds per body and um, and the
+ratio to the explicit engine, extrapolated for the same bodies at 1 mm/s. The speed at which both cost the same is 1 mm/s times
+the ratio. Seconds are those of the processor, on one thread.
 """
 
 import argparse

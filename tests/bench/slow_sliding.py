@@ -5,28 +5,25 @@
     python tests/bench/slow_sliding.py --layers [--json FILE] [--bodies N] [--seeds N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
-and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
-Only the sliding is timed, after everything is compiled and the particles are settled, by the seconds of the processor on one
-thread. A cell is the median of the repeats, their spread (largest less smallest, over the median) and the peer's time over ours.
+and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, each under its own load, blind to the others. Only the
+sliding is timed, by the seconds of the processor on one thread. A cell is the median of the repeats, their spread (largest less smallest,
+over the median) and the peer's time over ours.
 
-- explicit: its step resolves elastic waves, so that the time is inversely proportional to the speed. A few seconds of the sliding
-  are run and extrapolated by the measured seconds per step and the steps needed; the second table says which share was run.
+- explicit: a few seconds of the sliding are run and extrapolated; the second table says which share was run.
 - implicit: the whole way is run, with a stop every um.
-- peer: not run here. Its measured cost per sphere and step (told below the table; `PEER` says what differs) times spheres per
-  particle times steps; once with the time step that it is usually given, a fraction of the Rayleigh time of the smallest sphere,
-  and once with that of our explicit engine, which looks at the contacts and so takes longer steps. A figure measured on your
-  machine is given by --peer-name, --peer-ns and --peer-fraction.
+- peer: not run here. Its measured cost per sphere and step (`PEER` says what differs) times spheres per particle times steps:
+  with the time step that it is usually given, a fraction of the Rayleigh time of the smallest sphere, and with that of our
+  explicit engine. A figure of your machine is given by --peer-name, --peer-ns and --peer-fraction.
 
 With --scale: ensembles of 1e3, 1e4 and 1e5 particles slide 30 um at 1 mm/s on all cores, a process each. Told are the seconds per
-particle (wall time), where the time goes outside the stepping (making shapes, stable poses, places, output), peak memory and
-bytes per particle. All particles are made one by one as any scene makes them; none is repeated.
+particle (wall time), where the time goes outside the stepping, peak memory and bytes per particle.
 
 With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one thread. Told are the
-processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated as above:
-the median, smallest and largest of three layers of different particles, and the median of the ratios.
+processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated: median,
+smallest and largest of three layers of different particles, and the median of the ratios.
 
 Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
-the wall time in which the one thread did run; far below 100 % means that others used the core.
+the wall time in which the one thread did run.
 """
 
 import argparse
@@ -193,7 +190,6 @@ def print_implicit(rows: Rows, console: Console) -> None:
 
 
 def part_scale(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """Large ensembles, a process each; a table after every one would wait too long, so a line tells it."""
     path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (SCALE_PATH, SCALE_EVERY)
     rows = []
     for bodies in requested.sizes:
@@ -212,9 +208,9 @@ def print_scale(rows: Rows, path: float, console: Console) -> None:
     table = Table("engine", "particles", "slide, s each", "steps", "largest", *parts, "unsolved", title=title)
     for row in rows:
         times = (f"{row['seconds'][part]:.3g}" for part in parts)
-        table.add_row(row["engine"], f"{row['bodies']}", f"{row['seconds_per_particle']:.3g}",
-                      f"{row['steps_per_particle']:.0f}", f"{row['steps']['largest']:.0f}", *times,
-                      str(row["unsolved"]))  # fmt: skip
+        steps = f"{row['steps_per_particle']:.0f}", f"{row['steps']['largest']:.0f}"
+        cells = f"{row['bodies']}", f"{row['seconds_per_particle']:.3g}", *steps, *times, str(row["unsolved"])
+        table.add_row(row["engine"], *cells)
     console.print(table)
 
 
