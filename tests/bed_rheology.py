@@ -110,8 +110,7 @@ def measure(run: thirdbody.Run) -> list[Shear]:
     return [shear(run, frames, size[0] * size[1]) for frames in speeds(run)]
 
 
-Limit = namedtuple("Limit", "bed_friction plate_friction solid_fraction")
-"""Values at vanishing inertial number and their errors."""
+Limit = namedtuple("Limit", "bed_friction plate_friction solid_fraction")  # values at vanishing inertial number and their errors
 
 
 def limit(states: list[Shear]) -> Limit:

@@ -26,8 +26,8 @@ from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
 
 SCENES, PICTURES = ROOT / "scenes", ROOT / "scenes" / "pictures"
 RESULTS = PICTURES / "results.json"
+# width of a picture in pixels, its colours, and processor seconds up to which the tests run a scene's commands
 WIDTH, COLORS, QUICK = 800, 256, 8.0
-"""Width of a picture in pixels, its colours, and processor seconds up to which the tests run a scene's commands."""
 
 
 class Entry(NamedTuple):

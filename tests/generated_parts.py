@@ -148,8 +148,8 @@ def sweep_results() -> str:
     return "\n".join(lines)
 
 
+# tables that are written otherwise than their keys' paths begin
 HEADINGS = {"materials": "materials.NAME", "pairs": "[pairs]", "debris": "[debris]"}
-"""Tables that are written otherwise than their keys' paths begin."""
 
 
 def scene_keys() -> str:

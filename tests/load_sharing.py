@@ -24,8 +24,7 @@ from thirdbody.laws.registry import discover
 from thirdbody.palette import INK, LINE_COLORS
 
 PRESSURE, ROUGHNESS, COUNT = "plates.upper.pressure", "plates.lower.surface.rms", "debris.0.count"
-ALONE = 0.99
-"""Share of the load from which on debris is said to carry all of it."""
+ALONE = 0.99  # share of the load from which on debris is said to carry all of it
 
 
 class Sharing(NamedTuple):
@@ -74,8 +73,7 @@ class Point(NamedTuple):
     active: float
 
 
-Series = dict[tuple[float, int], list[Point]]
-"""Points by roughness [m] and number of bodies, in the order of the pressure."""
+Series = dict[tuple[float, int], list[Point]]  # points by roughness [m] and number of bodies, in the order of the pressure
 
 
 def read_sweep(folder: Path) -> Series:

@@ -20,9 +20,7 @@ HALF = 9.0  # distance of the first sphere of a post from its middle, um
 GAP, START = 0.1, 15.0  # gap between bodies at the start, and place of the first one, um
 RIDGE = 0.8  # radius of the spheres of a ridge, um: sqrt(RIDGE/R) is 0.4
 
-Shape = tuple[tuple[float, float, float], ...]
-"""Spheres x, y, radius, um; their centres are at one height."""
-
+Shape = tuple[tuple[float, float, float], ...]  # spheres x, y, radius, um; their centres are at one height
 BALL: Shape = ((0.0, 0.0, R),)
 POST: Shape = tuple((x, y, R) for x, y in ((-HALF, 0.0), (-4.5, 0.0), (0.0, -4.0), (0.0, 4.0), (4.5, 0.0), (HALF, 0.0)))
 LOW: Shape = tuple((1.5 * k, 0.0, RIDGE) for k in range(-2, 3)) + tuple((0.0, 1.5 * k, RIDGE) for k in (-2, -1, 1, 2))

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+# seconds on the clock after which another process hangs: cold starts compile for half a minute, on shared cores for minutes
 PATIENCE = 600.0
-"""Seconds on the clock after which another process hangs: cold starts compile for half a minute, on shared cores for minutes."""
 
 
 def drawn(picture: Path) -> float:

@@ -15,8 +15,7 @@ from thirdbody.studies.nudge import nudge as displace
 
 SCENE = Path(__file__).parent.parent / "scenes" / "sheared_debris.toml"
 
-PATH, STOPS = 20e-6, 20
-"""Drag, m, and the number of stops on it."""
+PATH, STOPS = 20e-6, 20  # drag, m, and the number of stops on it
 
 
 @dataclass

@@ -24,11 +24,11 @@ import tempfile
 from pathlib import Path
 
 MODULUS, POISSON, DENSITY, RADIUS, STRENGTH, WORK = 210e9, 0.3, 7850.0, 1e-6, 1e9, 0.05
+# E* of a ball on a rigid plane, which the plane of symmetry is; on one like itself half of it
 STAR = MODULUS / (1.0 - POISSON**2)
-"""E* of a ball on a rigid plane, which the plane of symmetry is; on one like itself half of it."""
 MASS = 4.0 / 3.0 * math.pi * RADIUS**3 * DENSITY
+# overlap of a ball with the plane of symmetry at first yield
 FIRST = RADIUS * (3.0 * math.pi * 2.75 * STRENGTH / (4.0 * STAR)) ** 2
-"""Overlap of a ball with the plane of symmetry at first yield."""
 
 SCRIPT = """
 units micro

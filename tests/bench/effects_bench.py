@@ -40,9 +40,7 @@ SCENE = Path(__file__).parents[2] / "scenes" / "yielding_debris.toml"
 EFFECTS: dict[str, dict[str, Any]] = {
     "elastic_plastic": {}, "adhesion": {"work_of_adhesion": "50 mJ/m2", "model": "jkr"}, "pivoting": {}, "close_spots": {},
 }  # fmt: skip
-PIECES, PAIRS = {"explicit": 40e-9, "implicit": 1e-6}, 8
-"""Drag of a piece [m], and number of pairs."""
-
+PIECES, PAIRS = {"explicit": 40e-9, "implicit": 1e-6}, 8  # drag of a piece [m], and number of pairs
 Settings = Mapping[str, Any]
 HEAVY = {"plates.upper.load": "1 mN"}
 

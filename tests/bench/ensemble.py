@@ -17,14 +17,9 @@ from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 
-PATH = 10e-6
-"""Sliding distance that times are told for, m."""
-
-EVERY = 1e-6
-"""Way between two stops, m, as in the scene: every step of a body ends there."""
-
-EXPLICIT, SPRINGS = "explicit, mindlin", 16
-"""Name in tables, and springs of the level mdr."""
+PATH = 10e-6  # sliding distance that times are told for, m
+EVERY = 1e-6  # way between two stops, m, as in the scene: every step of a body ends there
+EXPLICIT, SPRINGS = "explicit, mindlin", 16  # name in tables, and springs of the level mdr
 
 
 @dataclass(frozen=True)

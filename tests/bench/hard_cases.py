@@ -30,8 +30,7 @@ LEVELS = {  # colour and marker, distinguishable without colours too
     "exact": (LINE_COLORS["purple"], "D"),
 }
 INK, SOFT, BROKEN = "#222222", "#5A626C", LINE_COLORS["vermilion"]
-NOTHING = 1e-16
-"""Smaller residuals are drawn at this value: free rotation has none."""
+NOTHING = 1e-16  # smaller residuals are drawn at this value: free rotation has none
 TICKS = (1, 1.5, 2, 3, 5, 7, 10, 15)
 
 

@@ -33,8 +33,7 @@ SEEDS, PATIENCE = 5, 20.0
 """Islands of one size at most, of different bodies: in some a body chatters, with a thousand times as many steps. Processor
 seconds after which a drag ends at its next stop."""
 
-RADIUS, GAP = 5e-6, 0.01
-"""Radius of the balls of a chain, m, and the gap between them in radii."""
+RADIUS, GAP = 5e-6, 0.01  # radius of the balls of a chain, m, and the gap between them in radii
 
 
 def chain(bodies: int) -> thirdbody.Scene:

@@ -1,7 +1,4 @@
-"""Adhesion with necks that break at the largest pull, as those of LAMMPS do: a plug-in for `neck_bed.py`.
-
-The force jumps at full steps, as there: its work is of first order in the step.
-"""
+"""Adhesion with necks that break at the largest pull, as those of LAMMPS do, at full steps: a plug-in for `neck_bed.py`."""
 
 from dataclasses import replace
 
@@ -10,11 +7,8 @@ from thirdbody_effects.jkr import cube_root
 
 from thirdbody.plugin import Plugin, helper, kernel
 
-PULL_OFF = 3.0 ** (1.0 / 3.0)
-"""Length of a neck at its largest pull, y^3 = 3, over a_s^2/R."""
-
-A_S = 0.39269908169872414
-"""pi/8: a_s^3 = pi/8 (w/E*) R^2."""
+PULL_OFF = 3.0 ** (1.0 / 3.0)  # length of a neck at its largest pull, y^3 = 3, over a_s^2/R
+A_S = 0.39269908169872414  # pi/8: a_s^3 = pi/8 (w/E*) R^2
 
 
 @helper

@@ -38,11 +38,11 @@ START = ROOT / "tests" / "theory" / "data" / "adhesive_bed.npz"
 SCENE = ROOT / "scenes" / "sticky_submicron.toml"
 
 RADIUS, WORK, FRICTION, YOUNG, POISSON, DENSITY = 0.2e-6, 0.05, 0.3, 210e9, 0.3, 7850.0
+# of the upper plate [m/s]; our time step [s], number of steps, and of equal intervals at whose ends stresses are taken
 SPEED, STEP, STEPS, INTERVALS = 1.0, 2e-11, 1000, 20
-"""Of the upper plate [m/s]; our time step [s], number of steps, and of equal intervals at whose ends stresses are taken."""
 
+# forces on the plates [N], averaged over all steps; stress of the contacts between balls [Pa], over the ends of intervals
 MEASURED = ("upper_x", "upper_z", "lower_x", "lower_z", "stress_xx", "stress_yy", "stress_zz", "stress_xz")
-"""Forces on the plates [N], averaged over all steps; stress of the contacts between balls [Pa], over the ends of intervals."""
 
 SCRIPT = """
 units micro

@@ -32,7 +32,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -66,11 +65,10 @@ class Case:
         return f"{self.kind}{self.number}"
 
 
+# what stands before the command of a run on so many cores. Without the right to more priority, `nice` says so and goes on
 PINNED = {1: ("nice", "-n", "-10", "taskset", "-c", "0"), 2: ("nice", "-n", "-10", "taskset", "-c", "0,1")}
-"""What stands before the command of a run on so many cores. Without the right to more priority, `nice` says so and goes on."""
 
-PATIENCE = 3600.0
-"""Longest run, s: YADE is ten times slower than the others."""
+PATIENCE = 3600.0  # longest run, s: YADE is ten times slower than the others
 
 
 @dataclass(frozen=True)
@@ -180,20 +178,15 @@ def part_peers(requested: argparse.Namespace, console: Console) -> dict[str, Any
         for k in range(requested.rounds):
             for case, runs in found:
                 print(f"{name}, {case.cores} cores: round {k + 1} of {requested.rounds}", file=sys.stderr, flush=True)
-                run_round(case, peers, requested.peers, runs)
+                runs.setdefault(OURS, []).append(run_ours(case, requested.peers))
+                for engine in (engine for engine in peers if case.kind in engine.kinds):
+                    runs.setdefault(engine.name, []).append(run_peer(engine, requested.peers, case))
         for case, runs in found:
             summary = summed_up(runs)
             print_case(case, runs, summary, console)
             rows.append({"scene": name, **vars(case), "runs": runs, **summary})
         threads[name] = print_threads({case.cores: runs for case, runs in found}, console)
     return {"peers": versions, "scenes": rows, "two_threads": threads}
-
-
-def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: dict[str, list[Run]]) -> None:
-    runs.setdefault(OURS, []).append(run_ours(case, folder))
-    for engine in peers:
-        if case.kind in engine.kinds:
-            runs.setdefault(engine.name, []).append(run_peer(engine, folder, case))
 
 
 def cases(requested: argparse.Namespace) -> list[Case]:

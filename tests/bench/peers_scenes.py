@@ -29,15 +29,11 @@ from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
 
-LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6
-"""um, pg and us in SI; a velocity in um/us is one in m/s."""
-
+LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6  # um, pg and us in SI; a velocity in um/us is one in m/s
 DENSITY = 7850.0
-SPEED = {"S": 5.0, "C": 5.0, "T": 0.5}
-"""Velocity of the upper plate, m/s."""
-
+SPEED = {"S": 5.0, "C": 5.0, "T": 0.5}  # velocity of the upper plate, m/s
+# duration of the scene, s: longer than any benchmark, which stops by steps; much longer, a million spheres would be refused
 FAR = 1e-3
-"""Duration of the scene, s: longer than any benchmark, which stops by steps; much longer, a million spheres would be refused."""
 
 Arrays = dict[str, np.ndarray]
 

@@ -32,9 +32,7 @@ from reference_scenes import BALANCE, BALANCES, FILES, SCENES, Tables, tables_of
 import thirdbody
 
 NAMES = (*SCENES, *BALANCES)
-CHANGING = {"wall_time", "sphere_steps_per_second"}
-"""Entries of the summary that depend on time or machine."""
-
+CHANGING = {"wall_time", "sphere_steps_per_second"}  # entries of the summary that depend on time or machine
 WORST, SKETCHES = 4, 8
 """Arrays and figures of a scene that are told one by one. Sums of an array with random signs: from their differences follows the
 rms difference of two arrays, to about a fourth."""

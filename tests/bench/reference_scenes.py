@@ -1,7 +1,4 @@
-"""The scenes of `reference_runs.py`: one base, and what each scene changes.
-
-Small and short: what counts is that each way through the engine is used, and that bodies stick, slide and roll.
-"""
+"""The scenes of `reference_runs.py`: one base, and what each changes; short, but they use each way through the engine."""
 
 import copy
 from typing import Any
@@ -162,8 +159,8 @@ SCENES: dict[str, Tables] = {
 }  # fmt: skip
 """Changes of `BASE` by scene: key by dots -> value, None: the key is left out."""
 
+# changes of `BALANCE` by name; the level is the second word
 BALANCES: dict[str, Tables] = {"balance_exact": {}, "balance_mdr": {}, "balance_close_spots": {"effects": {"close_spots": {}}}}
-"""Changes of `BALANCE` by name; the level is the second word."""
 
 BALANCE: Tables = {
     "balance": 1,

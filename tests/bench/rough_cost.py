@@ -25,8 +25,8 @@ from thirdbody.runner.prepare import prepare, set_threads
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 
+# of a segment: explicit steps; drag of implicit ones, m. Drag before the first segment, m
 STEPS, PATH, WARM = 400, 0.05e-6, 0.3e-6
-"""Of a segment: explicit steps; drag of implicit ones, m. Drag before the first segment, m."""
 
 
 def built(bodies: int, integrator: str, rough: dict[str, Any]) -> Any:

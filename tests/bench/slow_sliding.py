@@ -6,8 +6,8 @@
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
 and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, each under its own load, blind to the others. Only the
-sliding is timed, by the seconds of the processor on one thread. A cell is the median of the repeats, their spread (largest less smallest,
-over the median) and the peer's time over ours.
+sliding is timed, by the seconds of the processor on one thread. A cell is the median of the repeats, their spread (largest less
+smallest, over the median) and the peer's time over ours.
 
 - explicit: a few seconds of the sliding are run and extrapolated; the second table says which share was run.
 - implicit: the whole way is run, with a stop every um.
@@ -47,9 +47,7 @@ LEVELS = ["mindlin", "mdr"]
 SIZES, SCALE_PATH, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
 FRACTIONS, LAYER_PATH, LAYER_EVERY = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], 2e-6, 0.5e-6
 QUICK_FRACTIONS = [0.05, 0.3]
-LAYER_UM = 1e-6 / PATH
-"""What was counted per PATH, per um."""
-
+LAYER_UM = 1e-6 / PATH  # what was counted per PATH, per um
 QUICK_SIZES, QUICK_PATH = [100, 1_000], 1e-6
 
 PEER, PEER_NS, PEER_FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18

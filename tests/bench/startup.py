@@ -30,15 +30,11 @@ simulation.integrator.advance_to(1e-12)
 """
 """Everything from nothing to one step, of any integrator: a time that is shorter than the shortest step."""
 
-COLD = 2
-"""Caches that are started from nothing."""
-
-BUDGET = {"cold": 10.0, "warm": 1.5, "help": 0.3}
-"""What is promised, s."""
-
+COLD = 2  # caches that are started from nothing
+BUDGET = {"cold": 10.0, "warm": 1.5, "help": 0.3}  # what is promised, s
 NUMBERS = (1, 10, 100, 1000)
+# most steps of a timing, which has ten times as many sphere-steps at most; and of the count of what Python does
 STEPS, COUNTED = 20_000, 1_280
-"""Most steps of a timing, which has ten times as many sphere-steps at most; and of the count of what Python does."""
 
 
 def measure_startup(rounds: int) -> dict[str, Any]:
