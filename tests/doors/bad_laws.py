@@ -4,23 +4,8 @@ import dataclasses
 import math
 from typing import NamedTuple
 
-from thirdbody.plugin import (
-    HERTZ,
-    HERTZ_DAMPING,
-    MINDLIN,
-    Adhesion,
-    Law,
-    LawFamily,
-    Load,
-    Normal,
-    Plugin,
-    Rolling,
-    Tangential,
-    e_star,
-    g_star,
-    helper,
-    kernel,
-)
+from thirdbody import plugin
+from thirdbody.plugin import HERTZ, HERTZ_DAMPING, MINDLIN, Law, LawFamily, Plugin, e_star, g_star, helper, kernel
 
 mindlin_tangent = MINDLIN.tangent
 
@@ -58,7 +43,7 @@ def stored_displacement(c, load, p, h):
     back = limit / max(size, limit, 1e-300)
     slip = (1.0 - back) * length(x, y)
     x, y = back * x, back * y
-    return Tangential(-k * x, -k * y, limit, 0.0, slip, 0.5 * k * (x * x + y * y), back * size * slip), (x, y)
+    return plugin.Tangential(-k * x, -k * y, limit, 0.0, slip, 0.5 * k * (x * x + y * y), back * size * slip), (x, y)
 
 
 @kernel
@@ -66,14 +51,14 @@ def beyond_friction(c, load, p):
     """Full sliding, with more force than it admits."""
     size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
     force = 1.0001 * limit
-    return Tangential(-force * c.slip_x / size, -force * c.slip_y / size, limit, 0.0, size, 0.0, force * size)
+    return plugin.Tangential(-force * c.slip_x / size, -force * c.slip_y / size, limit, 0.0, size, 0.0, force * size)
 
 
 @kernel
 def generous_limit(c, load, p):
     """Full sliding within a limit that is not mu N."""
     size, limit = max(length(c.slip_x, c.slip_y), 1e-300), 1.1 * p.mu * load.force
-    return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, limit * size)
+    return plugin.Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, limit * size)
 
 
 @kernel
@@ -82,7 +67,7 @@ def square_friction(c, load, p):
     limit = p.mu * load.force
     edge, k = math.sqrt(0.5) * limit, math.sqrt(0.5) * limit / max(1e-6 * c.radius, 1e-300)
     x, y = -min(max(k * c.slip_x, -edge), edge), -min(max(k * c.slip_y, -edge), edge)
-    return Tangential(x, y, limit, 0.0, 0.0, 0.0, -x * c.slip_x - y * c.slip_y)
+    return plugin.Tangential(x, y, limit, 0.0, 0.0, 0.0, -x * c.slip_x - y * c.slip_y)
 
 
 @kernel
@@ -91,14 +76,14 @@ def swirl(c, load, p):
     size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
     e_x, e_y = c.slip_x / size, c.slip_y / size
     work = 0.8 * limit * length(c.slip_x, c.slip_y)
-    return Tangential(-limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work)
+    return plugin.Tangential(-limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work)
 
 
 @kernel
 def lossless_ledger(c, load, p, h):
     """Full friction whose work appears nowhere."""
     size, limit = max(length(c.slip_x, c.slip_y), 1e-300), p.mu * load.force
-    return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, 0.0), (0.0,)
+    return plugin.Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, 0.0), (0.0,)
 
 
 @kernel
@@ -106,7 +91,7 @@ def unguarded(c, p):
     """Hertz with a = R d/sqrt(R d): 0/0 at first touch."""
     a = c.radius * c.overlap / math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.scale * a * c.overlap
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 2.0 * p.scale * c.overlap / a, c.radius)
+    return plugin.Normal(force, a, 0.4 * force * c.overlap, 0.0, 2.0 * p.scale * c.overlap / a, c.radius)
 
 
 @kernel
@@ -114,7 +99,7 @@ def wound_up(c, p):
     """Softer on the way in than on the way out."""
     a = math.sqrt(c.radius * c.overlap)
     force = p.scale * a * c.overlap * (1.0 if c.v_n < 0.0 else 1.1)
-    return Normal(force, a, 0.4 * p.scale * a * c.overlap * c.overlap, 0.0, p.scale, c.radius)
+    return plugin.Normal(force, a, 0.4 * p.scale * a * c.overlap * c.overlap, 0.0, p.scale, c.radius)
 
 
 @kernel
@@ -128,7 +113,7 @@ def faint(c, p):
     """Hertz with the mean pressure given as the largest."""
     a = math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.scale * a * c.overlap
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 0.999 * force / (math.pi * max(a * a, 1e-300)), c.radius)
+    return plugin.Normal(force, a, 0.4 * force * c.overlap, 0.0, 0.999 * force / (math.pi * max(a * a, 1e-300)), c.radius)
 
 
 @kernel
@@ -136,13 +121,13 @@ def fixed_area(c, p):
     """Hertz whose contact area does not grow, as it says."""
     a = math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.scale * a * c.overlap
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0, p.scale, 0.0)
+    return plugin.Normal(force, a, 0.4 * force * c.overlap, 0.0, p.scale, 0.0)
 
 
 @kernel
 def of_spheres(c, load, p, h):
     """The tangent of `mindlin` with da/dd = R/(2 a), whatever the normal law."""
-    return mindlin_tangent(c, Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius), p, h)
+    return mindlin_tangent(c, plugin.Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius), p, h)
 
 
 @kernel
@@ -156,7 +141,7 @@ def stuck(c, load, p, h):
 def lasting_pull(c, n, p):
     """A constant pull that does not look whether the bodies touch."""
     pull = 1e-9 * p.scale * c.radius
-    return Adhesion(-pull, -pull * c.overlap)
+    return plugin.Adhesion(-pull, -pull * c.overlap)
 
 
 @kernel
@@ -164,7 +149,7 @@ def far_pull(c, n, p):
     """A pull that says it begins at 1e-3 radii, and acts from 1.2e-3 on."""
     inside = min(max(c.overlap + 1.2e-3 * c.radius, 0.0), 1.2e-3 * c.radius)
     pull = 1e-9 * p.scale * inside
-    return Adhesion(-pull, -0.5 * pull * inside - pull * max(c.overlap, 0.0))
+    return plugin.Adhesion(-pull, -0.5 * pull * inside - pull * max(c.overlap, 0.0))
 
 
 @kernel
@@ -178,7 +163,7 @@ def heavy_roller(c, turn, load, p):
     """Full moment, with more of it than it admits."""
     size, limit = max(length(turn.x, turn.y), 1e-300), p.mu * c.radius * load.force
     moment = 1.0001 * limit
-    return Rolling(-moment * turn.x / size, -moment * turn.y / size, limit, 0.0, size, 0.0, moment * size)
+    return plugin.Rolling(-moment * turn.x / size, -moment * turn.y / size, limit, 0.0, size, 0.0, moment * size)
 
 
 @kernel
@@ -190,7 +175,7 @@ def rocking_motor(c, turn, load, p, h):
     back = limit / max(size, limit, 1e-300)
     turned = (1.0 - back) * length(x, y)
     x, y = back * x, back * y
-    return Rolling(-k * x, -k * y, limit, 0.0, turned, 0.5 * k * (x * x + y * y), back * size * turned), (x, y)
+    return plugin.Rolling(-k * x, -k * y, limit, 0.0, turned, 0.5 * k * (x * x + y * y), back * size * turned), (x, y)
 
 
 def mix_of_first(pair, _options):
@@ -233,5 +218,4 @@ LAWS = (
     Law("rocking_motor", "rolling", rocking_motor, Shear, mix_shear, source="nobody", history=("x", "y")),
     dataclasses.replace(HERTZ_DAMPING, name="misplaced", stage="dampening"),
 )
-
 PLUGIN = Plugin("bad_laws", families=(LawFamily("bad", {law.name: (law,) for law in LAWS}, "swirl"),))

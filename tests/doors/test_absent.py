@@ -26,7 +26,6 @@ from thirdbody.scene.model import Scene
 from thirdbody.trajectory.reader import FILE_NAME
 
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
-
 SCENE = edited(
     BALLS, ('title = "four balls"\n', ""), ("count = 4", "count = 6"), ('["80 um", "60 um"]', '["60 um", "50 um"]'),
     ("[solver]", '[contact]\nlaw = "three_spot"\nlevel = "mindlin"\n[solver]\nintegrator = "explicit"'),

@@ -97,8 +97,7 @@ def test_names_are_those_of_runs(registry, shared_run):
 
 
 def test_every_exit_code_is_explained():
-    kinds = [errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__()]
-    assert {kind.exit_code for kind in kinds} <= errors.EXIT_CODES.keys()
+    assert {kind.exit_code for kind in (errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__())} <= errors.EXIT_CODES.keys()
 
 
 def test_a_word_finds_names_else_meanings_else_the_nearest(command):
@@ -111,9 +110,6 @@ def test_a_word_finds_names_else_meanings_else_the_nearest(command):
         assert names == ["critical_slip"] if word == "virgin" else any(wanted in name for name in names) and len(names) < 20
     report = command("keys", "freqency")
     assert report.code == 2 and report.err == "thirdbody: keys freqency: nothing has this name, did you mean 'frequency'?\n"
-
-
-def test_a_table_shows_unit_default_and_example(command):
     report = command("keys", "shape")
     assert "debris.shape.radius" in report.out and '"triangle"' in report.out and "required" in report.out
     assert "run.series[name]" in command("keys", "gap").out

@@ -159,12 +159,10 @@ def test_spelling():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_readme_is_short():
+def test_readme_is_short_and_its_citation_has_the_version_of_the_project():
     assert len(README.text.splitlines()) <= MOST_LINES
     assert not [sentence for sentence in README.sentences if len(sentence.split()) > LONGEST_SENTENCE]
 
-
-def test_citation_has_the_version_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (citation,) = (block.text for block in README.blocks if block.language == "yaml")
     assert f"\nversion: {project['version']}\nlicense: {project['license']}\n" in citation

@@ -1,4 +1,4 @@
-"""Plug-ins: found, refused, told about; an edited law is never run from a stale cache."""
+"""Plug-ins: found, refused, shown about; an edited law is never run from a stale cache."""
 
 import os
 import subprocess
@@ -27,7 +27,6 @@ def push(b, p):
     return Wrench({push} * p.scale, 0.0, 0.0, 0.0, 0.0, 0.0)
 PLUGIN = Plugin("push", effects=(BodyEffect("push", push, Numbers, lambda options: Numbers(1.0), "Newton 1687"),))
 """
-
 FLIGHT = """\
 scene = 1
 materials.steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}
@@ -88,7 +87,7 @@ def test_an_edited_part_of_an_installed_package_is_noticed(part, tmp_path):
 
 
 class Point:
-    """An installed entry point that gives what it is told to."""
+    """An installed entry point that gives what it is shown to."""
 
     def __init__(self, name, result):
         self.name, self.result, self.module = name, result, f"module_of_{name}"
@@ -154,8 +153,8 @@ def test_help_lists_commands_of_plug_ins_without_importing_them(installed, comma
     installed("thirdbody.commands", Point("weigh", AssertionError("imported")))
     report = command("--help")
     assert report.code == 0 and "weigh" in report.out and "module_of_weigh" in report.out
-    told = " ".join(report.out.split())
-    assert "balance Balance of a single particle between two bodies" in told and "map Draw the map of regimes" in told
+    shown = " ".join(report.out.split())
+    assert "balance Balance of a single particle between two bodies" in shown and "map Draw the map of regimes" in shown
 
 
 def test_a_broken_command_is_reported(installed, command):

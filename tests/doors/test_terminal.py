@@ -25,8 +25,6 @@ from thirdbody.system.terminal import PrintableStream, printable_output
 HOSTILE = "A\x1b[31mB\x1b]0;mine\x07C\x9b2JD\u202eE\rF\nforged: G[red]H[link=http://x]I[/link]:skull:$\\frac$"
 TOML = json.dumps(HOSTILE)[1:-1]
 SHOWN = "A\\x1b[31mB\\x1b]0;mine\\x07C\\x9b2JD\\u202eE\\rF\\nforged: G[red]H[link=http://x]I[/link]:skull:$\\frac$"
-
-
 SLOW = pytest.mark.full(kind="slow")
 
 

@@ -11,10 +11,8 @@ ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE 
     for name in ("ANGULAR_MOMENTUM", "LONGEST_ARM", "INERTIA", "UPPER_PUSH", "EFFECT_FORCE", "EFFECT_TORQUE")
 )
 """Columns of E: a row of a body is that of B, then its orientation, then that of E."""
-
 QUATERNION = body.WIDTH + orientation.QUATERNION
 QUATERNION4 = slice(QUATERNION, QUATERNION + 4)
-
 MIN_SPEED, MIN_SPIN, MIN_MOMENTUM = 1e-60, 1e-60, 1e-90
 """m/s, rad/s and kg m2/s: what moves more slowly at the end of a step rests."""
 

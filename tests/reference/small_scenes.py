@@ -31,7 +31,6 @@ material = "steel"
 [effects]
 {effects}
 """
-
 CLUMPS = """\
 [[debris]]
 kind = "irregular"

@@ -43,28 +43,22 @@ SCENES = {
 scenes = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=SLOW) if name in ("swarm", "springs") else name for name in SCENES]
 )
-
 TOLERANCE, OF_FORCES = 1e-13, 1e-11
 """Of positions and velocities, and of all that overlaps decide, relative to the largest of their kind. A sum of some hundred
 terms is rounded by 1e-15, whatever its order. A position of 60 um is rounded by 7e-21 m, which is 5e-13 of a usual overlap, and
 so of forces, and happens a few times in a short run; see `test_sums_in_another_order_agree`."""
-
 OF_HISTORY = 2.0**-15
 """Of forces of dashpots, as far as they are remembered: to one of two neighbours, whichever the rounding chooses. So the energy
 that they take is only known to half of that."""
-
 SEEN = 1e3
 """Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
-
 MOTION = {
     "B": [*range(body.POSITION, body.FORCE)], "orientations": range(orientation.WIDTH), "E": range(body_extra.UPPER_PUSH),
     "S": range(sphere.WIDTH), "P": [patch.HEIGHT, patch.VELOCITY],
 }  # fmt: skip
 """Columns of positions and velocities."""
-
 OF_THE_SEARCH = {"P": (slice(None), patch.SEARCH_HEIGHT), "A": run_totals.MAX_DISPLACEMENT}
 """What only the search looks at."""
-
 VECTORS = {
     "B": (body.POSITION, body.VELOCITY, body.SPIN, body.FORCE, body.TORQUE),
     "E": (body_extra.ANGULAR_MOMENTUM, body_extra.INERTIA, body_extra.EFFECT_FORCE, body_extra.EFFECT_TORQUE),
@@ -292,16 +286,6 @@ def around(where, name, wrong):
     return spoil
 
 
-def not_across(right, reference, k, done):
-    i, j = reference.pairs[k]
-    here, there = reference.body[i], reference.body[max(j, 0)]
-    far = j >= 0 and here // (GROUP * BODIES) != there // (GROUP * BODIES)
-    give = Reference.give
-    with pytest.MonkeyPatch.context() as only:
-        only.setattr(Reference, "give", lambda self, b, *rest: None if far and b == there else give(self, b, *rest))
-        right(reference, k, done)
-
-
 def forgotten(_, S, i, j, memory, *rest):
     memory[:] = [0.0] * len(memory)
     return 0.0, 0.0
@@ -347,17 +331,14 @@ FAULTS = {
     "limit of pivoting friction": (
         "rolled", around(scalar_laws, "within", lambda _, moment, viscous, limit: (moment + viscous, viscous)), "BHR"),
     "normal of pivoting": ("rolled", around(scalar_contact, "rolling", end_twist), "BHR"),
-    "partners in other groups": ("swarm", around(Reference, "push", not_across), "BSHR"),
 }  # fmt: skip
 """Of the plain step: in which scene, what is changed, and in which tables that must be seen."""
 QUICK = [*FAULTS][:4]
-
 ORDERS = {
     "contacts backwards": ("crowd", around(Reference, "order", lambda right, self: right(self)[::-1])),
     "every other first": ("swarm", around(Reference, "order", lambda right, self: [*right(self)[::2], *right(self)[1::2]])),
     "bodies backwards": ("crowd", around(Reference, "total", lambda _, s, powers: sum(p for b in powers[::-1] for p in b[::-1]))),
 }
-"""Of sums in the plain step: in which scene, and how they are ordered."""
 CHANGES = [*FAULTS.values(), *ORDERS.values()]
 
 
