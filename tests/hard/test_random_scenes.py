@@ -86,8 +86,8 @@ def check_residual(run: thirdbody.Run) -> None:
 
 
 def test_a_few_random_scenes_end_well(tmp_path):
-    """Spots, a needle, an implicit needle and an implicit tripod: one per path of the code that is already compiled."""
-    for seed in (1, 7, 13, 24):
+    """Spots, and an implicit needle and tripod."""
+    for seed in (1, 13, 24):
         assert run_scene(random_scene(seed), tmp_path / f"{seed}") == "finished", seed
 
 
