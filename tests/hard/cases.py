@@ -45,26 +45,19 @@ class Case:
 _GROUPS = (
     ((plates.lost_contact, plates.touch_and_go, plates.no_friction, plates.endless_friction),),
     ((plates.symmetric_spots, plates.degenerate_spots, plates.at_the_limit, plates.both_sides),),
-    ((free.oblique_impact, free.mass_ratio, free.rigid_plane), EXPLICIT),
-    ((free.spinning_flake,), EXPLICIT, COULOMB, False),
-    ((free.many_steps, free.overlapping_start), BOTH, COULOMB, False),
-    ((free.relaxed_start,), EXPLICIT, LEVELS, False),
-    ((free.incompressible,), EXPLICIT),
-    ((plates.stiff_ratio,),),
-    ((free.periodic_face,), EXPLICIT),
-    ((plates.across_a_face,),),
-    ((free.hundredfold_step,), EXPLICIT, ("mindlin",), False),
-    ((plates.constant_gap, plates.many_dashpots),),
+    ((free.oblique_impact, free.mass_ratio, free.rigid_plane), EXPLICIT), ((free.spinning_flake,), EXPLICIT, COULOMB, False),
+    ((free.many_steps, free.overlapping_start), BOTH, COULOMB, False), ((free.relaxed_start,), EXPLICIT, LEVELS, False),
+    ((free.incompressible,), EXPLICIT), ((plates.stiff_ratio,),), ((free.periodic_face,), EXPLICIT), ((plates.across_a_face,),),
+    ((free.hundredfold_step,), EXPLICIT, ("mindlin",), False), ((plates.constant_gap, plates.many_dashpots),),
     ((meeting.two_meet_head_on, meeting.rides_onto, meeting.chain_of_ten, meeting.meets_again), BOTH, LEVELS, False),
     ((meeting.coincident_centres,), BOTH, COULOMB, False),
     ((meeting.one_plate_for_all, meeting.light_on_heavy, rough.wavy_plate, rough.narrow_groove), BOTH, LEVELS, False),
-    ((rough.step_of_a_file,), BOTH, TWO, False),
-    ((rough.sharp_valleys,), BOTH, LEVELS, False),
+    ((rough.step_of_a_file,), BOTH, TWO, False), ((rough.sharp_valleys,), BOTH, LEVELS, False),
     ((effects.fast_impact,), EXPLICIT, TWO, False),
     ((effects.pressed_again, effects.yields_and_rolls, effects.bounces_until_it_sticks), BOTH, TWO, False),
     ((effects.both_plates_pull, effects.tiny_lump_rolls, effects.pinched_spin, effects.crowded_spots), BOTH, TWO, False),
     ((free.turning_pair,), EXPLICIT, LEVELS, False),
-)
+)  # fmt: skip
 CASES = {action.__name__: Case(action, *settings) for actions, *settings in _GROUPS for action in actions}
 
 

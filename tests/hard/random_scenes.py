@@ -63,18 +63,12 @@ def random_scene(seed: int) -> dict[str, Any]:
     scales = Scales(radius, radius * 10.0 ** rng.uniform(-6.0, -1.5), mass, soft, stiff)
     upper = _upper_plate(rng, scales, names[-1], shape)
     document = {
-        "scene": 1,
-        "title": f"random scene {seed}: {shape}",
-        "materials": materials,
-        "pairs": _pairs(rng, names),
-        "debris": [debris],
-        "domain": _domain(rng, extent, count),
-        "plates": {"lower": {"material": names[0]}, "upper": upper},
-        "contact": _contact(rng, integrator, count),
-        "effects": _effects(rng, integrator, scales),
+        "scene": 1, "title": f"random scene {seed}: {shape}", "materials": materials, "pairs": _pairs(rng, names),
+        "debris": [debris], "domain": _domain(rng, extent, count), "plates": {"lower": {"material": names[0]}, "upper": upper},
+        "contact": _contact(rng, integrator, count), "effects": _effects(rng, integrator, scales),
         "solver": {"integrator": integrator, "duration": f"{scales.duration!r} s"},
         "output": {"every": f"{scales.duration / 8.0!r} s"},
-    }
+    }  # fmt: skip
     if rng.random() < 0.8:  # else "auto"
         document["solver"]["settle"] = f"{scales.duration / 3.0!r} s"
     return document

@@ -20,13 +20,11 @@ CODES = {0, 2, 3, 4, 5, 130}
 def faults(code: int, out: str, err: str) -> list[str]:
     report = [line for line in err.splitlines() if line and not line.startswith(("Usage:", "Try ", "warning:"))]
     wrong = {
-        f"exit code {code}": code not in CODES,
-        "a traceback": "Traceback" in err,
-        "no word about it": code != 0 and not report,
+        f"exit code {code}": code not in CODES, "a traceback": "Traceback" in err, "no word about it": code != 0 and not report,
         "steers the terminal": any(c != "\n" and unicodedata.category(c) in {"Cc", "Cf", "Cs", "Zl", "Zp"} for c in out + err),
         "a forged line": any(line.startswith("forged") for line in (out + "\n" + err).splitlines()),
         "line without end": len(err) > 100_000,
-    }
+    }  # fmt: skip
     return [words for words, holds in wrong.items() if holds]
 
 

@@ -158,11 +158,8 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
 def test_sound_files_are_accepted(worker, tmp_path, run_bytes):
     """Else the worker might refuse everything."""
     contents = {
-        "a.vtkhdf": run_bytes,
-        "a.npz": npz(),
-        "a.balance": BALANCE,
-        "a.toml": scene('kind = "file"\nfile = "a.npz"').encode(),
-    }
+        "a.vtkhdf": run_bytes, "a.npz": npz(), "a.balance": BALANCE, "a.toml": scene('kind = "file"\nfile = "a.npz"').encode(),
+    }  # fmt: skip
     for name, content in contents.items():
         (tmp_path / name).write_bytes(content)
     for name in ("a.vtkhdf", "a.balance", "a.toml"):

@@ -17,10 +17,8 @@ LOADING = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=FIRST
 """Dragged at 1 m/s; without load for 2e-7 s, then the first load again, at 1e-6 s ten thousand times as much."""
 END = 3e-6
 SUPPORTS: dict[str, dict[str, Any]] = {
-    "load_per_particle": {},
-    "rigid": {"support": "rigid"},
-    "foundation": {"support": "foundation", "stiffness": 1e5},
-}
+    "load_per_particle": {}, "rigid": {"support": "rigid"}, "foundation": {"support": "foundation", "stiffness": 1e5},
+}  # fmt: skip
 
 
 def start(support, integrator, **keys):

@@ -194,7 +194,7 @@ def test_vtk_reads_the_maps_of_an_export(runs, tmp_path: Path):
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
     run = runs("explicit")
-    written = list(export_run(run.path, None, tmp_path / "pvd", None))
+    written = list(export_run(run.path, None, tmp_path / "pvd"))
     for plate in ("lower", "upper"):
         collection = tmp_path / "pvd" / f"{plate}_maps.pvd"
         entries = ElementTree.parse(collection).findall("Collection/DataSet")
@@ -213,7 +213,7 @@ def test_vtk_reads_the_maps_of_an_export(runs, tmp_path: Path):
     script = (tmp_path / "pvd" / "open_in_paraview.py").read_text()
     compile(script, "open_in_paraview.py", "exec")
     assert 'MAPS = ["lower_maps", "upper_maps"]' in script
-    list(export_run(run.path, None, tmp_path / "pvd", None, frame=1, overwrite=True))  # its own files are known
+    list(export_run(run.path, None, tmp_path / "pvd", frame=1, overwrite=True))  # its own files are known
     assert len(list((tmp_path / "pvd" / "upper_maps").iterdir())) == 1
 
 
