@@ -97,7 +97,8 @@ def test_names_are_those_of_runs(registry, shared_run):
 
 
 def test_every_exit_code_is_explained():
-    assert {kind.exit_code for kind in (errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__())} <= errors.EXIT_CODES.keys()
+    kinds = [errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__()]
+    assert {kind.exit_code for kind in kinds} <= errors.EXIT_CODES.keys()
 
 
 def test_a_word_finds_names_else_meanings_else_the_nearest(command):

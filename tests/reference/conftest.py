@@ -4,7 +4,4 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-
-for folder in (HERE, HERE.parent / "bench"):
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))
+sys.path += [str(folder) for folder in (HERE, HERE.parent / "bench") if str(folder) not in sys.path]
