@@ -1,7 +1,5 @@
-"""Absurd command lines, and a process that plays them: `python command_lines.py FOLDER` reads one JSON list of words a line.
-
-It imports the program once and forks for each line, so that a line takes a tenth of a second; the answer is a line of JSON.
-"""
+"""Absurd command lines, and a process that plays them: `python command_lines.py FOLDER` reads one JSON list of words a line,
+forks for it, so that it takes a tenth of a second, and answers with a line of JSON."""
 
 import json
 import os

@@ -1,7 +1,5 @@
-"""A run for `test_kills.py`, in a process of its own: starts or takes up the run in a folder, and dies by its own hand.
-
-python killed_run.py FOLDER SCENE SETTINGS(JSON) N     N: which of the calls that touch the disk is its last; 0: none
-"""
+"""A run for `test_kills.py`, in a process of its own: `python killed_run.py FOLDER SCENE SETTINGS(JSON) N` starts or takes up
+the run in a folder, and dies by its own hand at the N-th call that touches the disk (0: never)."""
 
 import json
 import os

@@ -1,8 +1,6 @@
-"""Hard cases of bodies between plates that meet each other.
-
-All carry one load, so statics gives every force: a ball rolls at half the speed of the upper plate, a post sticks to the lower
-plate and slips at the upper one, a rider sticks to the upper one and slips below.
-"""
+"""Hard cases of bodies between plates that meet each other. All carry one load, so statics gives every force: a ball rolls at
+half the speed of the upper plate, a post sticks to the lower one and slips above, a rider sticks to the upper one and slips
+below."""
 
 import itertools
 import math

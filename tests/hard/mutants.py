@@ -1,7 +1,4 @@
-"""Scenes spoilt at random: in their text, or value by value; and what every rejection of one must say.
-
-Everything is drawn from a `random.Random`.
-"""
+"""Scenes spoilt at random: in their text, or value by value; and what every rejection of one must say."""
 
 import copy
 import re

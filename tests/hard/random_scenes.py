@@ -1,8 +1,5 @@
-"""Random valid scenes: every key within its allowed range, from one sphere to needles of 20, all supports, motions and levels.
-
-A scene is small (at most 12 bodies) and short (some hundred periods of its stiffest contact), so that hundreds of them run in
-minutes. Loads, speeds and times follow from the overlap that the load should give: 1e-6 to 0.03 of the sphere's radius.
-"""
+"""Random valid scenes: every key within its allowed range, from one sphere to needles of 20. They are small, at most 12 bodies,
+and short: loads, speeds and times follow from the overlap that the load should give, 1e-6 to 0.03 of the sphere's radius."""
 
 import math
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
-"""Hard cases of a ball between a rough lower plate and a flat upper one, which drags it.
-
-Where a sphere of radius R rests on heights h is a maximum, that of h(u) + sqrt(R^2 - u^2) over the distance u from below its
-centre; forces follow from the slope there by statics.
-"""
+"""Hard cases of a ball between a rough lower plate and a flat upper one, which drags it. Where a sphere rests on heights h is a
+maximum of h(u) + sqrt(R^2 - u^2) over the distance u from below its centre; forces follow from the slope there by statics."""
 
 import math
 import tempfile

@@ -1,9 +1,5 @@
-"""A disk that is full, and a folder that is read-only, while a checkpoint is written and while a run is taken up: one message,
-exit code 5, what was written is kept, and once there is room the run goes on to the same bits.
-
-The system refuses to write as it does then: past a limit on the size of files, by a folder without the right to write, or by a
-file system of a fixed size where the tests may mount one.
-"""
+"""A disk that is full, or read-only, while a checkpoint is written and while a run is taken up: one message, exit code 5, what
+was written is kept, and once there is room the run goes on to the same bits."""
 
 import errno
 import os

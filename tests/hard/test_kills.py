@@ -1,9 +1,6 @@
-"""Killed at any moment, a run reads to its last committed frame, and taken up it ends with the bits of an undisturbed one;
-a sweep ends with the same table; a run that is read while it is written is never called damaged.
-
-`pytest -m full tests/hard/test_kills.py`: fifty kills at random times and fifty between data, flush, commit, fsync and replace,
-by either integrator, and thirty of processes of a sweep. One of a run is always made; tests/scenes/test_sweep.py kills workers.
-"""
+"""Killed at any moment, a run reads to its last committed frame and ends with the bits of an undisturbed one; a sweep ends with
+the same table; a run that is read while it is written is never called damaged. `-m full`: a hundred kills of runs, thirty of
+sweeps."""
 
 import csv
 import json

@@ -1,9 +1,6 @@
 """Signals are heard within seconds, also within a batch of the implicit integrator and where outputs are a step apart, and what
-goes on after one has the bits of a run that was never stopped.
-
-`pytest -m full tests/hard/test_random_signals.py`: thirty signals to runs by either integrator, at random times, with outputs
-from 1 pm to the whole distance; one always.
-"""
+goes on after one has the bits of a run that was never stopped. `-m full`: thirty signals at random times by either
+integrator."""
 
 import itertools
 import math

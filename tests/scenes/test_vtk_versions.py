@@ -1,8 +1,5 @@
-"""Other readers than ours: the VTK versions of PyPI array for array, and an old ParaView that draws the PVD files.
-
-Not in CI: the first makes a virtual environment per version from PyPI (kept in pytest's cache), the second needs ParaView
-and Xvfb (Debian: `apt-get install paraview xvfb`).
-"""
+"""Other readers than ours: the VTK versions of PyPI array for array (an environment each, kept in pytest's cache), and an old
+ParaView that draws the PVD files (Debian: `apt-get install paraview xvfb`)."""
 
 import os
 import shutil
