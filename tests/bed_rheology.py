@@ -8,7 +8,6 @@ gives one state of shear. All is measured in the middle of the bed, more than 3.
 import argparse
 from collections import namedtuple
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,19 +25,13 @@ of the trace of the stress tensor.
 """
 
 
-class Shear(NamedTuple):
-    """One state of shear. Friction of the plate is shear over normal force, of the bed shear stress over pressure."""
-
-    inertial_number: float
-    plate_friction: float
-    plate_friction_error: float
-    bed_friction: float
-    bed_friction_error: float
-    solid_fraction: float
-    solid_fraction_error: float
-    pressure_ratio: float  # normal stress on the plates over pressure
-    coordination: float
-    overlap: float  # mean overlap over mean radius
+Shear = namedtuple(
+    "Shear",
+    "inertial_number plate_friction plate_friction_error bed_friction bed_friction_error solid_fraction solid_fraction_error "
+    "pressure_ratio coordination overlap",
+)
+"""One state of shear. Friction of the plate is shear over normal force, of the bed shear stress over pressure; normal stress on
+the plates over pressure; mean overlap over mean radius."""
 
 
 def volume_below(height: float, z: np.ndarray, radius: np.ndarray) -> float:

@@ -9,6 +9,7 @@ plates themselves p_direct = beta E* exp(-u/u0) (Persson 2007). Friction is mixe
 
 import argparse
 import math
+from collections import namedtuple
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,14 +65,8 @@ def estimate(scene: thirdbody.Scene) -> Sharing:
     return Sharing(len(heights) / area, upper.stiffness, mean, spread, prefactor, direct.length)
 
 
-class Point(NamedTuple):
-    """A point of the sweep: pressure [Pa], friction, share of the load on debris, fraction of active bodies."""
-
-    pressure: float
-    friction: float
-    share: float
-    active: float
-
+Point = namedtuple("Point", "pressure friction share active")
+"""A point of the sweep: pressure [Pa], friction, share of the load on debris, fraction of active bodies."""
 
 Series = dict[tuple[float, int], list[Point]]  # points by roughness [m] and number of bodies, in the order of the pressure
 

@@ -6,8 +6,8 @@ coefficient mu. Its largest lean is (1/r - r)/2, at tan(tilt) = r; so it slides 
 
 import argparse
 import math
+from collections import namedtuple
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +24,8 @@ def closed_form(friction: np.ndarray) -> np.ndarray:
     return np.sqrt(1.0 + friction**2) - friction
 
 
-class Map(NamedTuple):
-    """States over two axes: frictions (m,) and axial ratios (n,), rising, and whether a particle rolls (m, n)."""
-
-    friction: np.ndarray
-    ratio: np.ndarray
-    rolls: np.ndarray
+Map = namedtuple("Map", "friction ratio rolls")
+"""States over two axes: frictions (m,) and axial ratios (n,), rising, and whether a particle rolls (m, n)."""
 
 
 def read_map(folder: Path) -> Map:

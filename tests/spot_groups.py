@@ -1,6 +1,6 @@
 """Spots on one plate, solved by the kernel of the engine (`kernels.spot_loads`) as the tests give them."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
@@ -10,13 +10,7 @@ from thirdbody.kernels.columns import spot
 from thirdbody.kernels.columns import spot_group as lane
 from thirdbody.kernels.spot_loads import LANES, finish_lanes, solve_side, sweep
 
-
-class Loads(NamedTuple):
-    """Of each spot: relief [m], force [N], force along the plate (n, 2) [N]."""
-
-    relief: np.ndarray
-    force: np.ndarray
-    pull: np.ndarray
+Loads = namedtuple("Loads", "relief force pull")  # of each spot: [m], [N], along the plate (n, 2) [N]
 
 
 @njit

@@ -152,5 +152,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("table", choices=["neck", "yield"])
     parser.add_argument("program", metavar="LMP")
-    asked = parser.parse_args()
-    (neck if asked.table == "neck" else yielding_pair)(asked.program)
+    given = parser.parse_args()
+    (neck if given.table == "neck" else yielding_pair)(given.program)

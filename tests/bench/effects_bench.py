@@ -157,5 +157,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("table", choices=["cost", "labels", "relief"])
     parser.add_argument("what", nargs="*")
-    asked = parser.parse_args()
-    {"cost": cost, "labels": labels, "relief": relief}[asked.table](asked.what)
+    given = parser.parse_args()
+    {"cost": cost, "labels": labels, "relief": relief}[given.table](given.what)
