@@ -11,9 +11,9 @@ import closed_forms
 import numpy as np
 import pytest
 from numba import njit
-from theory.exact_spot import D0, KAPPA, MU, E, G, R, circle, run_exact
+from theory.exact_spot import D0, KAPPA, MU, E, G, R, circle
 from thirdbody_three_spot import theory
-from thirdbody_three_spot.exact import NODES, ExactParameters
+from thirdbody_three_spot.exact import NODES, ExactParameters, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
 
 from thirdbody.laws.kernel_data import Contact, Load
@@ -24,9 +24,8 @@ COUNT, FINE, SEEN = 800, 32768, 32
 """Springs of the witness, its smaller number of steps, and the points of a path at which forces are compared."""
 
 
-@njit(error_model="numpy")
-def run_springs(c, load, p, h, w, w_new):
-    return springs(c, load, p, h, w, w_new)
+run_exact = njit(lambda c, load, p, h, w, w_new: exact(c, load, p, h, w, w_new), error_model="numpy")
+run_springs = njit(lambda c, load, p, h, w, w_new: springs(c, load, p, h, w, w_new), error_model="numpy")
 
 
 def wandering(seed, steps):

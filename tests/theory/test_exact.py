@@ -1,30 +1,39 @@
-"""The law `exact` against memory diagrams, closed forms, and its own invariances. Lengths in units of R, E* = 1."""
+"""The law `exact` and its tangent against memory diagrams, closed forms, differences, and its own invariances.
+
+Lengths in units of R, E* = 1.
+"""
 
 import math
 
 import closed_forms
 import numpy as np
 import pytest
-from theory.exact_spot import D0, D1, KAPPA, MU, E, G, R, Spot, cell_places, circle, corners
+from theory.exact_spot import D0, D1, KAPPA, MU, E, G, R, Spot, cell_places, circle, corners, run_exact_tangent
 from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES
 
+from thirdbody.laws.kernel_data import Load
 
-@pytest.mark.parametrize("mu", [0.05, 0.3, 3.0])
-def test_random_histories_agree_with_memory_diagrams(mu):
-    rng = np.random.default_rng(1)
-    for _ in range(100):
-        spot, verify = Spot(mu), MemoryDiagram(4.0 / 3.0 * E * math.sqrt(R), mu, mu * E / G)
-        for overlap, slip in corners(rng, int(rng.integers(1, 40))):
-            if rng.random() < 0.2 and spot.h[0] > 0.0:
-                overlap = spot.h[0]
-            if rng.random() < 0.05:
-                overlap = -0.1 * overlap
-            spot.move(overlap, slip * mu / MU)
-            verify.move(overlap, slip * mu / MU)
-            # 40 steps of a few roundings each; measured 5e-15
-            assert -spot.force[0] == pytest.approx(verify.force, abs=1e-12 * verify.limit)
+SLOW = pytest.mark.full(kind="slow")
+OBLIQUE, ACROSS = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+
+
+@pytest.mark.parametrize("histories", [12, pytest.param(100, marks=SLOW)])
+def test_random_histories_agree_with_memory_diagrams(histories):
+    for mu in (0.05, 0.3, 3.0):
+        rng = np.random.default_rng(1)
+        for _ in range(histories):
+            spot, verify = Spot(mu), MemoryDiagram(4.0 / 3.0 * E * math.sqrt(R), mu, mu * E / G)
+            for overlap, slip in corners(rng, int(rng.integers(1, 40))):
+                if rng.random() < 0.2 and spot.h[0] > 0.0:
+                    overlap = spot.h[0]
+                if rng.random() < 0.05:
+                    overlap = -0.1 * overlap
+                spot.move(overlap, slip * mu / MU)
+                verify.move(overlap, slip * mu / MU)
+                # 40 steps of a few roundings each; measured 5e-15
+                assert -spot.force[0] == pytest.approx(verify.force, abs=1e-12 * verify.limit)
 
 
 def smooth_history(spot, steps):
@@ -39,19 +48,18 @@ def smooth_history(spot, steps):
 
 
 def test_a_field_keeps_every_bend_that_it_has_space_for():
-    for nodes, steps in ((64, 50), (256, 240)):
-        spot = Spot(nodes=nodes)
-        assert smooth_history(spot, steps) < 1e-12  # some roundings a step
-        assert spot.h[7] == 0.0
+    spot = Spot(nodes=64)
+    assert smooth_history(spot, 50) < 1e-12  # some roundings a step
+    assert spot.h[7] == 0.0
     # without space it reports that, and keeps the force
-    misses, steps = [], 500
-    for nodes in (32, 64, 128):
+    misses, steps = [], 300
+    for nodes in (32, 64):
         spot = Spot(nodes=nodes)
         misses.append(smooth_history(spot, steps))
         # a bend more than it keeps is dropped in every step from then on, or not even that where others merged
         assert 0.0 < spot.h[7] <= steps
     # chords of a smooth curve: second order in their number; measured below
-    assert misses[0] < 3e-4 and misses[1] < 0.4 * misses[0] and misses[2] < 0.4 * misses[1]
+    assert misses[0] < 3e-4 and misses[1] < 0.4 * misses[0]
 
 
 def test_first_loading_is_cattaneo_and_mindlin():
@@ -63,70 +71,20 @@ def test_first_loading_is_cattaneo_and_mindlin():
         assert -answer.x == pytest.approx(closed_forms.mindlin_loading(s, limit, s_c), abs=1e-14 * limit)  # rounding
         assert answer.critical == pytest.approx(s_c, rel=1e-15)
         assert answer.slip == pytest.approx(max(s - s_c, 0.0), abs=1e-15 * s_c)
-
-
-@pytest.mark.parametrize("tau", [0.5, 1.0])
-def test_loop_of_mindlin_and_deresiewicz(tau):
-    limit, s_c = MU * theory.hertz_force(E, R, D0), KAPPA * D0
-    top = s_c * (1.0 - (1.0 - tau) ** (2.0 / 3.0))
-    spot = Spot()
-    spot.move(D0, 0.0)
-    spot.move(D0, top)
-    for s in np.linspace(1.0, -1.0, 9)[1:] * top:
-        spot.move(D0, -0.25 * top)
-        assert -spot.force[0] == pytest.approx(closed_forms.mindlin_reversal(s, top, limit, s_c), abs=1e-14 * limit)
-    lost = sum(spot.move(D0, path).dissipated for path in (2.0 * top, -2.0 * top))
     # at constant load the dissipation of a straight step of any length is exact
-    assert lost == pytest.approx(closed_forms.mindlin_loop_work(tau) * limit * s_c, rel=1e-12)
-
-
-def test_load_that_varies():
-    """Numbers from the closed forms of `theory`: T of Cattaneo and Mindlin, unchanged by more load, forgotten down to less."""
-    n_0, n_1 = (theory.hertz_force(E, R, d) for d in (D0, D1))
-    at_half = closed_forms.mindlin_loading(0.5 * KAPPA * D0, MU * n_0, KAPPA * D0)
-    for path, expected in (
-        (((D0, 0.0), (D0, 0.5 * KAPPA * D0), (D1, 0.0)), at_half),
-        # .3 s_c1 is .5 s_c0, and the annulus lost is all that a virgin contact at d0 lacks
-        (((D1, 0.0), (D1, 0.3 * KAPPA * D1), (D0, 0.0)), at_half),
-        (((D0, 0.0), (D1, 0.6 * KAPPA * (D1 - D0))), theory.oblique_loading(MU, 0.6, n_0, n_1)),
-    ):
-        spot = Spot()
-        for overlap, slip in path:
-            spot.move(overlap, slip)
-        assert -spot.force[0] == pytest.approx(expected, rel=1e-14)
-
-
-@pytest.mark.parametrize("overlaps", [(0.01, 0.01, 0.004, 0.004, 0.01), (0.004, 0.004, 0.01, 0.01, 0.004)])
-def test_closed_cycle_loses_what_the_annulus_carried(overlaps):
-    shear = 1e-4
-    slips = (0.0, shear, 0.0, -shear, 0.0)
-    spot, work = Spot(mu=1e9), 0.0
-    for overlap, slip in zip(overlaps, slips, strict=True):
-        start, _ = spot.force[0], spot.move(overlap, slip)
-        work -= 0.5 * (start + spot.force[0]) * slip  # no slip: T is linear along a segment
-    scale = G * theory.contact_radius(R, 0.01) * shear**2
-    # 1 - sqrt(.4) = .36754; friction 1e9 slips in a margin of 1e-9 shares
-    assert work / scale == pytest.approx(closed_forms.closed_cycle_work(0.004, 0.01), rel=1e-6)
-
-
-@pytest.mark.parametrize("mu", [0.3, 1e9])
-def test_one_step_is_a_hundred(mu):
-    rng = np.random.default_rng(2)
-    for _ in range(6):
-        one, many = Spot(mu), Spot(mu)
-        for overlap, slip in corners(rng, 12):
-            answer = one.move(overlap, slip)
-            many.path(overlap, slip, 100)
-            scale = min(answer.limit, 2.0 * G * theory.contact_radius(R, overlap) * KAPPA * D1)
-            # roundings of 1200 steps; measured 2e-14
-            assert many.force[0] == pytest.approx(one.force[0], abs=1e-12 * scale)
+    top = s_c * (1.0 - 0.5 ** (2.0 / 3.0))
+    spot = Spot()
+    for path in (0.0, top):
+        spot.move(D0, path)
+    lost = sum(spot.move(D0, path).dissipated for path in (-2.0 * top, 2.0 * top))
+    assert lost == pytest.approx(closed_forms.mindlin_loop_work(0.5) * limit * s_c, rel=1e-12)
 
 
 def test_mirror_and_rotation():
     rng = np.random.default_rng(3)
     turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
     mirror = np.diag([1.0, -1.0])
-    for _ in range(20):
+    for _ in range(4):
         plain, turned, mirrored = Spot(), Spot(), Spot()
         for overlap, slip in corners(rng, 15, line=False):
             for _ in range(3):
@@ -161,7 +119,7 @@ def test_full_sliding_is_the_limit_exactly_and_no_friction_is_none():
     spot = Spot()
     spot.move(D0, 0.0)
     for damped in (1.0, 1.7, 0.2, 1.0):
-        answer = spot.move(D0, np.array([0.6, 0.8]) * 3.0 * KAPPA * D0, damped=damped)
+        answer = spot.move(D0, OBLIQUE * 3.0 * KAPPA * D0, damped=damped)
         assert math.hypot(answer.x, answer.y) == pytest.approx(answer.limit, rel=2e-16)
     smooth = Spot(mu=0.0)
     for overlap, slip in corners(np.random.default_rng(4), 20, line=False):
@@ -170,7 +128,8 @@ def test_full_sliding_is_the_limit_exactly_and_no_friction_is_none():
         assert answer.slip == pytest.approx(np.linalg.norm(slip), rel=1e-15)
 
 
-def test_curves():
+@pytest.mark.parametrize("ways", [((64, 128), (256, 128)), pytest.param(((64, 256), (1024, NODES.default)), marks=SLOW)])
+def test_curves(ways):
     """Once around a circle of .5 s_c the springs of test_curved_slip carry `witness`, to 1e-6. Where all slide, they lag by
     angles of up to s_c/radius, one another by less."""
 
@@ -181,25 +140,24 @@ def test_curves():
         return spot.force / (MU * theory.hertz_force(E, R, D0))
 
     witness = (-0.61076249, -0.0730638)
-    misses = [np.abs(around(0.5, *how) - witness).max() for how in ((64, 256), (256, 256), (1024, NODES.default))]
-    assert misses[1] < misses[0] / 9.0 and misses[2] < 2e-4  # order two, then what 48 nodes cost
-    assert 1.0 - 0.1 / 9.0 < np.linalg.norm(around(3.0, 256, 64)) <= 1.0
+    misses = [np.abs(around(0.5, *how) - witness).max() for how in ways]
+    assert misses[1] < misses[0] / 9.0 and misses[-1] < 2e-4  # order two, then what 48 nodes cost
+    assert 1.0 - 0.1 / 9.0 < np.linalg.norm(around(3.0, 64, 64)) <= 1.0
 
 
-@pytest.mark.parametrize("share", [0.9, 3.0])
-def test_a_polygon_needs_no_more_steps_than_corners(share):
+def test_a_polygon_needs_no_more_steps_than_corners():
     """At constant overlap a straight step of any length is exact, in whatever direction the springs stand."""
-    rng, few, many = np.random.default_rng(3), Spot(renewal=0.0, nodes=64), Spot(renewal=0.0, nodes=64)
-    for slip in (np.zeros(2), *(rng.normal(size=(20, 2)) * share * KAPPA * D0)):
-        limit = few.move(D0, slip).limit
-        for _ in range(100):
-            many.move(D0, slip / 100.0)
-    assert many.force == pytest.approx(few.force, abs=1e-12 * limit)  # roundings of 2000 steps
+    for share in (0.9, 3.0):
+        rng, few, many = np.random.default_rng(3), Spot(renewal=0.0, nodes=64), Spot(renewal=0.0, nodes=64)
+        for slip in (np.zeros(2), *(rng.normal(size=(8, 2)) * share * KAPPA * D0)):
+            limit = few.move(D0, slip).limit
+            many.path(D0, slip, 20)
+        assert many.force == pytest.approx(few.force, abs=1e-12 * limit)  # roundings of 160 steps
 
 
 def test_damped_load_bounds_every_spring():
     rng = np.random.default_rng(5)
-    for _ in range(20):
+    for _ in range(10):
         spot = Spot()
         for overlap, slip in corners(rng, 20, line=False):
             damped = rng.choice([0.0, 0.3, 1.0, 2.0])
@@ -229,25 +187,20 @@ def test_rolling_releases_the_field():
     assert kept.force[0] == pytest.approx(before, rel=1e-15)
 
 
-@pytest.mark.parametrize("paths", [40, pytest.param(300, marks=pytest.mark.full(kind="slow"))])
+@pytest.mark.parametrize("paths", [3, pytest.param(40, marks=SLOW)])
 def test_no_path_makes_energy(paths):
     rng = np.random.default_rng(6)
     for line, mu in ((True, 0.3), (False, 0.3), (False, 0.05), (False, 3.0), (False, 1e9)):
         for _ in range(paths):
             spot, work = Spot(mu), 0.0
             for overlap, slip in corners(rng, 12, line):
-                work += spot.path(overlap, slip, int(rng.integers(1, 12)))[0]
+                work += spot.path(overlap, slip, int(rng.integers(1, 12)))
                 assert work >= spot.stored * (1.0 - 1e-12), (line, mu)  # rounding of a sum of some 100 steps
-
-
-def test_curved_paths_of_small_steps_make_no_energy():
-    rng = np.random.default_rng(7)
-    for _ in range(10):
-        spot, work = Spot(), 0.0
+    # and curves in small steps
+    for _ in range(paths):
+        spot, work, place = Spot(), 0.0, np.zeros(2)
         radius, vary, phase = rng.uniform(0.1, 1.5) * KAPPA * D1, rng.uniform(0.0, 0.6), rng.uniform(0.0, 6.0)
-        place = np.zeros(2)
-        for i in range(400):
-            t = 0.05 * i
+        for t in 0.05 * np.arange(200):
             there = radius * np.array([math.sin(t), math.sin(1.3 * t + phase)])
             spot.move(D1 * (1.0 - vary * math.sin(0.7 * t + phase) ** 2), there - place)
             work, place = work - float(spot.force @ (there - place)), there
@@ -267,3 +220,102 @@ def test_energy_balance_closes_to_second_order():
                 balance += -0.5 * (start + spot.force[0]) * slip / steps - lost
         residuals.append(abs(balance - spot.stored))
     assert residuals[2] < residuals[1] / 2.5 < residuals[0] / 6.0  # order between 1.3 (unsmooth at onsets) and 2
+
+
+def miss(spot, overlap, slip, rows=2, **more):
+    """Largest miss of the tangent in parts of 2 G* a, against the best of the differences: nodes come and go."""
+    got, found = spot.tangent(overlap, slip, **more), []
+    for size in (1e-5, 1e-6, 1e-7):
+        columns = []
+        for step in size * np.diag([KAPPA * D1, KAPPA * D1, D1]):
+            ahead, behind = (spot.answer(overlap + s * step[2], slip + s * step[:2], **more) for s in (1.0, -1.0))
+            columns.append((ahead - behind) / (2.0 * step.sum()))
+        found.append(float(np.abs(np.column_stack(columns) - got)[:rows].max()))
+    return min(found) / (2.0 * G * theory.contact_radius(R, overlap))
+
+
+def somewhere(rng, size):
+    return rng.uniform(0.3, 1.2) * D1, rng.normal(size=2) * size * KAPPA * D1
+
+
+def corner_path(rng, size):
+    """Some long steps in all directions, and the one to look at."""
+    spot = Spot()
+    for _ in range(4):
+        spot.move(*somewhere(rng, 0.3))
+    return spot, *somewhere(rng, size)
+
+
+def curved_path(rng, size):
+    """Forty small steps along a curve in the plane, with an overlap that varies, and the next one."""
+    spot, phase, before = Spot(), rng.uniform(0.0, 6.0, 3), None
+    for t in 0.05 * np.arange(41):
+        place = size * KAPPA * D1 * np.array([math.sin(t + phase[0]), math.sin(1.3 * t + phase[1])])
+        step = D1 * (0.7 + 0.3 * math.sin(0.7 * t + phase[2])), place - (place if before is None else before)
+        before = place
+        if t < 1.99:
+            spot.move(*step)
+    return spot, *step
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(40, marks=SLOW)])
+@pytest.mark.parametrize("path", [corner_path, curved_path])
+def test_tangent_agrees_with_differences_off_an_axis(path, count):
+    """The load of `damped` keeps the bound of a spring constant, that of `viscous` moves it."""
+    for more in ({}, {"damped": 0.8, "viscous": 1e-4}, {"roll": 0.01, "damped": 1.3}):
+        rng = np.random.default_rng(5)
+        misses = [miss(*path(rng, size), **more) for size in (0.02, 0.3, 5.0) for _ in range(count)]
+        # both are differences, which keep 1e-10; where nodes come and go the force jumps by 1e-6: rare ones differ by anything
+        assert np.median(misses) < 1e-8
+        assert np.quantile(misses, 0.9) < 1e-4
+
+
+def test_tangent_agrees_with_differences_on_a_line():
+    rng, misses = np.random.default_rng(8), []
+    for _ in range(30):
+        spot = Spot()
+        for overlap, slip in corners(rng, 4):
+            spot.move(overlap, slip)
+        (overlap, slip), roll = next(corners(rng, 1)), rng.uniform(0.0, 0.01)
+        misses.append(miss(spot, overlap, np.array([0.3 * slip, 0.0]), rows=1, roll=roll, damped=rng.choice([1.0, 1.3])))
+    assert max(misses) < 1e-5 and np.median(misses) < 1e-8  # differences over fields with kinks
+
+
+def test_tangent_of_the_virgin_patch_and_of_full_sliding():
+    """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force; also at an angle."""
+    spot, full, limit = Spot(), 2.0 * G * theory.contact_radius(R, D1), MU * theory.hertz_force(E, R, D1)
+    spot.move(D1, 0.0)
+    for share in (0.1, 0.5, 0.9):
+        slip = share * KAPPA * D1
+        assert spot.tangent(D1, slip)[0, 0] == pytest.approx(-full * math.sqrt(1.0 - share), rel=1e-14)
+        tangent = spot.tangent(D1, slip * OBLIQUE)[:, :2]
+        assert OBLIQUE @ tangent @ OBLIQUE == pytest.approx(-full * math.sqrt(1.0 - share), rel=1e-6)  # of the differences
+        assert ACROSS @ tangent @ ACROSS == pytest.approx(-closed_forms.mindlin_loading(slip, limit, KAPPA * D1) / slip, rel=1e-6)
+        assert abs(OBLIQUE @ tangent @ ACROSS) < 1e-6 * full
+    # T = -mu N e: nothing along the slip, mu N/|s| across it, and mu dN/dd with the overlap; N with the dashpot
+    path, damped = 50.0 * KAPPA * D1, 1.3
+    tangent, limit = spot.tangent(D1, path * OBLIQUE, damped=damped), damped * limit
+    assert tangent[:, 2] == pytest.approx(-damped * MU * closed_forms.hertz_stiffness(E, R, D1) * OBLIQUE, rel=1e-6)
+    assert ACROSS @ tangent[:, :2] @ ACROSS == pytest.approx(-limit / path, rel=1e-6)
+    assert np.abs(tangent[:, :2] @ OBLIQUE).max() < 1e-6 * limit / (KAPPA * D1)
+
+
+def test_tangent_at_first_touch_and_after_a_gap():
+    """The slip is shared over the overlap; of a step that began apart the part before touch is lost."""
+    rng, misses = np.random.default_rng(4), []
+    for overlap in (0.0, -0.5 * D1):
+        for size in 4 * (0.02, 0.3, 5.0):
+            spot = Spot()
+            spot.reset(overlap)
+            misses.append(miss(spot, *somewhere(rng, size), damped=1.3))
+    assert max(misses) < 1e-7  # rounding of the differences
+    # no friction, a dashpot that takes all load, or no touch: no stiffness, and no division by zero
+    for step in ((D1, 0.0), (1.3 * D1, KAPPA * D1 * np.array([1.0, -1.0]), 0.01)):
+        spot = Spot(0.0)
+        spot.move(D1, KAPPA * D1)
+        assert np.all(spot.tangent(step[0], step[1]) == 0.0)
+        spot = Spot()
+        spot.move(D1, KAPPA * D1 * np.array([0.3, 0.2]))
+        (contact, load), memory = spot.evaluate(*step), (spot.p, spot.h, spot.w)
+        assert run_exact_tangent(contact, load._replace(force=0.0, stiffness=0.0), *memory) == (0.0,) * 6
+        assert run_exact_tangent(contact._replace(overlap=-D1), Load(0.0, 0.0, 0.0, 0.0, 0.0), *memory) == (0.0,) * 6
