@@ -1,9 +1,5 @@
 """Ensembles keep rows of closed contacts only: same bits as with all rows, also after a checkpoint, and less memory."""
 
-import ctypes
-import mmap
-import signal
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +9,6 @@ from thirdbody.engine import implicit, implicit_ensemble
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
-from thirdbody.kernels.closed_contacts import ClosedContacts, compact, expand, keep
 from thirdbody.report.scene_check import memory_of
 from thirdbody.runner.checkpoint import read_checkpoint
 from thirdbody.runner.prepare import prepare
@@ -39,7 +34,6 @@ def small_batches(monkeypatch):
 
 
 def built(**settings):
-    """Return the scene with a few bodies, built."""
     return prepare(Scene.load(SCENE).with_settings(SETTINGS | settings))
 
 
@@ -80,41 +74,6 @@ def test_same_bits_as_with_all_rows(small_batches, monkeypatch):
         assert_same(advanced(batched, (stop,)), advanced(whole, (stop,)))
 
 
-def behind_a_wall(table):
-    """Return a copy of a table; memory before it cannot be read: a process that tries is killed."""
-    wall = -(-(1 << 20) // mmap.PAGESIZE) * mmap.PAGESIZE
-    memory = mmap.mmap(-1, wall + table.nbytes)
-    copy = np.frombuffer(memory, np.float64, table.size, wall).reshape(table.shape)
-    copy[:] = table
-    address = ctypes.c_void_p(copy.ctypes.data - wall)
-    assert ctypes.CDLL(None).mprotect(address, ctypes.c_size_t(wall), 0) == 0
-    return copy
-
-
-def run_behind_walls():
-    for module in (implicit, implicit_ensemble):
-        module.BATCH = 8
-    integrator = built().integrator
-    make = integrator._make_scratch
-
-    def make_behind_walls():
-        scratch = make()
-        one = scratch.one._replace(**{name: behind_a_wall(getattr(scratch.one, name)) for name in "HRS"})
-        return scratch._replace(one=one)
-
-    integrator._make_scratch = make_behind_walls
-    for stop in STOPS:
-        integrator.advance_to(time=stop)
-    integrator.label()
-
-
-def test_no_row_of_another_body_is_read():
-    child = get_context("spawn").Process(target=run_behind_walls)
-    child.start()
-    child.join()
-    assert child.exitcode == 0, signal.Signals(-child.exitcode).name if child.exitcode < 0 else child.exitcode
-
-
 def test_snapshot_goes_on_with_the_same_bits(small_batches):
     straight, stopped, later = built(), built(), built()
     advanced(stopped, STOPS[:1])
@@ -144,21 +103,3 @@ def test_a_sample_has_its_contacts_and_a_checkpoint_closed_ones_only(small_batch
         assert len(first["body"]) > 0 and set(first) == set(second)
         for name, values in first.items():
             np.testing.assert_array_equal(values, second[name], err_msg=name)
-
-
-def test_rows_of_a_body_are_expanded_and_kept():
-    # three bodies of 4, 0 and 3 candidates; the first is advanced, which opens one contact and closes another
-    rng, edges = np.random.default_rng(1), (0, 4, 4, 7)
-    closed = ClosedContacts(np.array([1, 3, 4, 6], np.int32), rng.random((4, 8)), rng.random((4, 5)))
-    new = ClosedContacts(np.zeros(7, np.int32), np.zeros((7, 8)), np.zeros((7, 5)))
-    H, R = np.full((4, 8), np.nan), np.full((4, 5), np.nan)
-    expand.py_func(4, 0, edges[0], closed, H, R)
-    assert not H[[0, 2]].any() and not R[[0, 2]].any()
-    np.testing.assert_array_equal(H[[1, 3]], closed.H[:2])
-    np.testing.assert_array_equal(R[[1, 3]], closed.R[:2])
-    H[0], R[0], H[3] = 0.5, 0.25, 0.0
-    written = compact.py_func(4, 0, edges[0], H, R, new)
-    assert keep.py_func(2, 4, written, closed, new) == 4
-    np.testing.assert_array_equal(new.on[:4], [0, 1, 4, 6])
-    np.testing.assert_array_equal(new.H[:4], [np.full(8, 0.5), closed.H[0], *closed.H[2:]])
-    np.testing.assert_array_equal(new.R[:4], [np.full(5, 0.25), closed.R[0], *closed.R[2:]])

@@ -1,10 +1,7 @@
 """Which integrator a scene gets and why, what it refuses, and what a stopped run leaves."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -18,12 +15,8 @@ from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
 FULL = pytest.mark.full(kind="slow")
-PAIR = edited(
-    BALLS,
-    ('title = "four balls"\n', ""),
-    ("count = 4", "count = 2"),
-    ("[solver]", '[contact]\ndebris_contact = "auto"\n[solver]'),
-)
+MEETS = ("[solver]", '[contact]\ndebris_contact = "auto"\n[solver]')
+PAIR = edited(BALLS, ('title = "four balls"\n', ""), ("count = 4", "count = 2"), MEETS)
 NONE = ('debris_contact = "auto"', 'debris_contact = "none"')
 ALONE = ("count = 2", "count = 1")
 LOCAL = ("[solver]", "[effects.local_damping]\ncoefficient = 0.1\n[solver]")
@@ -88,15 +81,10 @@ REFUSED = {
     "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
     "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
     "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
-    "largest step": ((asks("explicit", 'largest_step = "1 nm"'),), "solver.largest_step", ["other integrator"]),
     "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
-    "inertia, false": ((asks("explicit", "inertia = false"),), "solver.inertia", ["other integrator"]),
-    "on failure": ((asks("explicit", 'on_failure = "stop"'),), "solver.on_failure", ["other integrator"]),
     "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
-    "number as on_failure": ((asks("implicit", "on_failure = 1"),), "solver.on_failure", ["'stop'", "'continue'"]),
     "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
     "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
-    "tolerance above one": ((asks("implicit", "tolerance = 1.5"),), "solver.tolerance", ["1.5"]),
     "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
 }
 
@@ -246,31 +234,3 @@ def test_only_the_explicit_integrator_needs_years():
     with pytest.raises(InputError, match="of explicit integration.*explicit, because"):
         prepare(scene(ONE_PLATE, *slow))
     assert prepare(scene(NONE, *slow)).plan.kind == "implicit"
-
-
-CLUMPS = (
-    NONE,
-    ('"spheres"\nradius = "5 um"', '"irregular"\nsize = "10 um"\nspheres = [4, 8]\naspect = [1.0, 0.8, 0.6]'),
-    ("count = 2", "count = 20"),
-    ('"80 um", "60 um"', '"100 um", "100 um"'),
-    ('distance = "0.1 um"', 'distance = "1 um"'),
-)
-
-
-@FULL
-def test_threads_and_processes_change_no_bit(tmp_path):
-    """Two and a half chunks of bodies on one thread and on two, each in a process of its own."""
-    (tmp_path / "scene.toml").write_text(text(*CLUMPS), encoding="utf-8")
-    found = []
-    for threads in (1, 2):
-        command = [sys.executable, "-m", "thirdbody.cli.main", "run", "scene.toml", "-q"]
-        command += ["-o", f"run{threads}", "--threads", str(threads)]
-        environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        with thirdbody.open(tmp_path / f"run{threads}") as run:
-            assert run.summary()["integrator"] == "implicit"
-            arrays = {f"bodies.{name}": values for name, values in run.bodies(-1).items()}
-            arrays |= {f"contacts.{name}": values for name, values in run.contacts(-1).items()}
-            found.append({name: values.tobytes() for name, values in (arrays | dict(run.series)).items()})
-    assert found[0] == found[1]

@@ -1,7 +1,5 @@
 """Parts of arrays of constant size, fields of laws between the rows of contacts and tiles, three numbers in one."""
 
-import itertools
-import math
 from collections import namedtuple
 
 import numpy as np
@@ -10,7 +8,6 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from thirdbody.jit.array_part import array_part
-from thirdbody.jit.options import OPTIONS
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output
 from thirdbody.kernels.columns.tile import TILE
@@ -37,20 +34,6 @@ def test_a_part_is_a_view():
     assert array_part(3, array, 4).tolist() == [8.0, 10.0, 12.0]
     with pytest.raises(TypingError):  # gaps
         doubled(np.zeros((4, 4))[:, 1], 0)
-    for options in ({}, {name: value for name, value in OPTIONS.items() if name != "cache"}):  # sizes are known when compiling
-
-        @njit(**options)
-        def sizes(array):
-            return len(array_part(2, array, 0)), len(array_part(5, array, 0))
-
-        assert sizes(np.zeros(5)) == (2, 5)
-
-    @njit
-    def part(array, size):
-        return array_part(size, array, 0)[0]
-
-    with pytest.raises(TypingError):
-        part(np.zeros(3), 3)
 
 
 @njit
@@ -94,18 +77,10 @@ def test_rows_survive_loading_and_storing(read):
 
 
 @njit(error_model="numpy")
-def stored(numbers):
-    found = np.empty(numbers.shape[0])
+def recalled(numbers):
+    found = np.empty_like(numbers)
     for k in range(len(found)):
-        found[k] = pack_triple(numbers[k, 0], numbers[k, 1], numbers[k, 2])
-    return found
-
-
-@njit(error_model="numpy")
-def recalled(ones):
-    found = np.empty((ones.shape[0], 3))
-    for k in range(ones.shape[0]):
-        found[k] = unpack_triple(ones[k])
+        found[k] = unpack_triple(pack_triple(numbers[k, 0], numbers[k, 1], numbers[k, 2]))
     return found
 
 
@@ -114,25 +89,6 @@ def test_three_numbers_in_one_come_back_to_a_part_in_65536_of_the_largest():
     rng = np.random.default_rng(5)
     unlike = rng.uniform(-1.0, 1.0, (20_000, 3)) * 10.0 ** rng.uniform(-6.0, 0.0, (20_000, 3))
     numbers = unlike * 10.0 ** rng.uniform(-150.0, 150.0, (20_000, 1))
-    once = stored(numbers)
-    error = np.abs(recalled(once) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
+    error = np.abs(recalled(numbers) - numbers).max(axis=1) / np.abs(numbers).max(axis=1)
     assert 2.0**-18 < error.max() <= 2.0**-16 * (1.0 + 2.0**-16)  # the largest may be next to the next power
-    assert np.array_equal(stored(recalled(once)), once)  # what comes back is stored as itself
-    for largest in (1.0, 1.0 - 2.0**-53, 1.0 - 2.0**-17, 1.0 + 2.0**-52, 2.0**-900, 2.0**1022):
-        numbers = np.array([[sign * largest, -sign * largest, 0.25 * largest] for sign in (1.0, -1.0)])
-        assert recalled(stored(numbers)) == pytest.approx(numbers, rel=2.0**-14)  # the smallest has two bits less
-    numbers = np.random.default_rng(6).uniform(-1.0, 1.0, (200_000, 3))
-    error = (recalled(stored(numbers)) - numbers) / np.abs(numbers).max(axis=1, keepdims=True)
-    # no bias: the mean of 2e5 errors whose standard deviation is 2^-16/sqrt(12) or less, five times its own deviation
-    assert np.abs((np.sign(numbers) * error).mean(axis=0)).max() < 5.0 * 2.0**-16 / math.sqrt(12.0 * len(numbers))
-
-
-def test_nothing_is_nothing_and_an_infinite_force_stays_visible():
-    nothing = np.zeros((1, 3))
-    assert np.array_equal(recalled(stored(nothing)), nothing)
-    assert np.array_equal(recalled(np.zeros(1)), nothing)  # as in a contact that never touched
-    assert np.array_equal(recalled(stored(np.full((1, 3), 1e-310))), nothing)
-    for bad, place in itertools.product((math.inf, -math.inf), range(3)):
-        numbers = np.array([[1.0, -2.0, 3.0]])
-        numbers[0, place] = bad
-        assert not np.isfinite(recalled(stored(numbers))).all()
+    assert not recalled(np.zeros((1, 3))).any() and not np.isfinite(recalled(np.array([[1.0, -np.inf, 3.0]]))).all()

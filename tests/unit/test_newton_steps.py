@@ -1,4 +1,4 @@
-"""Steps of Newton's method without a run: linear systems, against LAPACK; which contacts shorten a correction."""
+"""Newton's method without a run: linear systems against LAPACK, what shortens a correction, the Jacobian of a contact."""
 
 import itertools
 from collections import namedtuple
@@ -10,6 +10,7 @@ from numba import njit
 from thirdbody.kernels.columns import geometry, law_input, law_output, sphere, step_start
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import newton
+from thirdbody.kernels.implicit.jacobian import NO_TANGENT, Contact, add_contact
 
 
 def test_solution_is_that_of_lapack():
@@ -33,7 +34,7 @@ OVERLAP, SLIP, BACK = 1e-9, 2e-10, 1e-9
 FIELDS = 80  # of a tile, more than any of its tables has
 
 
-Context = namedtuple("Context", "interaction own partner S")
+Rows = namedtuple("Rows", "interaction own partner S")
 Scratch = namedtuple("Scratch", "inputs outputs geometry")
 Space = namedtuple("Space", "tile slots correction")
 Active = namedtuple("Active", "start")
@@ -54,7 +55,7 @@ def fraction(relief, limit=0.0, interaction=3):
         tile.geometry[column * TILE] = 1.0
     start = np.zeros(step_start.WIDTH)
     start[step_start.ARM] = 1e-6
-    context = Context(np.zeros(interaction), np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
+    context = Rows(np.zeros(interaction), np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
     return limited(context, Active(start), Space(tile, np.zeros(1, int), np.array([-BACK, *(0.0,) * 6])))
 
 
@@ -67,3 +68,32 @@ def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():
         assert fraction(relief, limit=1e-6) == pytest.approx(SLIP / BACK, rel=1e-12)
     assert fraction(OVERLAP) == fraction(1.5 * OVERLAP) == 1.0
     assert fraction(OVERLAP, interaction=0) < 1.0
+
+
+@njit
+def jacobian_of(contact):
+    J = np.zeros((7, 7))
+    add_contact(contact, False, J)
+    return J
+
+
+def random_contact(seed, upper, rolling):
+    rng = np.random.default_rng(seed)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    n, e = axes[0], axes[1]
+    vectors = [tuple(v.tolist()) for v in (n, e, np.cross(n, e), *rng.normal(size=(4, 3)))]
+    tangent = tuple(rng.normal(size=7).tolist())
+    none = (0.0, 0.0, 0.0)
+    return Contact(
+        (vectors[0], vectors[1], vectors[2]), vectors[3], vectors[4], 1.0, vectors[5], none, 1.0, 1.0, none, NO_TANGENT,
+        NO_TANGENT, vectors[6], tangent, rolling, NO_TANGENT, (0.0, 0.0), upper,
+    )  # fmt: skip
+
+
+def test_blocks_are_the_columns():
+    """A law with moments takes the columns; with moments of zero stiffness both are the same derivative."""
+    for seed, upper in itertools.product(range(5), (False, True)):
+        blocks = jacobian_of(random_contact(seed, upper, rolling=False))
+        columns = jacobian_of(random_contact(seed, upper, rolling=True))
+        assert np.count_nonzero(blocks) == (49 if upper else 36)
+        np.testing.assert_allclose(blocks, columns, rtol=0.0, atol=1e-13)  # rounding of products of numbers of order one

@@ -1,7 +1,6 @@
-"""Bodies scattered in a volume, against all pairs with all images; moments of unions of discs, against strips."""
+"""Bodies scattered in a volume, against all pairs with all images."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.irregular_clumps import population
 from thirdbody.bodies.random_sequential import scatter
-from thirdbody.bodies.union_moments import break_heights, longest_links, union_of_discs
 from thirdbody.errors import InputError
 
 SIZE, HEIGHT = (60e-6, 50e-6), 70e-6
@@ -78,56 +76,3 @@ def test_what_is_there_already_stays_free(bodies):
     for given, low, high in (((standing,), 1e-3 * (1.0 - 1e-9), np.inf), ((), -np.inf, 0.0)):
         spheres, ids = world(bodies, *scatter(bodies, HEIGHT, SIZE, True, np.random.default_rng(4), *given))
         assert low <= least_gap(np.vstack((spheres, standing)), np.append(ids, len(bodies)), True) < high
-
-
-def moments(centers, radii):
-    out = np.empty(6)
-    union_of_discs(centers, radii, out)
-    return out
-
-
-def strips(centers, radii, count=20_001):
-    """Area, x, y, xx, yy, xy moments from the intervals that the discs cover on `count` lines y = const."""
-    low, high = (centers[:, 1] - radii).min(), (centers[:, 1] + radii).max()
-    step, total = (high - low) / count, np.zeros(6)
-    for y in low + step * (np.arange(count) + 0.5):
-        square = radii**2 - (y - centers[:, 1]) ** 2
-        half, x, at = np.sqrt(square[square > 0.0]), centers[square > 0.0, 0], -math.inf
-        for a, b in sorted(zip(x - half, x + half, strict=True)):
-            a, at = max(a, at), max(b, at)
-            if at > a:
-                w, m, q = at - a, 0.5 * (at**2 - a**2), (at**3 - a**3) / 3.0
-                total += step * np.array([w, m, y * w, q, y * y * w, y * m])
-    return total
-
-
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 6), marks=pytest.mark.full(kind="slow"))], ids=str)
-def test_discs_have_the_moments_of_their_strips(seeds):
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
-        centers, radii = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(0.2, 1.0, 6)
-        # strips err where the outline is level: step^1.5 = 3e-7 there, some dozen times
-        assert moments(centers, radii) == pytest.approx(strips(centers, radii), abs=2e-5)
-
-
-def test_discs_count_once_and_bodies_break_at_their_heights():
-    big = moments(np.zeros((1, 2)), np.array([2.0]))
-    centers = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.0], [1.0, 1.0]])
-    # a disc inside, an equal one in the same place, and one of radius 0 that is not there
-    assert moments(centers, np.array([2.0, 1.0, 2.0, 0.0])).tolist() == big.tolist()
-    assert big == pytest.approx([4.0 * math.pi, 0.0, 0.0, 4.0 * math.pi, 4.0 * math.pi, 0.0], rel=1e-15, abs=1e-15)
-    # break heights and the longest link of a body
-    origin = [0.0, 0.0, 0.0]
-    heights = break_heights(np.array([[origin, [1.0, 0.0, 0.0]], [origin, [9.0, 0.0, 0.5]]]), np.ones((2, 2)))
-    # equal unit spheres side by side: poles, and a ring of radius sqrt(3)/2 that stands upright; each once per sphere
-    ring = math.sqrt(0.75)
-    assert heights[0] == pytest.approx([-1.0, -1.0, -ring, ring, 1.0, 1.0], abs=1e-15)
-    # spheres that do not meet have poles only; the row ends with NaN
-    assert heights[1, :4] == pytest.approx([-1.0, -0.5, 1.0, 1.5], abs=1e-15)
-    assert np.isnan(heights[1, 4:]).all()
-    centers, longest = (
-        np.array([[origin, [1.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [origin, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]),
-        np.empty(2),
-    )
-    longest_links(centers, np.ones((2, 3)), longest)
-    assert longest.tolist() == [1.5, 0.5]
