@@ -4,17 +4,13 @@ The law is smooth: what is checked is geometry, and the tangents of the real law
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from numba import float64, int64, njit, types
+from numba import types
 from scipy.ndimage import spline_filter
+from theory.plain import plain
 
-from thirdbody.jit.function_pointers import address
-from thirdbody.jit.options import OPTIONS
-from thirdbody.jit.packed_arguments import argument_specs, pack
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import (
     body,
@@ -37,9 +33,9 @@ from thirdbody.kernels.columns import rolling_output as turn_out
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.band_matrix import entry, row_length
-from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ActiveBody, ImplicitContext, context_of, make_workspace
-from thirdbody.kernels.implicit.island_bundles import TABLES, IslandTables, make_pool, tables_of
-from thirdbody.kernels.implicit.island_newton import evaluate as evaluate_island
+from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ActiveBody, ImplicitContext, make_workspace
+from thirdbody.kernels.implicit.island_bundles import TABLES, IslandTables, make_pool
+from thirdbody.kernels.implicit.island_newton import evaluate as evaluate_of_island
 from thirdbody.kernels.implicit.island_step import island_of
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
@@ -48,17 +44,14 @@ from thirdbody.kernels.implicit.residual import residual as write_residual
 from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
-from thirdbody.kernels.rough_plates import UPDATE, RoughPlates
-from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.rough_plates import RoughPlates
 from thirdbody.rotations import rotation_matrices
 
-UNCACHED = OPTIONS | {"cache": False}
 FLAT = np.zeros((0, surface_contact.WIDTH))
 HISTORY = 5  # force, moment and moment about the normal of a contact at the start of the step
 STIFF, SHEAR, ROLL, TORSION = 1.3, 0.9, 0.2, 0.7
 
 
-@njit(LAW, **UNCACHED)
 def law(I, O, n, _):  # noqa: E741
     """A smooth law: N = STIFF R^.5 d^1.5, U = 0.4 N d, T = T_0 - SHEAR (R^.5 d^1.5)^(1/3) slip, M = M_0 - ROLL d turn; slip and
     turn with a tenth across. About the normal M = M_0 - TORSION d^1.5 twist."""
@@ -77,7 +70,6 @@ def law(I, O, n, _):  # noqa: E741
         O[to + turn_out.TWIST_MOMENT * TILE] = I[old + 4 * TILE] - TORSION * d**1.5 * I[turn + turn_in.TWIST * TILE]
 
 
-@njit(LAW, **UNCACHED)
 def tangents(I, K, n, _):  # noqa: E741
     for q in range(n):
         d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
@@ -95,25 +87,17 @@ def tangents(I, K, n, _):  # noqa: E741
             K[k * TILE + q] = values[k]
 
 
-@pytest.fixture(scope="module")
-def evaluate():
-    """evaluate(packed, y, dt, v_x, v_y, r, J) writes residual and Jacobian of body 0 and returns its contacts."""
-    row, table, packed_array = (types.Array(kind, n, "C") for kind, n in ((float64, 1), (float64, 2), (int64, 1)))
-
-    @njit(int64(packed_array, row, float64, float64, float64, row, table), **UNCACHED)
-    def evaluate(packed, y, dt, v_x, v_y, r, J):
-        context = context_of(packed)
-        space, motion = make_workspace(context), Motion(dt, v_x, v_y)
-        active = ActiveBody(0, 0, context.starts[0], context.memory[0], context.totals[0])
-        space.before[:] = context.initial_overlaps
-        set_configuration(context, active, y, dt)
-        m = active_contacts(context, active, y, motion, space)
-        write_residual(context, active, m, y, motion, space)
-        assemble_jacobian(context, active, m, dt, False, space)
-        r[:], J[:] = space.residual, space.jacobian
-        return m
-
-    return evaluate
+def evaluate(context, y, dt, r, J):
+    """Write residual and Jacobian of body 0; return its contacts."""
+    space, motion = plain(make_workspace)(context), Motion(dt, 0.0, 0.0)
+    active = ActiveBody(0, 0, context.starts[0], context.memory[0], context.totals[0])
+    space.before[:] = context.initial_overlaps
+    plain(set_configuration)(context, active, y, dt)
+    m = plain(active_contacts)(context, active, y, motion, space)
+    plain(write_residual)(context, active, m, y, motion, space)
+    plain(assemble_jacobian)(context, active, m, dt, False, space)
+    r[:], J[:] = space.residual, space.jacobian
+    return m
 
 
 # -- a body of four spheres between two surfaces --
@@ -122,15 +106,28 @@ OFFSETS = np.array([[1.0, 0.2, -0.5], [-0.7, 0.9, -0.4], [-0.5, -0.8, -0.6], [0.
 RADIUS, OVERLAP, DT = 1.0, 0.05, 10.0
 
 
-def zeros(kind: Any):
-    return np.zeros((1,) * kind.ndim, np.dtype(str(kind.dtype))) if isinstance(kind, types.Array) else 0
+def filled(table, kinds, given):
+    """A table of arguments, with arrays of one zero where nothing is given."""
+    empty = {
+        name: np.zeros((1,) * kind.ndim, np.dtype(str(kind.dtype))) if isinstance(kind, types.Array) else 0
+        for name, kind in kinds.items()
+    }
+    return table(**(empty | given))
 
 
-def unit(*v: float):
+def unit(*v):
     return np.array(v) / np.linalg.norm(v)
 
 
-def tables(n_plates: int):
+LAW = {
+    "n_history": HISTORY, "field_begin": HISTORY, "interaction": np.zeros(0), "rolling": MOMENTS + TWIST, "force": 0, "moment": 2,
+    "twist": 4, "stored": -1, "law": law, "tangents": tangents, "D": np.zeros(domain.WIDTH),
+    "settings": np.zeros(step_settings.WIDTH),
+}  # fmt: skip
+LAW["settings"][step_settings.INERTIAL] = 1.0
+
+
+def tables(n_plates):
     """The tables of a step of a body with `n_plates` candidates; its spheres are in place at the coordinates 0 only."""
     n = len(OFFSETS)
     S, B, E = np.zeros((n, sphere.WIDTH)), np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH_WITHOUT_EFFECTS))
@@ -142,17 +139,12 @@ def tables(n_plates: int):
     Z[0, step_start.NOW], Z[0, step_start.BEFORE] = 1.5, 0.5
     memory = np.zeros((1, step_memory.WIDTH))
     memory[0, step_memory.CANDIDATES] = n_plates
-    settings = np.zeros(step_settings.WIDTH)
-    settings[step_settings.INERTIAL] = 1.0
-    return {
+    return LAW | {
         "kind": np.zeros(n_plates, np.int32), "edges": np.array([0, n_plates], np.int32),
         "incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
         "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
         "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
-        "D": np.zeros(domain.WIDTH), "settings": settings, "max_per_body": n_plates, "n_history": HISTORY,
-        "field_begin": HISTORY, "interaction": np.zeros(0),
-        "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
-        "tangents": address(tangents, LAW),
+        "D": np.zeros(domain.WIDTH), "max_per_body": n_plates,
     }  # fmt: skip
 
 
@@ -170,7 +162,7 @@ def flat_tables():
     return given
 
 
-def waves(rng: np.random.Generator):
+def waves(rng):
     """A height field of the period 8 with slopes up to about 0.5, sharp enough for a second contact of a sphere of radius 1."""
     n, k = 64, 2.0 * math.pi / 64.0
     x, y = np.meshgrid(k * np.arange(n), k * np.arange(n), indexing="ij")
@@ -180,7 +172,7 @@ def waves(rng: np.random.Generator):
     return pack_field(spline_filter(heights, 3, mode="grid-wrap"), 8.0, 8.0)
 
 
-def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: bool):
+def rough_tables(rng, curved, force, closing):
     """`tables` of a body in a random pose between two rough plates, each of which overlaps with its nearest sphere by OVERLAP.
 
     `force`: force and moment of the contacts at the start of the step; `closing`: those with the upper plate were open.
@@ -191,7 +183,7 @@ def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: 
     given = tables(rows) | {
         "own": np.arange(rows, dtype=np.int32) // (2 * BASINS), "partner": (-1 - BASINS * plate - basins).astype(np.int32),
         "Q": np.zeros((rows, surface_contact.WIDTH)), "lower": lower, "upper": upper,
-        "update_surfaces": address(update_trial, UPDATE), "surface_tangents": address(update_tangents, UPDATE),
+        "update_surfaces": update_trial, "surface_tangents": update_tangents,
     }  # fmt: skip
     Q, S, P, H, D, Z = (given[name] for name in ("Q", "S", "P", "H", "D", "starts"))
     Z[0, step_start.QUATERNION : step_start.QUATERNION + 4] = q / np.linalg.norm(q)
@@ -222,31 +214,35 @@ def rough_tables(rng: np.random.Generator, curved: bool, force: float, closing: 
     return given
 
 
-def jacobian_errors(evaluate: Callable[..., Any], given: dict[str, Any], steps: Any):
+@np.errstate(all="ignore")
+def errors_of(write, n, steps, least):
     """Largest difference of the Jacobian from central differences of each length, by column, over its largest entry."""
-    context = ImplicitContext(**({name: zeros(kind) for name, kind in KINDS.items()} | given))
-    packed = pack(argument_specs(KINDS), context)
-    r, J, ignored = np.zeros(FREEDOMS), np.zeros((FREEDOMS, FREEDOMS)), np.zeros((FREEDOMS, FREEDOMS))
-    contacts = evaluate(packed, np.zeros(FREEDOMS), DT, 0.0, 0.0, r, J)
-    assert contacts >= 2
+    r, J, ignored = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    contacts = write(np.zeros(n), r, J)
+    assert contacts >= least
 
     def residual(y):
-        assert evaluate(packed, y, DT, 0.0, 0.0, r, ignored) == contacts
+        assert write(y, r, ignored) == contacts
         return r.copy()
 
     errors = []
     for h in steps:
-        columns = [(residual(h * e) - residual(-h * e)) / (2.0 * h) for e in np.eye(FREEDOMS)]
+        columns = [(residual(h * e) - residual(-h * e)) / (2.0 * h) for e in np.eye(n)]
         errors.append(np.abs(np.array(columns).T - J).max(axis=0) / np.abs(J).max())
     return np.array(errors)
+
+
+def jacobian_errors(given, steps):
+    context = filled(ImplicitContext, KINDS, given)
+    return errors_of(lambda y, r, J: evaluate(context, y, DT, r, J), FREEDOMS, steps, 2)
 
 
 STEPS = np.array([1e-3, 1e-4, 1e-5])
 
 
-def test_on_flat_plates_only_the_turning_of_the_frame_is_left_out(evaluate):
+def test_on_flat_plates_only_the_turning_of_the_frame_is_left_out():
     """It counts where force or slip is there at the start of the step."""
-    errors = jacobian_errors(evaluate, flat_tables(), STEPS)
+    errors = jacobian_errors(flat_tables(), STEPS)
     # differences fall with the square of the step, as those of central differences do, down to rounding: 1e-16 over the step, of
     # coordinates that are twenty overlaps, with a stiffness that goes as their root
     for k, rounding in ((1, 3e-11), (2, 3e-10)):
@@ -256,31 +252,31 @@ def test_on_flat_plates_only_the_turning_of_the_frame_is_left_out(evaluate):
 
 
 @pytest.mark.parametrize(("force", "closing"), [(0.0, False), (0.01, False), (0.01, True)], ids=["at rest", "loaded", "closing"])
-def test_on_rough_plates_the_jacobian_is_the_derivative_of_the_residual(evaluate, force, closing):
+def test_on_rough_plates_the_jacobian_is_the_derivative_of_the_residual(force, closing):
     """Without curvature in the effective radius."""
     rng = np.random.default_rng(8)
-    for _ in range(10):
-        errors = jacobian_errors(evaluate, rough_tables(rng, False, force, closing), STEPS[1:])
+    for _ in range(2):
+        errors = jacobian_errors(rough_tables(rng, False, force, closing), STEPS[1:])
         # as above at the longer step; at the shorter one a hundredth, and where the third derivative jumps a tenth of it
         assert errors[0].max() < 2e-5 and errors[1].max() < 2e-6, errors
 
 
-def test_spots_that_interact_have_the_jacobian_of_all_of_them(evaluate):
+def test_spots_that_interact_have_the_jacobian_of_all_of_them():
     """Three spots on the lower plate, one above. Left out is the change of the forces along the plate, N^2 g/r^2 of 3 N/2d."""
     offsets, near = OFFSETS.copy(), 0.05
     offsets[:3, 2] = -0.6, -0.59, -0.6
     given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF])}
-    errors = jacobian_errors(evaluate, given, STEPS[1:2])
+    errors = jacobian_errors(given, STEPS[1:2])
     # g N/d is 1.5 % of the overlap: without the interaction in the Jacobian it would be off by that
     assert errors.max() < 1e-4, errors
 
 
-def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(evaluate):
+def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual():
     """Without second derivatives of ln R_eff, about 10, it would be off by 3e-3: they go with U/2 = 0.2 N d, beside 1.5 N/d."""
     rng, errors = np.random.default_rng(9), []
-    for _ in range(10):
+    for _ in range(5):
         given = rough_tables(rng, True, 0.01, False)
-        errors.append(jacobian_errors(evaluate, given, STEPS[1:2]).max())
+        errors.append(jacobian_errors(given, STEPS[1:2]).max())
     # as without it in the median; the one-sided differences of the gradient add 1e-4 of a cell, and more at borders of cells
     assert np.median(errors) < 1e-6 and max(errors) < 2e-5, errors
 
@@ -288,31 +284,23 @@ def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(
 # -- two bodies that touch --
 
 
-@pytest.fixture(scope="module")
-def of_two_bodies():
-    """evaluate(packed, tables, y, dt, r, J): residual and Jacobian of an island of two bodies; returns its contacts."""
-    row, table, packed_array = (types.Array(kind, n, "C") for kind, n in ((float64, 1), (float64, 2), (int64, 1)))
-
-    @njit(int64(packed_array, packed_array, row, float64, row, table), **UNCACHED)
-    def evaluate(packed, packed_tables, y, dt, r, J):
-        context = context_of(packed)
-        island = island_of(np.int64(0), context, tables_of(packed_tables))
-        pool = make_pool(context, np.int64(2), np.int64(1), 2 * FREEDOMS * row_length(island.half_width))
-        for k in range(2 * FREEDOMS):
-            pool.coordinates[k // FREEDOMS, 0, k % FREEDOMS] = y[k]
-        m = evaluate_island(context, island, 0.0, Motion(dt, 0.0, 0.0), pool)
-        assemble_island(context, island, m, dt, False, pool)
-        for i in range(2 * FREEDOMS):
-            r[i] = pool.coordinates[i // FREEDOMS, 2, i % FREEDOMS]
-            for j in range(2 * FREEDOMS):
-                J[i, j] = pool.band[entry(i, j, island.half_width)]
-        return m
-
-    return evaluate
+def evaluate_two(context, tables, y, dt, r, J):
+    """Residual and Jacobian of an island of two bodies; returns its contacts."""
+    island = plain(island_of)(0, context, tables)
+    pool = plain(make_pool)(context, 2, 1, 2 * FREEDOMS * plain(row_length)(island.half_width))
+    for k in range(2 * FREEDOMS):
+        pool.coordinates[k // FREEDOMS, 0, k % FREEDOMS] = y[k]
+    m = plain(evaluate_of_island)(context, island, 0.0, Motion(dt, 0.0, 0.0), pool)
+    plain(assemble_island)(context, island, m, dt, False, pool)
+    for i in range(2 * FREEDOMS):
+        r[i] = pool.coordinates[i // FREEDOMS, 2, i % FREEDOMS]
+        for j in range(2 * FREEDOMS):
+            J[i, j] = pool.band[plain(entry)(i, j, island.half_width)]
+    return m
 
 
-def two_bodies(rng: np.random.Generator, force: float, closing: bool):
-    """Packed tables of two bodies of three spheres in random poses, one sphere of each in contact; and what must stay alive."""
+def two_bodies(rng, force, closing):
+    """Tables of two bodies of three spheres in random poses, one sphere of each in contact."""
     offsets, q = rng.uniform(-1.0, 1.0, (6, 3)), rng.standard_normal((2, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
     radii, normal, body_of = rng.uniform(0.5, 1.5, 6), unit(*rng.standard_normal(3)), np.repeat([0, 1], 3)
@@ -330,45 +318,26 @@ def two_bodies(rng: np.random.Generator, force: float, closing: bool):
     H = np.zeros((1, contact_state.LAW + HISTORY))
     H[0, contact_state.AXIS3], H[0, contact_state.SLIP] = unit(*np.cross(normal, rng.standard_normal(3))), contact_state.CLOSED
     H[0, contact_state.LAW :] = force * rng.uniform(-1.0, 1.0, HISTORY)
-    settings = np.zeros(step_settings.WIDTH)
-    settings[step_settings.INERTIAL] = 1.0
-    given = {
+    given = LAW | {
         "own": np.zeros(1, np.int32), "partner": np.full(1, 3, np.int32), "kind": np.zeros(1, np.int32),
         "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
         "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
-        "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "D": np.zeros(domain.WIDTH),
-        "settings": settings, "max_per_body": 1,
-        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "n_history": HISTORY,
-        "field_begin": HISTORY, "interaction": np.zeros(0),
-        "rolling": MOMENTS + TWIST, "force": 0, "moment": 2, "twist": 4, "stored": -1, "law": address(law, LAW),
-        "tangents": address(tangents, LAW),
+        "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "max_per_body": 1,
+        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]),
     }  # fmt: skip
     island = {
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),
         "pairs": np.zeros(1, np.int64), "pair_edges": np.array([0, 1]),
     }  # fmt: skip
-    context = ImplicitContext(**({name: zeros(kind) for name, kind in KINDS.items()} | given))
-    tables = IslandTables(**({name: zeros(kind) for name, kind in TABLES.items()} | island))
-    return pack(argument_specs(KINDS), context), pack(argument_specs(TABLES), tables), [context, tables]
+    return filled(ImplicitContext, KINDS, given), filled(IslandTables, TABLES, island)
 
 
-# compiles for as long as all tests above
-@pytest.mark.full(kind="slow")
 @pytest.mark.parametrize(("force", "closing"), [(0.0, False), (0.01, False), (0.01, True)], ids=["at rest", "loaded", "closing"])
-def test_jacobian_of_two_bodies_that_touch(of_two_bodies, force, closing):
-    rng, n = np.random.default_rng(7), 2 * FREEDOMS
-    r, J, ignored = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
-    for _ in range(400):
-        packed, tables, _alive = two_bodies(rng, force, closing)
-
-        def residual(y, packed=packed, tables=tables):
-            assert of_two_bodies(packed, tables, y, DT, r, ignored) == 1
-            return r.copy()
-
-        assert of_two_bodies(packed, tables, np.zeros(n), DT, r, J) == 1
-        errors = []
-        for h in STEPS[:2]:
-            columns = [(residual(h * e) - residual(-h * e)) / (2.0 * h) for e in np.eye(n)]
-            errors.append(np.abs(np.array(columns).T - J).max() / np.abs(J).max())
-        # central differences: a hundredth at a tenth of the step, down to rounding of 1e-16 over the step, as in `check_order`
+def test_jacobian_of_two_bodies_that_touch(force, closing):
+    rng = np.random.default_rng(7)
+    for _ in range(2):
+        context, tables = two_bodies(rng, force, closing)
+        write = lambda y, r, J, context=context, tables=tables: evaluate_two(context, tables, y, DT, r, J)  # noqa: E731
+        errors = errors_of(write, 2 * FREEDOMS, STEPS[:2], 1).max(axis=1)
+        # central differences: a hundredth at a tenth of the step, down to rounding of 1e-16 over the step
         assert errors[1] < 0.011 * errors[0] + 3e-11, errors
