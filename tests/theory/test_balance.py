@@ -72,6 +72,9 @@ def test_without_friction_the_particle_tilts_as_the_closed_form(level):
     assert end.N == pytest.approx(forces, rel=SOLVED, abs=0.0)
     assert (end.w, end.phi) == pytest.approx((w, phi), rel=SOLVED, abs=0.0)
     assert end.T == pytest.approx([0.0] * 3, abs=SOLVED * forces[0])
+    for weight in (1e-5, 1e-4):
+        forces = conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
+        assert walk(mu=0.0, level=level, weight=weight, drag=0.0).points[0].N == pytest.approx(forces, rel=SOLVED, abs=0.0)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -88,12 +91,6 @@ def test_gross_sliding_with_tilt_as_the_closed_form(level):
         assert (end.label, end.reason) == ("sliding", "friction_limit")
 
 
-def test_weight_without_friction_as_the_closed_form():
-    for weight in (1e-7, 1e-5, 1e-4):
-        forces = conditions.tilted_normal_forces(X, E1, E2, R, CLOSING, weight)
-        assert walk(mu=0.0, weight=weight, drag=0.0).points[0].N == pytest.approx(forces, rel=SOLVED, abs=0.0)
-
-
 @pytest.mark.parametrize("mu, mu_lower, weight", [(0.2, 0.4, 0.0), (0.4, 0.2, 0.0), (0.3, 0.3, 1e-5)])
 def test_the_weaker_side_slides_and_the_other_sticks(mu, mu_lower, weight):
     end = walk(mu=mu, mu_lower=mu_lower, weight=weight).points[-1]
@@ -107,7 +104,7 @@ def test_the_weaker_side_slides_and_the_other_sticks(mu, mu_lower, weight):
 
 
 def test_every_point_of_a_path_is_in_balance():
-    for spots, steps in ((PAPER, 60), (SOLID, 30)):
+    for spots, steps in ((PAPER, 20), (SOLID, 15)):
         result = walk(spots, weight=2e-6, steps=steps)
         place = np.array([(s["x"], s["y"], s["z"]) for s in spots])
         sign = np.where([s["side"] == "upper" for s in spots], 1.0, -1.0)
@@ -163,20 +160,12 @@ def test_the_path_of_the_exact_law():
     assert heavy.points[-1].u == pytest.approx(slides[-1], rel=1e-3)  # sqrt of weight over forces, 1e-5, near full slip
 
 
-@OTHER
-def test_a_weightless_particle_may_be_pressed_in_one_step_or_a_hundred():
-    """Pressing is proportional (Eqs. 17 to 19), so the exact law gives the same state whatever the indentation was before."""
-    small, large = (walk(level="exact", indentation=d, drag=0.0).points[0] for d in (CLOSING, 2 * CLOSING))
-    assert large.N == pytest.approx([n * 2.0**1.5 for n in small.N], rel=SOLVED)
-    assert large.T == pytest.approx([t * 2.0**1.5 for t in small.T], rel=1e-9)  # T is a tenth of N
-    same = walk(drag=0.0, level="exact", load=small.N[0]).points[0]
-    assert (same.indentation, *same.N) == pytest.approx((CLOSING, *small.N), rel=1e-9)
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_a_mirror_changes_the_signs_of_tangential_forces_and_tilt_only(level):
     mirrored = [s | {"x": -s["x"]} for s in PAPER]
-    for a, b in zip(walk(level=level).points, walk(mirrored, level=level, direction=(1.0, 0.0)).points, strict=True):
+    for a, b in zip(
+        walk(level=level, steps=30).points, walk(mirrored, level=level, steps=30, direction=(1.0, 0.0)).points, strict=True
+    ):
         # two solves to 1e-12 of all forces; the springs' tangent is a difference, but what is solved is the same
         assert a.N == pytest.approx(b.N, rel=1e-9, abs=0.0)
         assert a.T == pytest.approx([-t for t in b.T], rel=1e-8, abs=1e-13)
@@ -188,14 +177,13 @@ def test_a_planar_particle_is_the_same_in_space():
     """Turned about the vertical, with the drag, the particle of the plane is one in space; nothing moves it out of its plane."""
     c, s = 0.6, 0.8
     turned = [p | {"x": c * p["x"], "y": s * p["x"]} for p in PAPER]
-    for a, b in zip(walk().points, walk(turned, direction=(-c, -s)).points, strict=True):
+    for a, b in zip(walk(steps=20).points, walk(turned, steps=20, direction=(-c, -s)).points, strict=True):
         assert a.N == pytest.approx(b.N, rel=1e-9, abs=0.0)
         assert b.phi == pytest.approx([-s * a.phi, c * a.phi, 0.0], rel=1e-7, abs=1e-12)
         assert np.array(b.T) == pytest.approx(np.outer(a.T, (-c, -s)), rel=1e-8, abs=1e-13)
 
 
 def test_load_control_and_indentation_control_meet():
-    """The load of the sliding state at 10 nm gives back its indentation; while the gap opens, each path has its own history."""
     end = walk(load=SLIDING[2][0]).points[-1]
     assert end.indentation == pytest.approx(CLOSING, rel=SOLVED)
     assert end.N == pytest.approx(SLIDING[2], rel=SOLVED, abs=0.0)
@@ -206,10 +194,8 @@ def test_forecast_of_the_paper_particle_which_slides_up_to_t_max():
     assert (forecast.mu_required, forecast.t_min, forecast.t_max) == pytest.approx((0.0, -0.325, 0.55), abs=1e-12)
     assert forecast.possible == ["sticking", "sliding"]
     assert walk(drag=0.0, mu=0.6).forecast.possible == ["sticking"]
-    # no blow-up at t_max
-    for mu in (0.55 * (1 - 1e-6), 0.55):
-        end = walk(mu=mu, drag=60e-9).points[-1]
-        assert end.label == "sliding" and end.N[2] < 1e-5 * end.N[0]  # N_3/N_1 = (.55 - mu) h/(x_3 - x_2) -> 0
+    end = walk(mu=0.55, drag=60e-9).points[-1]  # no blow-up at t_max
+    assert end.label == "sliding" and end.N[2] < 1e-5 * end.N[0]  # N_3/N_1 = (.55 - mu) h/(x_3 - x_2) -> 0
 
 
 @pytest.mark.parametrize("mu, ends, how", [(0.5, "sliding", "load"), (0.6, "rolling", "load"), (0.6, "rolling", "indentation")])
@@ -251,8 +237,7 @@ def test_two_spots_hold_at_rest_and_turn_with_the_drag():
 
 
 ODD = (
-    (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),  # coincident
-    (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),  # one above the other
+    (spot("upper", 0.0, 1e-6), *2 * (spot("lower", 0.0, 1e-6),)), (spot("upper", 0.0, 1e-6), spot("lower", 0.0, 1e-6)),
     EVEN, SOLID, clump(0.0), clump(0.0, 1e-6),
 )  # fmt: skip
 HOW = ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, {"weight": 1e-5})
@@ -261,8 +246,8 @@ HOW = ({}, {"mu": 0.0}, {"mu": 1e9}, {"direction": (0.0, 1.0)}, {"load": 1e-4}, 
 @pytest.mark.parametrize("which", [zip, pytest.param(itertools.product, marks=OTHER)])
 def test_odd_particles_end_finite(which):
     for spots, path in which(ODD, HOW):
-        result = walk(spots, steps=12, **path)
-        assert len(result.points) == 13 and result.stopped is None
+        result = walk(spots, steps=8, **path)
+        assert len(result.points) == 9 and result.stopped is None
         for point in result.points:
             assert min(point.N) >= 0.0 and np.all(np.isfinite(np.ravel(point.T)))
 
@@ -274,7 +259,7 @@ def test_what_has_no_static_state_and_what_has():
     # pressed outside its base without friction it tips
     spots = (spot("upper", 3e-6, 1e-6), *EVEN[1:])
     assert walk(spots, mu=0.0).stopped is not None
-    assert walk(spots, mu=0.6).points[-1].label == "sliding"  # t_min = .5 <= mu <= t_max = 1
+    assert walk(spots, mu=0.6, steps=20).points[-1].label == "sliding"  # t_min = .5 <= mu <= t_max = 1
     # a heavy particle may rest without the upper body
     end = walk(weight=1e-3, drag=0.0).points[0]
     assert end.N[0] == 0.0 and end.spots[0] == "open"
@@ -296,11 +281,11 @@ def test_what_cannot_be_requested_is_reported_in_one_sentence():
 def test_clump_and_spots_are_one_particle():
     """Two equal spheres stand on their lower summits: the same as four spots."""
     same = [spot(side, x, 1e-6, z=z) for x in (-0.5e-6, 0.5e-6) for side, z in (("upper", 1e-6), ("lower", -1e-6))]
-    flat = walk(clump(0.0, 1e-6)).points
-    for a, b in zip(flat, walk(same).points, strict=True):
+    flat = walk(clump(0.0, 1e-6), steps=20).points
+    for a, b in zip(flat, walk(same, steps=20).points, strict=True):
         assert a.N == pytest.approx(b.N, rel=1e-8) and a.phi == pytest.approx(b.phi, rel=1e-8, abs=1e-12)
     turned = clump(0.0, 1e-6, quaternion=(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
-    across = walk(turned, direction=(0.0, -1.0)).points[-1]
+    across = walk(turned, steps=20, direction=(0.0, -1.0)).points[-1]
     assert across.N == pytest.approx(flat[-1].N, rel=1e-7)  # neutral in yaw: only as good as the path
 
 
@@ -308,5 +293,6 @@ def test_a_solver_that_fails_next_to_a_balance_does_not_call_it_rolling(monkeypa
     """A tolerance below round-off cannot be met: the particle is in balance all the same."""
     monkeypatch.setattr("thirdbody.engine.quasistatic.CONVERGED", 0.0)
     monkeypatch.setattr("thirdbody.engine.quasistatic.ACCEPTED", 0.0)
+    monkeypatch.setattr("thirdbody.engine.quasistatic.CUTS", 1)
     result = walk(drag=0.0)
     assert result.stopped is not None and result.stopped.label == "undecided" and "tips" not in result.stopped.message

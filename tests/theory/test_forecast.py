@@ -1,4 +1,7 @@
-"""The compiled forecast against `hull_conditions`, an independent method, and its answers where that refuses."""
+"""The compiled forecast in numbers, against `hull_conditions`, an independent method, and where that refuses.
+
+P is the upper side, Q the lower one.
+"""
 
 import math
 
@@ -10,6 +13,30 @@ from thirdbody_three_spot.forecast import forecast
 # differences of places of order 1, divided by crossing angles that may be small; h is .3 or more
 APPROX = {"rel": 1e-9, "abs": 1e-11}
 NOTHING = (math.inf, math.inf, -math.inf)
+
+
+TRIANGLE = (((1.2, 0.4),), ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)), 2.0)
+CROSSED = (((0.0, 1.0), (0.0, -1.0)), ((0.6, 0.0), (1.4, 0.0)), 1.5)
+SEGMENT = (((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.5),), 2.0)
+PAIR = (((0.3, 0.4),), ((0.0, 0.0),), 2.0)
+
+
+INTERVALS = [
+    (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
+    (TRIANGLE, (0.0, 1.0), hull_conditions.NEVER),
+    # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
+    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)),
+    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)),
+    (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)),
+    (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
+    (CROSSED, (0.0, 1.0), hull_conditions.NEVER),
+    (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
+    (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
+    (SEGMENT, (2.0, 1.01), hull_conditions.NEVER),
+    (SEGMENT, (0.0, 1.0), hull_conditions.NEVER),
+    (PAIR, (-3.0, -4.0), (0.25, 0.25)),
+    (PAIR, (-1.0, 0.0), hull_conditions.NEVER),
+]
 
 
 def forecast_of(upper, lower, h, e):
@@ -50,18 +77,16 @@ def test_bodies_on_a_grid_have_ties_lines_and_coincidences(seed):
 
 
 def test_samples():
-    assert forecast_of([(1.2, 0.4)], [(-1, 0), (1, 0), (0, 1.2)], 2.0, (-3, 1)) == pytest.approx(
-        (0.204859007892633558, 0.389203404328415918, 0.769945865084474968), rel=1e-13
-    )
-    assert forecast_of([(0, 1), (0, -1)], [(0.6, 0), (1.4, 0)], 1.5, (1, 0)) == pytest.approx((0.4, 0.4, 1.4 / 1.5), rel=1e-13)
-    # two above and one below slide at one friction or never
-    upper, lower = [(0, 0), (0, 1)], [(1, 0.5)]
-    assert forecast_of(upper, lower, 2.0, (1, 0)) == pytest.approx((0.5, 0.5, 0.5), rel=1e-14)
-    assert forecast_of(upper, lower, 2.0, (0, 1)) == pytest.approx((0.5, math.inf, -math.inf))
+    # from the line 1.2 x + y = 1.2: .64/sqrt(2.44)/2; tan alpha of Eq. 16: .5/2
+    required = {id(TRIANGLE): 0.204859007892633558, id(CROSSED): 0.4, id(SEGMENT): 0.5, id(PAIR): 0.25}
+    for case, direction, interval in INTERVALS:
+        ours = forecast_of(*case, direction)
+        assert ours == pytest.approx((required[id(case)], *interval), rel=1e-13, abs=1e-14), (case, direction)
+    assert forecast_of([(0.2, 0)], [(-2.0, 0), (1.5, 0)], 4.0, (-1, 0)) == pytest.approx((0.0, -0.325, 0.55), rel=1e-13)
     # turned by any angle the answer stays: the tolerance is of the size of the patch
     for angle in np.linspace(0.1, 6.2, 40):
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        case = (np.array(upper) @ turn.T * 1e-6, np.array(lower) @ turn.T * 1e-6, 2e-6, turn @ (2.0, 1.0))
+        case = (*(np.array(side) @ turn.T * 1e-6 for side in SEGMENT[:2]), 2e-6, turn @ (2.0, 1.0))
         assert forecast_of(*case) == pytest.approx((0.5, math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0), rel=1e-12)
 
 
