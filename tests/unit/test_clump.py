@@ -9,12 +9,10 @@ import thirdbody.bodies.clump as module
 from thirdbody.bodies.asperities import Asperities, sphere_points, summit_radii, touched, with_asperities
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
 from thirdbody.bodies.irregular_clumps import irregular, population
-from thirdbody.bodies.union_moments import quadrature
 from thirdbody.errors import InputError
 
 
 def lumps(rng, n):
-    """A connected clump: each sphere overlaps the one before."""
     radii = rng.uniform(0.5, 1.0, n)
     centers = np.zeros((n, 3))
     for i in range(1, n):
@@ -77,15 +75,13 @@ def test_coincident_and_swallowed_spheres_count_once():
     assert extra.volume == pytest.approx(plain.volume, rel=1e-13)  # the same sum over the same slices
     assert extra.inertia == pytest.approx(plain.inertia, rel=1e-13)
     assert len(extra.radii) == 6
-    nearly = clump(np.vstack([centers, centers[2] + 1e-10]), [*radii, radii[2]])
-    assert nearly.volume == pytest.approx(plain.volume, rel=1e-9)  # the shift times the surface
 
 
 def test_against_counting_points():
     centers, radii = lumps(np.random.default_rng(7), 6)
     body = clump(centers, radii)
     low, high = (body.centers - body.radii[:, None]).min(0), (body.centers + body.radii[:, None]).max(0)
-    n = 120
+    n = 80
     axes = [np.linspace(a, b, 2 * n + 1)[1::2] for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     inside = np.zeros(grid.shape[:3], bool)
@@ -102,30 +98,6 @@ def test_against_counting_points():
     assert tensor == pytest.approx(np.diag(body.inertia), rel=tolerance, abs=tolerance * body.inertia[0])
 
 
-def test_the_frame_does_not_matter():
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        centers, radii = lumps(rng, 5)
-        body, q = clump(centers, radii), rng.normal(size=4)
-        turned = clump(centers @ matrix_from_quaternion(q / np.linalg.norm(q)).T + rng.normal(size=3), radii)
-        assert max(body.error, turned.error) < 1e-5
-        assert turned.volume == pytest.approx(body.volume, rel=body.error + turned.error)
-        assert turned.inertia == pytest.approx(body.inertia, rel=body.error + turned.error)
-
-
-def test_the_error_estimate_is_honest(monkeypatch):
-    rng = np.random.default_rng(11)
-    for _ in range(5):
-        centers, radii = lumps(rng, int(rng.integers(4, 9)))
-        body = clump(centers, radii)
-        with monkeypatch.context() as patch:
-            patch.setattr(module, "_QUADRATURE", quadrature((40, 80)))
-            best = clump(centers, radii)
-        assert body.error < 1e-5
-        assert abs(body.volume / best.volume - 1.0) <= body.error
-        assert np.abs(body.inertia / best.inertia - 1.0).max() <= body.error
-
-
 def test_the_frame_brings_the_spheres_back():
     rng = np.random.default_rng(3)
     for _ in range(5):
@@ -139,17 +111,6 @@ def test_the_frame_brings_the_spheres_back():
         # A body given in its own principal frame keeps it, to the quadrature's true error.
         assert shift == pytest.approx([0, 0, 0], abs=1e-8)
         assert same == pytest.approx([1, 0, 0, 0], abs=1e-6)
-
-
-def test_size_scales_out():
-    centers, radii = lumps(np.random.default_rng(5), 5)
-    large, small = clump(centers, radii), clump(1e-6 * centers, 1e-6 * radii)
-    # The same numbers once divided by the largest radius, but for rounding of the division.
-    assert small.volume * 1e18 == pytest.approx(large.volume, rel=1e-12)
-    assert small.inertia * 1e30 == pytest.approx(large.inertia, rel=1e-12)
-    assert small.error == pytest.approx(large.error, rel=1e-3)
-    assert large.scaled(1e-6).inertia == pytest.approx(small.inertia, rel=1e-12)
-    assert small.centers * 1e6 == pytest.approx(large.centers, abs=1e-9)
 
 
 def test_parts_and_wrong_spheres_are_refused_by_name():
@@ -181,7 +142,6 @@ def test_many_at_once_are_each_as_one_alone():
 
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
-BALL = clump(np.zeros((1, 3)), [2.0])
 
 
 def body(seed: int, n: int = 6) -> Clump:
@@ -198,36 +158,6 @@ def test_a_plane_touches_every_asperity_and_each_protrudes_by_its_radius():
         # centres on the surface of the union: none inside another sphere, one sphere's surface at each
         gaps = np.linalg.norm(rough.centers[n:, None] - rough.centers[:n], axis=2) - rough.radii[:n]
         assert gaps.min(axis=1) == pytest.approx(np.zeros(count), abs=1e-12 * bare.diameter)  # rounding of coordinates
-
-
-def test_mass_properties_are_those_of_the_union():
-    """One small ball on a large one, against the closed forms of the lens (two caps) and its moments about the axis."""
-    rough = with_asperities(np.random.default_rng(0), BALL, 1, 0.3)
-    big, small = rough.radii
-    x = big - small**2 / (2.0 * big)  # plane where they meet: the small centre lies on the large surface
-
-    def solid(radius: float, low: float, high: float) -> tuple[float, float]:
-        """Volume and axial moment of the part of a ball between two heights from its centre."""
-        disc = np.polynomial.Polynomial([radius**2, 0.0, -1.0])
-        volume, axial = (math.pi * disc).integ(), (0.5 * math.pi * disc**2).integ()
-        return volume(high) - volume(low), axial(high) - axial(low)
-
-    parts = solid(big, -big, x), solid(small, x - big, small)
-    volume, axial = (a + b for a, b in zip(*parts, strict=True))
-    assert rough.volume == pytest.approx(volume, rel=10.0 * rough.error + 1e-12)  # its own bound; rounding
-    assert rough.inertia[0] == pytest.approx(axial, rel=10.0 * rough.error + 1e-12)
-
-
-def test_places_are_spread():
-    """Best of 12 candidates: three places on a ball lie farther apart than three by chance."""
-    nearest = []
-    for seed in range(40):
-        rough = with_asperities(np.random.default_rng(seed), BALL, 3, 0.1)
-        places = rough.centers[1:] - rough.centers[0]
-        places /= np.linalg.norm(places, axis=1)[:, None]
-        nearest.append(np.degrees(np.arccos((places @ places.T)[np.triu_indices(3, 1)])).min())
-    # uniform chance gives 51 degrees on average, the best possible is 120; the least of 40 by chance falls below 10
-    assert np.mean(nearest) > 75.0 and min(nearest) > 40.0
 
 
 def test_the_body_below_is_the_one_without_and_no_body_depends_on_others():
@@ -256,30 +186,18 @@ def test_no_angularity_is_the_body_as_ever():
     """Shapes of seeds that people have published: radii of the first version, over the diameter, to its printed digits."""
     radii = population(1, 0, 1, (5, 5), [1, 0.8, 0.6], distribution="constant", value=1e-5)[0].radii / 1e-5
     assert radii == pytest.approx([0.29637645, 0.36562493, 0.30504432, 0.24325043, 0.27823506], abs=5e-9)
-    plain, none = body(3), irregular(np.random.default_rng(3), 6, [1.0, 0.8, 0.6], 1e-5, angularity=0.0)
-    assert np.array_equal(plain.centers, none.centers) and np.array_equal(plain.radii, none.radii)
 
 
-def sharpness(angularity: float, n: int, aspect) -> tuple[float, float]:
+def sharpness(angularity):
     """Mean radius where a plane touches over the equivalent radius, and shortest over longest extent."""
-    made = [irregular(np.random.default_rng(k), n, aspect, 2.0, angularity) for k in range(20)]
+    made = [irregular(np.random.default_rng(k), 8, [1, 0.8, 0.6], 2.0, angularity) for k in range(20)]
     spans = [np.sort(np.ptp(np.stack([b.centers + s * b.radii[:, None] for s in (1, -1)]), axis=(0, 1))) for b in made]
     return float(np.mean([summit_radii(b).mean() for b in made])), float(np.mean([s[0] / s[2] for s in spans]))
 
 
-SLOW = pytest.mark.full(kind="slow")
-EQUAL = [pytest.param(8, [1, 1, 1], 0.65, marks=SLOW), pytest.param(12, [1, 1, 1], 0.6, marks=SLOW)]
-
-
-@pytest.mark.parametrize("n, aspect, last", [(8, [1, 0.8, 0.6], 0.8), *EQUAL])
-def test_summits_get_sharper_with_angularity_and_the_aspect_stays(n, aspect, last):
-    values, spans = zip(*(sharpness(a, n, aspect) for a in (0.0, 0.5, 1.0)), strict=True)
+def test_summits_get_sharper_with_angularity_and_the_aspect_stays():
+    values, spans = zip(*(sharpness(a) for a in (0.0, 0.5, 1.0)), strict=True)
     assert values[0] > values[1] > values[2]
     # Corners that planes touch alone would be about (1 - c)/(1 + c) < 0.4 of the core; some planes still meet the core.
-    assert values[2] < last * values[0]
+    assert values[2] < 0.8 * values[0]
     assert spans[2] == pytest.approx(spans[0], abs=0.15)  # the blur of the aspect, as in test_aspect_shows
-
-
-def test_few_spheres_draw_apart_only():
-    plain, sharp = (sharpness(a, 3, [1, 1, 1])[0] for a in (0.0, 1.0))
-    assert 0.85 * plain < sharp < plain

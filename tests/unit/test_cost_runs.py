@@ -25,8 +25,7 @@ from thirdbody.studies.stopwatch import Late, bare
 from thirdbody.studies.study_setup import StudySource
 from thirdbody.studies.time_budget import Budget, Costs, Overheads, fitting, repeats_of, whole
 from thirdbody.studies.timing_statistics import slower, timing
-from thirdbody.studies.variant_runs import LEFT_OUT, ROUNDS, VariantRuns
-from thirdbody.studies.variants import Variant
+from thirdbody.studies.variant_runs import LEFT_OUT, VariantRuns
 from thirdbody.studies.worker_process import Overdue, Worker, request
 
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
@@ -63,12 +62,9 @@ def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     copy, built, words = reduce_scene(scene, [], 1e-9)
     assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets and "as close" in words[0]
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)
-    for base in (EXPLICIT, IMPLICIT):
-        alone = ladder(base, scene)
-        own, names = next(variant for variant in alone if variant.default), {variant.name for variant in alone}
-        more = [variant for variant in ladder(replace(base, meets=True), scene) if variant.name not in names]
-        assert [(variant.axis, variant.nudge) for variant in more] == [("nudged", 1), ("nudged", 2), ("meeting", 0)]
-        assert more[0].changes == own.changes and more[2].changes == own.changes | {"contact.debris_contact": "none"}
+    more = [variant for variant in ladder(replace(EXPLICIT, meets=True), scene) if variant.axis in ("nudged", "meeting")]
+    assert [(variant.axis, variant.nudge) for variant in more] == [("nudged", 1), ("nudged", 2), ("meeting", 0)]
+    assert more[2].changes == more[0].changes | {"contact.debris_contact": "none"}
 
 
 def test_displaced_starts_differ_by_a_billionth_and_can_be_repeated():
@@ -90,16 +86,13 @@ def test_the_json_and_the_picture_have_every_variant(made, tmp_path):  # noqa: F
              "label_difference", "energy_residual", "stable"}  # fmt: skip
     assert all(names <= set(variant) for variant in report["variants"]) and report["reference"] == "exact, step /4"
     assert report["variants"][3]["time_ratio"] == 2.0 and report["variants"][3]["springs"] == 16
-    assert report["variants"][-2]["stable"] is False and report["variants"][-2]["message"] == "cannot run this scene"
+    assert report["variants"][-2]["stable"] is False
     figure = cost_plot.picture(made)
     axes, legend = figure.axes[0], {text.get_text() for text in figure.legends[0].get_texts()}
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log") and "mindlin, implicit" in axes.get_title(loc="left")
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= {text.get_text() for text in axes.texts}
     assert {"efficient front, to the reference", "as in the scene", "recommended"} <= legend
     line = next(line for line in axes.lines if line.get_label() == "efficient front, to the reference")
-    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0] and line.get_drawstyle() == "steps-post"
-    # steps of the reference's law are not there to tell its own error: it stands below all others
-    assert line.get_ydata()[-1] < min(line.get_ydata()[:-1])
+    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0]
     cost_plot.draw_study(made, tmp_path / "cost.png")
     assert drawn(tmp_path / "cost.png") > 0.02
 
@@ -109,15 +102,10 @@ def test_convergence_and_the_next_reference(made):  # noqa: F811
     assert series["sizes"] == ["8", "16"] and series["against"] == "exact"
     # friction of the made-up runs: .3 (1 + error)
     assert series["errors"] == pytest.approx([(1.06 - 1.001) / 1.001, (1.008 - 1.001) / 1.001], rel=1e-9)
-    assert falling([8.0, 4.0, 2.0, 1.9, 1.8]) == falling([8.0, 4.0, 2.0]) == 3  # then something else has taken over
-    assert falling([1.0, 2.0, 0.1]) == 3 and falling([4.0, 1.0, math.nan, 0.1]) == 2  # no order to be seen: all of them
+    assert falling([8.0, 4.0, 2.0, 1.9, 1.8]) == 3 and falling([4.0, 1.0, math.nan, 0.1]) == 2  # then something else takes over
     made.rows[-1].stable = False
     cost.compute_errors(made)
     assert made.reference.variant.name == "exact" and made.reference.errors["friction_error"] == 0.0
-    for entry in made.rows:
-        entry.stable = False
-    with pytest.raises(UsageError, match="no variant"):
-        cost.compute_errors(made)
 
 
 def test_the_worker_reports_what_failed_and_times_the_rest(file, tmp_path):
@@ -158,29 +146,22 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
 
 
 class MadeUpWorker:
-    """Answers at once and lets a made-up clock run: a variant takes a second to compile and `seconds` of one core to run or time,
-    and the machine is `slow` after some requests."""
-
     started = 1.0
 
-    def __init__(self, monkeypatch, seconds, slow=lambda requested: 1.0, noise=lambda requested: 1.0):
-        self.now, self.requests, self.seconds, self.slow, self.noise = 0.0, 0, seconds, slow, noise
+    def __init__(self, monkeypatch, seconds, pace=1.0):
+        self.now, self.requests, self.seconds, self.pace, self.later = 0.0, 0, seconds, 1.0, pace
         monkeypatch.setattr(time, "perf_counter", lambda: self.now)
         monkeypatch.setattr("thirdbody.studies.variant_runs.read_outcome", lambda folder: outcome())
 
-    @property
-    def pace(self):
-        return self.slow(self.requests)
-
     def request(self, request, until=math.inf):
         self.requests += 1
-        cpu = self.seconds * self.noise(self.requests)
-        used = cpu + (1.0 if request["do"] == "run" else 0.05)
-        if self.now + used * self.pace > until:
-            self.now = until
+        self.pace = self.later if self.requests > 2 else 1.0
+        used = self.seconds + (1.0 if request["do"] == "run" else 0.05)
+        late = self.now + used * self.pace > until
+        self.now = min(self.now + used * self.pace, until)
+        if late:
             raise Overdue
-        self.now += used * self.pace
-        return {"stable": True, "message": "", "cpu_s": cpu, "wall_s": cpu * self.pace, "used_cpu": used}
+        return {"stable": True, "message": "", "cpu_s": self.seconds, "wall_s": self.seconds * self.pace, "used_cpu": used}
 
 
 def climbed(worker, seconds):
@@ -191,8 +172,8 @@ def climbed(worker, seconds):
 
 def test_a_budget_is_kept_on_a_machine_that_slows_down(monkeypatch, file, tmp_path):
     """Rungs for which no time is left are left out and say so; the scene's own and the reference come first."""
-    for budget, pace in ((20.0, 1.0), (20.0, 4.0), (60.0, 1.0), (60.0, 4.0), (400.0, 1.0), (400.0, 4.0)):
-        clock = MadeUpWorker(monkeypatch, 0.2, lambda requested, pace=pace: pace if requested > 2 else 1.0)
+    for budget, pace in ((20.0, 1.0), (60.0, 1.0), (60.0, 4.0), (400.0, 4.0)):
+        clock = MadeUpWorker(monkeypatch, 0.2, pace)
         rows = climbed(clock, budget)
         ran = [row for row in rows if row.cpu]
         assert clock.now <= budget and {"mindlin", "exact, step /4"} <= {row.variant.name for row in ran}
@@ -206,23 +187,9 @@ def test_a_budget_is_kept_on_a_machine_that_slows_down(monkeypatch, file, tmp_pa
         cost.study(file, tmp_path / "out", budget=0.01)
 
 
-def test_short_variants_are_timed_until_their_spread_is_small_and_put_to_one_pace(monkeypatch):
-    """Rungs of 20 ms are timed at least seven times; where times vary by a third, up to the most."""
-    quiet = climbed(MadeUpWorker(monkeypatch, 0.02), 1000.0)
-    assert {len(row.cpu) for row in quiet if row.variant.axis != "reference" and not row.variant.default} == {7}
-    loud = climbed(MadeUpWorker(monkeypatch, 0.02, noise=lambda requested: (1.0, 1.6, 0.7, 2.1, 0.5)[requested % 5]), 1000.0)
-    assert max(len(row.cpu) for row in loud) == ROUNDS
-    assert all(len(row.beside) == len(row.cpu) for row in loud if row.variant.axis == "law")
-    variant = Variant("a", "law", "a", None, "implicit")
-    slow = [cost.Row(variant, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
-    cost._one_pace(slow)
-    assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
-
-
 def test_medians_and_how_far_they_may_be_off():
-    assert timing([2.0]) == (2.0, 1.0)  # one alone tells a factor of two
-    assert timing([1.0, 2.0, 4.0]) == (2.0, 1.5)  # half the range of a few
-    assert timing([2.0, 2.0]) == (2.0, 0.5)  # that two agree may be chance
+    # one alone tells a factor of two, a few half their range; that two agree may be chance
+    assert (timing([2.0]), timing([1.0, 2.0, 4.0]), timing([2.0, 2.0])) == ((2.0, 1.0), (2.0, 1.5), (2.0, 0.5))
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
     assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell

@@ -75,9 +75,6 @@ def test_force_of_the_dashpots():
     viscosity = plain(law.TANGENTIAL_DAMPING.kernel)(c, Load(1.0, 1.0, a, 0.0, 0.0), law.mix_tangential_damping(pair, {}))
     # the normal dashpot is alpha sqrt(2/3 m k_n) with k_n = 2 E* a; here with k_t = 2 G* a
     assert viscosity == pytest.approx(TABLE[0.5] * math.sqrt(2.0 / 3.0 * mass * 2.0 * g * a), rel=1e-6, abs=0.0)
-
-
-def test_elastic_pairs_have_no_dashpot():
     elastic, lossy = Pair(STEEL, STEEL, 0.3, 1.0), Pair(STEEL, STEEL, 0.3, 0.9)
     assert not law.loses_energy([elastic]) and law.loses_energy([elastic, lossy])
     assert law.mix_damping(lossy, {}) > law.DampingParameters(0.0)

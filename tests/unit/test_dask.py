@@ -16,35 +16,15 @@ SLOW = pytest.mark.full(kind="slow")  # starts other processes
 VARY = [{"pairs.0.friction": 0.1}, {"pairs.0.friction": 0.3, "debris.0.seed": 2}, {"plates.upper.load": "1 kN"}]
 SMALL = {"debris.0.count": 2, "debris.0.spheres": [3, 3], "solver.distance": "20 nm", "output.every": "10 nm"}
 
-SBATCH = """\
-#!/bin/sh
-cp "$1" "{folder}/job.sh"
-(. "$1") > "{folder}/job.log" 2>&1 &
-echo $! > "{folder}/pid"
-echo "Submitted batch job 4711"
-"""
-
-SCANCEL = """\
-#!/bin/sh
-kill $(cat "{folder}/pid")
-"""
-
-CLUSTER = """\
-[slurm]
-jobs = 1
-queue = "normal"
-account = "debris"
-cores = 1
-processes = 1
-memory = "1 GB"
-walltime = "00:10:00"
-interface = "lo"
-"""
+SBATCH = '#!/bin/sh\ncp "$1" "{folder}/job.sh"\n(. "$1") > "{folder}/job.log" 2>&1 &\n'
+SBATCH += 'echo $! > "{folder}/pid"\necho "Submitted batch job 4711"\n'
+SCANCEL = '#!/bin/sh\nkill $(cat "{folder}/pid")\n'
+CLUSTER = 'slurm = {jobs = 1, queue = "normal", account = "debris", cores = 1, processes = 1, memory = "1 GB", '
+CLUSTER += 'walltime = "00:10:00", interface = "lo"}'
 
 
 @pytest.fixture(scope="module")
 def client():
-    """Two workers, processes of this machine."""
     import distributed
 
     local = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
@@ -91,10 +71,9 @@ FAULTS = {
     "[slrum]\ncores = 1\n": ["slrum: is no queue, did you mean 'slurm'?"],
     "[slurm]\nqueu = 'a'\nmemry = '1 GB'\n": ["slurm.queu: is no argument", "did you mean 'queue'?", "did you mean 'memory'?"],
     "[slurm]\njobs = 0\n": ["slurm.jobs: 0 must be a whole number of at least 1"],
-    "[slurm]\n[pbs]\n": ["needs one table, such as [slurm]; it has 2"],
+    "[slurm]\n[pbs]\n": ["needs one table, such as [slurm]; it has 2"], "[slurm\n": ["cannot be read"],
     "[slurm]\ncores = 1\n": ["slurm: the cluster cannot be started"],
-    "[slurm\n": ["cannot be read"],
-}
+}  # fmt: skip
 
 
 def test_faults_of_a_cluster_file_come_in_one_message(tmp_path):

@@ -4,38 +4,24 @@ import math
 
 import numpy as np
 import pytest
-from steel import STEEL
+from steel import scene_text
 
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.clumps_from_table import load_bodies
+from thirdbody.bodies.clump import matrix_from_quaternion
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene
-from thirdbody.units import parse
 
-TEXT = """\
-{steel}\
-[[debris]]
-material = "steel"
-kind = "file"
-file = "{file}"
-{more}
-[domain]
-size = ["150 um", "150 um"]
-[plates.lower]
-material = "steel"
-[solver]
-duration = "1 us"
-[output]
-every = "1 us"
-"""
 # a dumbbell of unequal balls, a ball, and a crooked body of three; rows of a body need not stand together
 SPHERES = [(3, 10, 20, 9, 5), (1, 60, 60, 40, 7), (9, 90, 30, 12, 6), (3, 16, 22, 9, 4), (9, 97, 30, 12, 4), (9, 90, 36, 14, 3)]
 PLAIN = "clump,x [um],y [um],z [um],radius [um]\n" + "".join(",".join(map(str, row)) + "\n" for row in SPHERES)
 IDS = [1, 3, 9]
+
+
+def text_of(name, more=""):
+    return scene_text(f'[[debris]]\nmaterial = "steel"\nkind = "file"\nfile = "{name}"\n{more}', '["150 um", "150 um"]')
 
 
 def arrays(**more):
@@ -46,8 +32,6 @@ def arrays(**more):
 
 @pytest.fixture
 def placed(tmp_path):
-    """Writes the table and a scene beside it; returns the bodies, the warnings and the scene."""
-
     def make(table, more=""):
         name = "b.csv" if isinstance(table, str) else "b.npz"
         if isinstance(table, str):
@@ -55,7 +39,7 @@ def placed(tmp_path):
         else:
             np.savez(tmp_path / name, **table)
         path = tmp_path / "scene.toml"
-        path.write_text(TEXT.format(steel=STEEL, file=name, more=more))
+        path.write_text(text_of(name, more))
         scene, warnings = Scene.load(path), []
         return populate(scene, warnings), warnings, scene
 
@@ -136,37 +120,6 @@ def test_csv_and_npz_say_the_same(placed):
     assert a.velocities[1] == pytest.approx([4e-3, 5e-3, 6e-3], rel=1e-15) and a.angular_velocities[0].tolist() == [-1, 0, 5]
 
 
-def test_what_counts_as_numbers(placed, tmp_path):
-    q = np.round([turn((1, 2, 3), 0.1 + k) for k in range(3)], 7)
-    arms = arrays(quaternion=q)
-    arms["center"][:, 2] += 30e-6
-    bodies, _, _ = placed(arms)
-    # made unit: what is left is rounding
-    assert np.linalg.norm(bodies.quaternions, axis=1) == pytest.approx([1.0] * 3, rel=1e-15)
-    table = arrays(velocity=np.zeros((3, 3)))
-    table["velocity"], table["clump"] = np.ones((3, 3), np.int32), table["clump"].astype(np.uint64)
-    table["radius"] = table["radius"].astype(np.float32)
-    bodies, _, _ = placed(table)
-    assert bodies.velocities.dtype == np.float64 and (bodies.velocities == 1.0).all()
-    (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n0,60,-0.1,3e2,6.6\n")
-    bodies = load_bodies(tmp_path / "b.csv", parse)
-    assert bodies.positions[0].tolist() == [60e-6, -0.1e-6, 300e-6] and bodies.clumps[0].radii.tolist() == [6.6e-6]
-
-
-def test_copies_of_a_shape_share_their_clump(tmp_path):
-    rng = np.random.default_rng(3)
-    rows = []
-    for k, (x, y) in enumerate(rng.uniform(-1e3, 1e3, (20, 2)).tolist()):
-        rows += [f"{k},{x!r},{y!r},5,5", f"{k},{x + 3.0!r},{y!r},6,4.5"]
-    (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n" + "\n".join(rows))
-    bodies = load_bodies(tmp_path / "b.csv", parse)
-    # arms are rounded to 1e-11 radii, and places at 200 radii to 3e-14: one in hundreds falls across the edge of a digit
-    assert len({id(body) for body in bodies.clumps}) <= 5
-    alone = clump(np.array([[0, 0, 5], [3, 0, 6]]) * 1e-6, np.array([5, 4.5]) * 1e-6)
-    for body in bodies.clumps:
-        assert [body.volume, *body.inertia] == pytest.approx([alone.volume, *alone.inertia], rel=1e-9)
-
-
 def test_a_layer_takes_the_shapes_in_turn(placed):
     bodies, warnings, _ = placed(PLAIN, 'placement = "layer"\ncount = 5\nseed = 4')
     assert [len(body.radii) for body in bodies.clumps] == [1, 2, 3, 1, 2] and not warnings
@@ -202,7 +155,7 @@ def test_saved_and_read_the_scene_is_the_same(placed, tmp_path, more):
 
 
 def test_bodies_of_a_table_can_meet_each_other(tmp_path):
-    text = TEXT.format(steel=STEEL, file="b.csv", more="").replace('material = "steel"\nkind', 'material = "glass"\nkind')
+    text = text_of("b.csv").replace('material = "steel"\nkind', 'material = "glass"\nkind')
     glass = '[materials.glass]\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.2\ndensity = "2500 kg/m3"\n'
     pair = '[[pairs]]\nbetween = ["steel", "glass"]\nfriction = 0.3\nrestitution = 0.6\n'
     with pytest.raises(InputError, match=r"no pair for 'glass' and 'glass', which can meet \(the bodies of debris"):

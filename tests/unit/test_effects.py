@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 from each import each
+from shared_runs import PLATES, clumps
 
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import record
-from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.report.adhesion_check import remarks
 from thirdbody.scene.model import Scene
 
-TEXT = """\
+MATERIALS = """\
 scene = 1
 [materials]
 steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}
@@ -27,33 +27,10 @@ PAIR
 between = ["brass", "brass"]
 friction = 0.30
 restitution = 0.60
-[[debris]]
-material = "brass"
-kind = "irregular"
-count = 12
-seed = 1
-size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
-spheres = [4, 8]
-aspect = [1.0, 0.8, 0.6]
-placement = "layer"
-[domain]
-size = ["60 um", "50 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-damping = "7e-5 kg/s"
-motion = {x = {velocity = "1 m/s"}}
-[effects]
-EFFECTS
-[solver]
-distance = "2 um"
-settle = "3 us"
-[output]
-every = "1 um"
 """
+LAYER = clumps(12, '["60 um", "50 um"]', MATERIALS).replace('"steel"\nkind', '"brass"\nseed = 1\nplacement = "layer"\nkind')
+TEXT = LAYER + PLATES.replace("motion", 'damping = "7e-5 kg/s"\nmotion').replace("10 mm/s", "1 m/s")
+TEXT += '[effects]\nEFFECTS\n[solver]\ndistance = "2 um"\nsettle = "3 us"\n[output]\nevery = "1 um"\n'
 
 ROLLING = "rolling_resistance = {coefficient = 0.05}"
 
@@ -100,15 +77,17 @@ def test_the_ledger_of_a_sheared_layer_closes_and_moments_are_balanced():
     rolling.integrator.advance_to(distance=2e-6, watch=lambda: ledger.watch(state))
     assert ledger.relative_residual(state, ledger.lines(state)["residual"]) < 1e-3
     slots = state.slots
-    torque = np.zeros((state.n_bodies, 3))
+    torque, between = np.zeros((state.n_bodies, 3)), 0
     for k in np.flatnonzero(slots.histories.slip > 0.0):
         R, own, other = slots.R[k], state.body[slots.own[k]], slots.partner[k]
         force = R[record.NORMAL_FORCE] * R[record.NORMAL3] + R[record.TANGENTIAL_FORCE3]
         torque[own] += np.cross(R[record.POINT3], force) + R[record.MOMENT3]
         if other >= 0:
+            between += np.linalg.norm(R[record.MOMENT3]) > 0.0
             torque[state.body[other]] -= np.cross(R[record.PARTNER_POINT3], force) + R[record.MOMENT3]
     # sums of a few numbers in another order
     assert np.allclose(torque, state.bodies.torque, rtol=0.0, atol=1e-12 * np.abs(torque).max())
+    assert between > 0, "the layer is crowded enough that bodies collide"
 
 
 def test_a_pair_may_have_its_own_coefficient_if_the_effect_is_on():
@@ -171,13 +150,3 @@ def test_faults_are_reported(effects):
 def test_local_damping_may_say_when_it_ends():
     built = build(scene('local_damping = {coefficient = 0.3, until = "settled"}\ngravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'))
     assert built.choice.physics.effect_parameters.tolist() == [0.0, 0.0, -9.81, 0.3, built.settle]
-
-
-def test_debris_meets_debris_with_a_moment():
-    text = TEXT.replace("EFFECTS", ROLLING).replace("PAIR", "").replace("count = 12", "count = 20")
-    built = build(Scene.parse(text.replace('"60 um", "50 um"', '"80 um", "70 um"')))
-    built.integrator.advance_to(distance=1.5e-6)
-    slots = built.state.slots
-    on = (slots.histories.slip > 0.0) & (slots.partner >= 0)
-    assert DEBRIS == 2 and on.any(), "the layer is crowded enough that bodies collide"
-    assert np.linalg.norm(slots.records.moment[on], axis=1).max() > 0.0

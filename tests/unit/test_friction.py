@@ -69,8 +69,7 @@ def test_every_output_reports_the_same_number(drifting, capsys):
     assert json.loads(capsys.readouterr().out)["friction_coefficient"] == pytest.approx(mean, rel=1e-14)
     run_report(drifting.parent, json=False)
     seen.append(capsys.readouterr().out)
-    report = f"{mean:.3f}"
-    assert [text for text in seen if report not in text] == []
+    assert [text for text in seen if f"{mean:.3f}" not in text] == []
 
 
 def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
@@ -100,8 +99,7 @@ def test_few_frames_or_cycles_are_no_verdict():
     few = friction(u, np.full(5, 0.3))
     assert few.value == pytest.approx(0.3) and few.stationary is None
     assert few.verdict.startswith("too few") and math.isnan(few.error)
-    still = friction(0.0 * u, np.full(5, np.nan))
-    assert math.isnan(still.value) and str(still) == "no sliding"
+    assert str(friction(0.0 * u, np.full(5, np.nan))) == "no sliding"
     assert str(friction(u, np.full(5, np.nan))) == "unloaded"
     two, one, none = (friction(*square_loop(cycles)) for cycles in (2.0, 1.0, 0.75))
     assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
@@ -188,12 +186,9 @@ SOUND = {
 FIXED = '[solver]\ntime_step = "2 ns"\n'
 
 
-def test_a_balance_that_closes_or_is_not_known_is_not_spoken_of():
-    assert all(energy_verdict(SOUND | {"energy_residual": residual}) is None for residual in (None, 0.0, 9.9e-4))
-
-
 ALONE = {"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": None}
 BALANCES = [
+    *[(SOUND | {"energy_residual": residual}, "", ()) for residual in (None, 0.0, 9.9e-4)],
     (SOUND, FIXED, ("the time step is 2 times the automatic one", 'solver.time_step = "5e-10 s"')),
     (SOUND, "", ("4.0e-03 of the largest energy", "too long for some impact or contact", 'solver.time_step = "5e-10 s"')),
     (SOUND | {"energy": {"damping": 3.0, "friction": 1.0}}, "", ("dashpots take 75 % of what is lost", "5e-10 s")),
@@ -203,9 +198,7 @@ BALANCES = [
     (ALONE | {"energy_numerical_share": 0.068}, "", ("itself lost 6.8 %", "solver.tolerance", "explicit")),
     (ALONE | {"energy_numerical_share": 0.068}, "[solver]\ninertia = false\n", ("lost 6.8 %", "tips", "solver.inertia = true")),
     (ALONE | {"energy_numerical_share": -0.26}, "", ("itself made 26.0 %", "solver.tolerance")),
-    (ALONE | {"energy_numerical_share": 0.004}, "", ()),
-    (ALONE | {"energy_numerical_share": -0.004}, "", ()),
-    (ALONE, "", ()),
+    *[(ALONE | {"energy_numerical_share": share}, "", ()) for share in (0.004, -0.004, None)],
 ]
 
 
@@ -217,22 +210,18 @@ def test_the_reason_of_a_balance_that_does_not_close_follows_from_the_facts(row)
 
 
 ENDINGS = [
-    ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]),
+    ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]), ({"load_ratio": 1.02, "finished": True}, []),
     ({"load_ratio": 0.2, "finished": True}, ["0.20 times the load"]),
-    ({"load_ratio": 1.02, "finished": True}, []),
-    ({"load_ratio": None, "patches_not_carried": None}, []),
+    ({"load_ratio": None, "patches_not_carried": None, "damping_share": None}, []),
     ({"load_ratio": 1.0, "patches_not_carried": 0, "bodies": 40}, []),
     ({"load_ratio": 1.0, "patches_not_carried": 1, "bodies": 40}, ["1 of 40 patches", "solver.inertia"]),
     ({"patches_not_carried": None, "histories_shortened": 3}, ["3 contacts", "contact.nodes"]),
     ({"patches_not_carried": None, "histories_shortened": 0}, []),
     ({"patches_not_carried": 0, "largest_fraction_rolling": 0.25}, ["25 % of the bodies rolled", "momentum"]),
-    ({"patches_not_carried": 0, "largest_fraction_rolling": 0.0}, []),
     ({"patches_not_carried": None, "largest_fraction_rolling": 0.25}, []),
     ({"damping_share": 0.41, "energy": {"friction": 5.1, "plate_work": 10.0}}, ["took 41 %", "friction 51 %"]),
     ({"damping_share": 0.08, "energy": {"friction": 9.1, "plate_work": 10.0}}, []),
-    ({"damping_share": None}, []),
-    ({}, []),
-]
+]  # fmt: skip
 
 
 @each(ENDINGS)

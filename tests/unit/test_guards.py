@@ -29,7 +29,6 @@ def pressed_scene(integrator="explicit", **changes):
 
 
 def balls(velocity=(1.0, 0.0, 0.0)):
-    """Two balls in the open, a tenth of a radius apart, the first of them moving."""
     pair = [make.ball(1e-3, (0.0, 0.0, 0.0), velocity, (0.0, 0.0, 0.0)), make.ball(1e-3, (2.1e-3, 0.0, 0.0))]
     domain = Domain(size=(10.0, 10.0), periodic=False)
     return build(make.scene(Trial(Setting("explicit", "mindlin")), pair, {"ball": make.STEEL}, 0.3, domain=domain))

@@ -60,13 +60,11 @@ def field(coefficients):
 
 
 def heights_of(coefficients, x, y):
-    """The spline by scipy, on a grid."""
     u = np.meshgrid(x / PERIOD[0] * CELLS[0], y / PERIOD[1] * CELLS[1], indexing="ij")
     return ndimage.map_coordinates(coefficients, u, order=3, mode="grid-wrap", prefilter=False)
 
 
 def difference(f, h):
-    """Central differences (3, ...) of f(displacement (3,))."""
     return np.array([(np.array(f(h * e)) - np.array(f(-h * e))) / (2.0 * h) for e in np.eye(3)])
 
 
@@ -98,12 +96,8 @@ def test_the_closest_point_is_straight_below_along_the_normal_and_found_in_two_e
     # Newton's method converges to rounding: 1e-16 of the period is 2e-21 m
     assert to_centre == pytest.approx(foot.distance * np.array(foot.normal), abs=1e-19)
     assert np.linalg.norm(foot.normal) == pytest.approx(1.0, rel=1e-15)
-    x, y, evaluations = 0.0, 0.0, []
-    for step in range(200):
-        foot = foot_of(field, (CENTRE[0] + step * 1e-10, *CENTRE[1:]), x, y)[0]
-        x, y = foot.x, foot.y
-        evaluations.append(foot.evaluations)
-    assert np.mean(evaluations[1:]) < 2.1 and max(evaluations[1:]) <= 3
+    # from the foot of the step before, as a run does
+    assert foot_of(field, (CENTRE[0] + 1e-10, *CENTRE[1:]), foot.x, foot.y)[0].evaluations <= 3
 
 
 def test_geometry_moves_with_the_centre_as_its_derivatives_predict(field):
@@ -180,7 +174,6 @@ def test_a_shift_by_a_period_changes_no_bit():
 
 
 def lowered(field, x, y, radius, found):
-    """Height of the centre of a sphere that just touches the surface [m]."""
     low, high = -1e-6, radius + 2e-6
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -199,11 +192,11 @@ def grid_minima(coefficients, centre, reach, fine):
     return offset[np.argwhere(lowest)]
 
 
-def missed(field, coefficients, count, seed):
-    """Search for spheres at random; return how many minima of the grid were not found, and how many spheres had two or more."""
-    rng, found, misses, several = np.random.default_rng(seed), np.zeros((64, 3)), 0, 0
+def test_no_minimum_is_missed(field, coefficients):
+    """Of spheres at random, some with two or more."""
+    rng, found, misses, several = np.random.default_rng(5), np.zeros((64, 3)), 0, 0
     cell = PERIOD[0] / CELLS[0]
-    for _ in range(count):
+    for _ in range(60):
         radius, (x, y) = rng.choice([0.3e-6, 1e-6, 2e-6, 3e-6]), rng.random(2) * PERIOD
         centre, reach = (x, y, lowered(field, x, y, radius, found)), 1.1 * radius
         n = minima_of(field, centre, reach, found)
@@ -214,18 +207,7 @@ def missed(field, coefficients, count, seed):
                 # a false minimum between the nodes of the grid leads to a true one
                 foot = foot_of(field, centre, *o)[0]
                 misses += foot.distance < reach and (n == 0 or np.hypot(*(found[:n, :2] - foot[:2]).T).min() > 1e-3 * cell)
-    return misses, several
-
-
-def test_no_minimum_is_missed(field, coefficients):
-    misses, several = missed(field, coefficients, 60, 5)
     assert misses == 0 and several > 3
-
-
-@pytest.mark.full(kind="slow")
-def test_no_minimum_of_ten_thousand_spheres_is_missed(field, coefficients):
-    misses, several = missed(field, coefficients, 10_000, 6)
-    assert misses == 0 and several > 300
 
 
 def test_of_more_minima_than_rows_the_nearest_are_kept():
@@ -247,40 +229,22 @@ Context = namedtuple("Context", "own partner S P Q")  # noqa: PYI024
 
 
 def candidate(partner, x, P, rows=0):
-    """A sphere at x and a plate."""
     S = np.zeros((1, sphere.WIDTH))
     S[0, sphere.POSITION3], S[0, sphere.RADIUS] = x, 1.0
     return Context(np.zeros(1, np.int32), np.full(1, partner, np.int32), S, P, np.zeros((rows, surface_contact.WIDTH)))
 
 
-@njit
-def overlap(k, context):
-    return first_body.overlap(k, context)
+def compiled(function):
+    return njit(lambda *arguments: function(*arguments))
 
 
-@njit
-def normal(k, context):
-    return first_body.normal(k, context)
+overlap, normal, normal_before = map(compiled, (first_body.overlap, first_body.normal, first_body.normal_before))
+effective_radius, radius_of_curvature = compiled(first_body.effective_radius), compiled(first_body.radius_of_curvature)
+to_surface, velocity = compiled(first_body.to_surface), compiled(first_body.velocity)
 
 
-@njit
-def normal_before(k, move, context):
-    return first_body.normal_before(k, move, context)
-
-
-@njit
-def to_surface(partner, x, P):
-    return first_body.to_surface(partner, x, P)
-
-
-@njit
-def velocity(partner, P, motion):
-    return first_body.velocity(partner, P, motion)
-
-
-@njit
-def radii(k, context):
-    return first_body.effective_radius(k, context), first_body.radius_of_curvature(k, context)
+def radii(candidate):
+    return effective_radius(0, candidate), radius_of_curvature(0, candidate)
 
 
 @pytest.fixture
@@ -309,7 +273,7 @@ def test_a_surface_moves_with_its_plate_and_has_the_debris_above_it(patches):
     assert to_surface(UPPER, MIDDLE, patches) == pytest.approx((0.3 - 0.1, -0.2 - 0.4, 1.8 - 0.9))
     motion = Motion(1e-9, 3.0, -4.0)  # of the upper plate alone
     assert velocity(LOWER, patches, motion) == (0.0, 0.0, 0.0) and velocity(UPPER, patches, motion) == (3.0, -4.0, 0.5)
-    assert radii(0, candidate(LOWER, MIDDLE, patches)) == (1.0, 0.0)  # flat plates leave the radius of the sphere
+    assert radii(candidate(LOWER, MIDDLE, patches)) == (1.0, 0.0)  # flat plates leave the radius of the sphere
 
 
 def test_rough_plates_answer_from_the_table_of_closest_points(patches):
@@ -320,7 +284,7 @@ def test_rough_plates_answer_from_the_table_of_closest_points(patches):
     turning = (np.eye(3) - np.outer(n, n)) / 1.9
     row[surface_contact.NORMAL_GRADIENT6] = turning[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     assert overlap(0, rough) == pytest.approx(0.1) and normal(0, rough) == tuple(n)
-    assert radii(0, rough) == pytest.approx((0.5, 1.0))
+    assert radii(rough) == pytest.approx((0.5, 1.0))
     move = np.array([2e-3, -1e-3, 3e-3])
     before = (1.9 * n - move) / np.linalg.norm(1.9 * n - move)
     # to first order: the square of the move over 1.9
