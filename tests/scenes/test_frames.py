@@ -164,6 +164,7 @@ def test_the_three_spot_particle_sticks_and_then_slides(runs):
     assert left / right == pytest.approx((1.3 + 1.2) / (2.2 - 1.2), rel=3e-3)
 
 
+@pytest.mark.full(kind="slow")
 def test_hard_grains_carry_more_than_their_share(runs):
     """At the end of pressing; the foundation then carries the load within 1 %."""
     _, run = runs("mixed_population")
@@ -178,6 +179,7 @@ def test_hard_grains_carry_more_than_their_share(runs):
     assert np.all(np.isin(run.states[1], (FREE, STICKING))) and run.summary()["energy_residual"] < 1e-3
 
 
+@pytest.mark.full(kind="slow")
 def test_a_dense_bed_carries_the_plate_and_shears(runs):
     _, run = runs("dense_layer")
     assert run.summary()["energy_residual"] < 1e-3

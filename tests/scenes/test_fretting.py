@@ -65,6 +65,7 @@ def spot():
     return stiffness, MU * load / stiffness
 
 
+@pytest.mark.full(kind="slow")  # in the default: reversals of a stroke, tests/hard/test_implicit_hard.py
 def test_the_loop_has_the_area_of_an_elastic_slider(loop):
     x, force = loop
     area = abs(float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))))
@@ -75,6 +76,7 @@ def test_the_loop_has_the_area_of_an_elastic_slider(loop):
     assert np.max(np.abs(force)) == pytest.approx(MU * LOAD, rel=1e-3)
 
 
+@pytest.mark.full(kind="slow")
 def test_the_slope_after_a_reversal_is_the_stiffness_of_all_spots(loop):
     x, force = loop
     turn = int(np.argmax(x))

@@ -78,7 +78,7 @@ def test_every_notebook_is_listed():
     assert all(f"(tutorials/{path.name})" in page for path in NOTEBOOKS)
 
 
-SHORT = ("2_reading_a_run", "5_my_own_law")
+SHORT = ("5_my_own_law",)
 """What the others show besides is shown by tests of meshes, levels, strokes and sweeps."""
 
 
