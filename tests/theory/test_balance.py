@@ -252,7 +252,8 @@ def test_odd_particles_end_finite(which):
             assert min(point.N) >= 0.0 and np.all(np.isfinite(np.ravel(point.T)))
 
 
-def test_what_has_no_static_state_and_what_has():
+def test_what_has_no_static_state_and_what_has(monkeypatch):
+    monkeypatch.setattr("thirdbody.engine.quasistatic.CUTS", 2)
     result = walk((PAPER[0], PAPER[1]))
     assert result.points == [] and result.stopped is not None
     assert result.stopped.label == "rolling" and "no static state exists while it is pressed" in result.stopped.message
