@@ -1,10 +1,15 @@
-"""One contact of a law, driven step by step."""
+"""One contact of a law, driven step by step in plain Python."""
+
+import functools
 
 import closed_forms
 import numpy as np
+from theory.plain import plain
 from thirdbody_three_spot import theory
 
 from thirdbody.laws.kernel_data import Contact, Load
+
+plain = functools.cache(plain)
 
 
 class Spot:
@@ -25,11 +30,11 @@ class Spot:
     def answer(self, *step, **named):
         """What the law returns, and its new springs; nothing moves on."""
         w_new = np.full_like(self.w, np.nan)
-        return *self.law.kernel(*self.evaluate(*step, **named), *((w_new,) if self.w.size else ())), w_new
+        return *plain(self.law.kernel)(*self.evaluate(*step, **named), *((w_new,) if self.w.size else ())), w_new
 
     def move(self, *step, **named):
         answer, self.h, self.w = self.answer(*step, **named)
         return answer
 
     def tangent(self, *step, **named):
-        return self.law.tangent(*self.evaluate(*step, **named))
+        return plain(self.law.tangent)(*self.evaluate(*step, **named))

@@ -2,30 +2,10 @@
 
 import numpy as np
 import pytest
-from each import each
 from gallery import SCENES
-from load_sharing import ALONE, COUNT, PRESSURE, ROUGHNESS, Sharing, estimate, mixed, read_sweep, scenes
+from load_sharing import ALONE, COUNT, PRESSURE, ROUGHNESS, estimate, mixed, read_sweep, scenes
 
 import thirdbody
-
-EXAMPLE = Sharing(density=2.7e10, spring=100.0, height=2.3e-6, spread=0.9e-6, prefactor=5e8, length=3.6e-7)
-
-
-@each([0.5e-6, 2e-6, 4e-6])
-def test_the_pressure_on_debris_is_the_mean_over_all_heights(gap):
-    heights = EXAMPLE.height + EXAMPLE.spread * np.linspace(-8.0, 8.0, 200001)
-    weight = np.exp(-0.5 * ((heights - EXAMPLE.height) / EXAMPLE.spread) ** 2)
-    force = EXAMPLE.spring * np.maximum(heights - gap, 0.0)
-    debris, direct, active = EXAMPLE.pressures(gap)
-    # the sum is over steps of 8e-5 of the spread
-    assert debris == pytest.approx(EXAMPLE.density * (weight @ force) / weight.sum(), rel=1e-6)
-    assert active == pytest.approx(weight[heights > gap].sum() / weight.sum(), rel=1e-4)
-    assert direct == pytest.approx(5e8 * np.exp(-gap / 3.6e-7), rel=1e-12)
-
-
-def test_the_share_of_debris_falls_with_pressure_and_the_active_fraction_rises():
-    shares, active = zip(*(EXAMPLE.at(pressure) for pressure in (3e5, 1e6, 3e6, 1e7)), strict=True)
-    assert list(shares) == sorted(shares, reverse=True) and list(active) == sorted(active)
 
 
 @pytest.mark.full(kind="slow")

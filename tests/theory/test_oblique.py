@@ -4,6 +4,7 @@ Spins about y, tangential motion along x. Gross slip means that the surfaces nev
 impulse is then mu times the normal impulse, whatever the tangential law.
 """
 
+import functools
 import itertools
 import math
 from pathlib import Path
@@ -12,7 +13,9 @@ import closed_forms
 import numpy as np
 import pytest
 from slow import slow
-from thirdbody_three_spot import theory
+from thirdbody_three_spot import THREE_SPOT, theory
+
+from thirdbody.scene.model import Contact
 
 DATA = Path(__file__).with_name("data")
 RESOLVED = 200  # steps per elastic contact time
@@ -20,12 +23,12 @@ DAMPED = 3e-3  # restitution at `RESOLVED` steps, order 1.25 (test_impacts): bel
 CONSTANTS = {"aluminium alloy": (70e9, 0.33, 2700.0), "nylon": (2.5e9, 0.4, 1000.0)}
 
 
-def rebound(make, numbers, radius, velocity, spin=(0.0, 0.0, 0.0), **keys):
+def rebound(make, numbers, radius, velocity, spin=(0.0, 0.0, 0.0), steps=RESOLVED, **keys):
     """(velocity, spin) of a ball after an impact on a rigid plane."""
     material = make.solid(*numbers)
     e = theory.e_star(material.shear(), material.poisson_ratio, math.inf, 0.0)
     duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, -velocity[2])
-    simulation = make.ball_on_plane(material, radius, velocity, spin, time_step=duration / RESOLVED, **keys)
+    simulation = make.ball_on_plane(material, radius, velocity, spin, time_step=duration / steps, **keys)
     make.leave(simulation, duration)
     return make.velocity(simulation), make.spin(simulation), simulation
 
@@ -117,3 +120,54 @@ def test_direction_of_the_plane_does_not_matter(make, degrees):
     for row in found[1:]:
         # rounding of a few hundred steps
         assert row == pytest.approx(found[0], rel=1e-11, abs=1e-12)
+
+
+# -- test 4, from 5 to 85 degrees at every level; `pytest -s -m ''` prints the table in plugins/three_spot/README.md --
+
+SPEED, FRICTION, RESTITUTION, RADIUS = 3.9, 0.092, 0.98, 2.5e-3
+ANGLES = range(5, 86, 10)
+LEVELS = sorted(THREE_SPOT.levels)
+levels = pytest.mark.parametrize("level", [slow("exact") if level == "exact" else level for level in LEVELS])
+
+
+def rebound_at(make, degrees, level):
+    """v_t'/v_t of the centre, spin over that of a grazing slip (SPEED/RADIUS), rebound angle of the contact point in degrees."""
+    angle = math.radians(degrees)
+    start, contact = (SPEED * math.sin(angle), 0.0, -SPEED * math.cos(angle)), Contact(law="three_spot", level=level)
+    keys = {"friction": FRICTION, "restitution": RESTITUTION, "contact": contact}
+    v, spin, _ = rebound(make, (380e9, 0.23, 4000.0), RADIUS, start, steps=400, **keys)
+    return v[0] / start[0], spin[1] * RADIUS / SPEED, math.degrees(math.atan2(v[0] - RADIUS * spin[1], v[2]))
+
+
+@functools.cache
+def rows_of(make, level):
+    return [rebound_at(make, degrees, level) for degrees in ANGLES]
+
+
+@levels
+def test_steep_impacts_slip_throughout_at_every_level(make, level):
+    """Gross slip from about 31 degrees on: the impulse of friction is mu times the normal one, whatever the law."""
+    for (ratio, spin, _), degrees in zip(rows_of(make, level), ANGLES, strict=True):
+        if degrees >= (55 if level == "coulomb" else 45):
+            angle = math.radians(degrees)
+            # restitution to 3e-3, and the overlap of 1e-2 R shortens friction's arm by half of that
+            assert 1.0 - ratio == pytest.approx(1.0 - closed_forms.gross_slip_speed_ratio(FRICTION, RESTITUTION, angle), rel=3e-3)
+            report = closed_forms.gross_slip_spin(FRICTION, RESTITUTION, angle, SPEED, RADIUS) * RADIUS / SPEED
+            assert spin == pytest.approx(-report, rel=9e-3)  # that of the theory counts against the drag
+
+
+@levels
+def test_shallow_impacts_come_back(make, level):
+    """Near the normal the tangential spring throws the contact point back: its rebound is reversed."""
+    assert min(angle for _, _, angle in rows_of(make, level)) < 0.0
+    assert all(ratio < 1.0 for ratio, _, _ in rows_of(make, level))
+
+
+@pytest.mark.full(kind="slow")
+def test_springs_follow_the_finest_level(make):
+    for k, degrees in enumerate(ANGLES):
+        cells = " | ".join("{:.3f} {:.4f} {:+.1f}".format(*rows_of(make, level)[k]) for level in LEVELS)
+        print(f"| {degrees} | {cells} |")
+    for coarse, fine in zip(rows_of(make, "mdr"), rows_of(make, "exact"), strict=True):
+        # 32 springs: 1e-3 of the friction limit, which is a third of the speeds here at most
+        assert coarse[0] == pytest.approx(fine[0], abs=2e-3)

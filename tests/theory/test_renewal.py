@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 from each import each
-from slow import slow
+from theory.plain import plain
 from theory.spots import Spot
-from thirdbody_three_spot import exact, exact_rolling, exact_springs, mdr, mdr_rolling, theory
+from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
@@ -61,7 +61,7 @@ FORCE_LEFT = {
 @each([*LEVELS, "mindlin"])
 def test_steady_rolling_has_the_creep_of_kalker(level):
     """T = G a^2 C11 xi, whatever the length of the step."""
-    for (nu, (expected, tolerance)), step in itertools.product(C11.items(), (0.01, 0.5)):
+    for (nu, (expected, tolerance)), step in itertools.product(C11.items(), (0.05, 0.5)):
         materials, creep = pair(nu, friction=1e6), 1e-4
         spot = RollingSpot(level, materials)
         for _ in range(int(20.0 / step)):  # exp(-0.5 * 20) of the start is left
@@ -97,11 +97,11 @@ def test_creep_curve_beside_carter_and_kalker(level):
     """
     nu = 0.25
     far = [0.0, 0.0]
-    for share in (0.03, 0.1, 0.3, 0.6, 1.0, 1.3, 1.5, 2.0, 3.0):
+    for share in (0.1, 0.6, 1.0, 1.3, 1.5, 3.0):
         spot = RollingSpot(level, pair(nu))
         limit = 0.3 * theory.hertz_force(spot.e_star, RADIUS, OVERLAP)
         creep = share * limit / (80e9 * A**2 * C11[nu][0])
-        for _ in range(300):
+        for _ in range(150):
             answer = spot.move(0.1 * creep * A, 0.1 * A)
         found = -answer.x / limit
         assert found == pytest.approx(1.0 - (1.0 - min(2.0 * share / 3.0, 1.0)) ** 1.5, abs=0.005)  # springs, and C11 to 1 %
@@ -112,14 +112,14 @@ def test_creep_curve_beside_carter_and_kalker(level):
     assert far == pytest.approx([0.07, 0.13], abs=0.01)
 
 
-@each(LEVELS)
+@each(["mindlin", "exact"])
 def test_unlike_materials_have_the_creep_of_their_mean_compliance(level):
     """Kalker: 1/G and nu/G are the means of both bodies'."""
     materials, creep = pair(0.4, 0.1, shear=40e9, friction=1e6), 1e-4
     shear = 2.0 / (1.0 / 80e9 + 1.0 / 40e9)
     nu = 0.5 * shear * (0.4 / 80e9 + 0.1 / 40e9)  # 0.2
     spot = RollingSpot(level, materials)
-    for _ in range(200):
+    for _ in range(50):
         answer = spot.move(0.3 * creep * A, 0.3 * A)
     between = 3.40 + (4.12 - 3.40) * nu / 0.25
     assert -answer.x == pytest.approx(shear * A**2 * between * creep, rel=0.03)  # C11 is a little convex
@@ -127,10 +127,10 @@ def test_unlike_materials_have_the_creep_of_their_mean_compliance(level):
 
 @each(EVERY)
 def test_a_spot_that_sways_keeps_its_force(level):
-    """+-0.5 nm, 200 cycles, with a contact radius of 32 nm: the first sway meets 0.5 nm of fresh ground, the others none."""
+    """+-0.5 nm, 40 cycles, with a contact radius of 32 nm: the first sway meets 0.5 nm of fresh ground, the others none."""
     spot = RollingSpot(level, pair(0.3))
     forces = [spot.shear(0.5).x]
-    for _ in range(200):
+    for _ in range(40):
         forces += [spot.move(roll=path).x for path in (5e-10, -1e-9, 5e-10)][-1:]
     assert forces[-1] == pytest.approx(forces[1], rel=1e-12)
     assert forces[-1] == pytest.approx(forces[0], rel=0.01)
@@ -175,20 +175,19 @@ def test_the_rate_is_a_word_or_a_number():
 
 
 def test_ground_is_fresh_after_the_diameter_of_the_patch_and_never_where_it_shrinks():
-    ground = moved_ground(0.0, 0.0, A, 0.0, 0.0, 0.0)
+    ground, step = plain(moved_ground)(0.0, 0.0, A, 0.0, 0.0, 0.0), plain(moved_ground)
     for _ in range(50):
-        ground = moved_ground(0.1 * A, 0.0, A, *ground[1:])
+        ground = step(0.1 * A, 0.0, A, *ground[1:])
     assert ground.path == pytest.approx(0.1 * A)
     paths = []
     for _ in range(30):
-        ground = moved_ground(-0.1 * A, 0.0, A, *ground[1:])
+        ground = step(-0.1 * A, 0.0, A, *ground[1:])
         paths.append(ground.path)
     assert sum(paths) == pytest.approx(1.0 * A)
     assert paths[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
-    ground = moved_ground(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)
-    ground = moved_ground(0.0, 0.0, 0.5 * A, *ground[1:])
+    ground = step(0.0, 0.0, 0.5 * A, *step(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)[1:])
     assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
-    assert moved_ground(0.0, 0.0, A, *ground[1:]).path == 0.0
+    assert step(0.0, 0.0, A, *ground[1:]).path == 0.0
 
 
 def test_heat_of_renewal():
@@ -198,7 +197,7 @@ def test_heat_of_renewal():
     for exponent in (1e-9, 1e-5, 9.99e-4, 1.01e-3, 0.3, 5.0):
         t = np.append(0.5 * (places + 1.0), 1.0)
         w = w_old * np.exp(-exponent * t) + slip * np.expm1(-exponent * t) / exponent
-        share = renewed(exponent)
+        share = plain(renewed)(exponent)
         assert share.retained * w_old - share.fill * slip == pytest.approx(w[-1], rel=1e-14), exponent
         heat = 0.5 * (1.0 - share.retained**2) * w_old**2 - share.mixed * w_old * slip + share.own * slip**2
         # the square of the retained share has 16 digits
@@ -231,7 +230,7 @@ def random_steps(seed, corners, pieces):
 @each(EVERY)
 def test_rolling_makes_no_energy(level):
     """The work of the force at the end of every step, from rest, is never below what is stored; no step dissipates below 0."""
-    for friction, seed in itertools.product((0.3, 3.0), range(15)):
+    for friction, seed in itertools.product((0.3, 3.0), range(4)):
         spot, work = RollingSpot(level, pair(0.3, friction=friction)), 0.0
         for step in random_steps(seed, 12, 1):
             answer = spot.move(**step)
@@ -241,19 +240,19 @@ def test_rolling_makes_no_energy(level):
             assert work >= answer.stored - 1e-12 * answer.limit * OVERLAP
 
 
-@pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("friction", [0.3, slow(3.0)])
-def test_work_of_rolling_fields_is_stored_or_dissipated(level, friction):
+@each(EVERY)
+def test_work_of_rolling_spots_is_stored_or_dissipated(level):
     """Over random paths that turn, grow, shrink and roll: the ledger closes with the step, at least to first order."""
     missing = []
     for pieces in (10, 80):
-        spot, work, heat, x, y = RollingSpot(level, pair(0.3, friction=friction)), 0.0, 0.0, 0.0, 0.0
+        spot, work, heat, x, y = RollingSpot(level, pair(0.3)), 0.0, 0.0, 0.0, 0.0
         for step in random_steps(1, 12, pieces):
             answer = spot.move(**step)
             work -= 0.5 * ((x + answer.x) * step["slip"] + (y + answer.y) * step["aside"])
             x, y, heat = answer.x, answer.y, heat + answer.dissipated
         missing.append(abs(work - heat - answer.stored) / heat)
-    assert missing[1] < 2e-3 and missing[1] < 0.25 * missing[0]
+    # `mindlin` and `coulomb` start to slide at once, within a step
+    assert missing[1] < (2e-3 if level in LEVELS else 5e-3) and missing[1] < 0.25 * missing[0]
 
 
 def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():
@@ -269,34 +268,6 @@ def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():
             forces.append(force)
         assert forces[0] != 0.0
         assert forces[1:] == pytest.approx([forces[0]] * 9, rel=0.01), level
-
-
-def test_carried_springs_leave_no_number_of_a_row_undefined():
-    """A history with undefined numbers differs from run to run, and may hold what is not finite."""
-    for length in (143, 144, 145):
-        w, rows = np.zeros(length), np.full(length, np.nan)
-        w[0], (n, spacing) = 1e-6, (exact_springs.cells_of(w), 1e-6)
-        exact_rolling.carry_springs(w, n // 2, 0.9, (1.5 * n * spacing) ** 2, rows)
-        even = np.full(2 * n, np.nan)
-        mdr_rolling.carry(w[: 2 * n], even, (n, n // 2, spacing**2 / RADIUS), OVERLAP, 0.9)
-        assert np.isfinite(rows).all() and np.isfinite(even).all(), length
-
-
-@each(list(itertools.product(SPRINGS, (0.3, 1e6))))
-def test_work_of_rolling_springs_is_stored_or_dissipated(case):
-    """A straight path of slip, overlap and way in steps of a hundredth and of a four-hundredth: the ledger closes with the step,
-    and no step dissipates less than nothing."""
-    (level, friction), missing = case, []
-    for steps in (100, 400):
-        spot, work, heat, before, stored = RollingSpot(level, pair(0.3, friction=friction)), 0.0, 0.0, 0.0, 0.0
-        for part in np.arange(1, steps + 1) / steps:
-            slip = 2e-10 * math.cos(3.0 * part) / steps
-            answer = spot.move(slip, 2.0 * A / steps, overlap=OVERLAP * (1.0 + 0.2 * part))
-            assert answer.dissipated >= 0.0
-            work, before = work - 0.5 * (answer.x + before) * slip, answer.x
-            heat, stored = heat + answer.dissipated, answer.stored
-        missing.append(abs(work - heat - stored) / abs(work))
-    assert missing[1] < 0.01 and missing[1] < 0.5 * missing[0]  # at least of first order
 
 
 @each(list(itertools.product(SPRINGS, (0.2, 3.0))))
@@ -318,7 +289,7 @@ def test_tangent_of_rolling_springs(case):
 SIDE = 1e-4  # force that holds the pinched ball back, N: a tenth of the friction limit of its two spots
 
 
-@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+@pytest.mark.parametrize("integrator", [pytest.param("explicit", marks=pytest.mark.full(kind="slow")), "implicit"])
 def test_a_pinched_ball_creeps_where_its_springs_are_renewed(make, integrator):
     """Loaded sideways by its weight, it rolls with Kalker's creep: behind half the way of the plate, which it keeps otherwise."""
     behind, pull = {}, Effects(gravity=(-SIDE / make.ball_mass(make.STEEL, 1e-5), 0.0, 0.0))

@@ -1,15 +1,16 @@
-"""The level `mdr`: its springs against Cattaneo-Mindlin theory, straight and curved paths, rolling, and oblique impacts."""
+"""The level `mdr`: its springs against Cattaneo-Mindlin theory, straight and curved paths, oblique impacts, and its tangent."""
 
 import itertools
 import math
+from collections import namedtuple
 from pathlib import Path
-from typing import NamedTuple
 
 import closed_forms
 import numpy as np
 import pytest
-from numba import njit
+from each import each
 from slow import slow
+from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.mdr import MDR, SpringParameters
@@ -26,11 +27,12 @@ E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 KAPPA = MU * E_STAR / G_STAR
 
 
+OVERLAP = 0.01
+LIMIT, CRITICAL = MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP), KAPPA * OVERLAP
+
+
 def driver_of(springs, mu=MU):
     return Spot(MDR, SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0), 2 * springs)
-
-
-LIMIT, CRITICAL = MU * theory.hertz_force(E_STAR, RADIUS, 0.01), KAPPA * 0.01
 
 
 def test_the_virgin_curve():
@@ -47,54 +49,53 @@ def test_the_virgin_curve():
 
 def test_reversal_and_loop():
     """Mindlin and Deresiewicz: the branches after a turn, and the work of the closed loop."""
-    driver, turn, work = driver_of(512), 0.7 * CRITICAL, 0.0
+    driver, turn, work = driver_of(128), 0.7 * CRITICAL, 0.0
     driver.move(0.01)
     top = -driver.move(0.01, turn).x
     for sign in (-1.0, 1.0):
-        for k in range(1, 201):
-            answer = driver.move(0.01, sign * 0.01 * turn)
+        for k in range(1, 41):
+            answer = driver.move(0.01, sign * 0.05 * turn)
             work += answer.dissipated
-            branch = closed_forms.mindlin_reversal(turn - 0.01 * k * turn, turn, LIMIT, CRITICAL)
-            # 256 to 512 springs carry the patch: 2e-6
-            assert -answer.x == pytest.approx(-sign * branch, abs=4e-6 * LIMIT)
-    assert -answer.x == pytest.approx(top, abs=4e-6 * LIMIT)
-    # the 256 springs and more that carry the patch miss 1e-5 of the small area that slips
-    assert work == pytest.approx(closed_forms.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=1e-4)
+            branch = closed_forms.mindlin_reversal(turn - 0.05 * k * turn, turn, LIMIT, CRITICAL)
+            # 64 to 128 springs carry the patch
+            assert -answer.x == pytest.approx(-sign * branch, abs=6e-5 * LIMIT)
+    assert -answer.x == pytest.approx(top, abs=6e-5 * LIMIT)
+    assert work == pytest.approx(closed_forms.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=1e-3)
 
 
-MUCH = [0.3, 1e3, slow(0.0), slow(0.1), slow(10.0), slow(1e6)]
+MUCH = [0.3, 1e3]
 """Coefficients of friction. With a large one springs slide only where the edge of the patch reaches them, at a limit that falls
 to nothing within a part of a step."""
 
 
-@pytest.mark.parametrize("mu", MUCH)
-def test_a_straight_step_is_a_hundred(mu):
+@each(MUCH)
+def test_a_straight_step_is_fifty(mu):
     """Along a line, with springs that touch, merge, turn round, slide and leave: neither force nor heat depends on the step."""
-    rng, (one, hundred) = np.random.default_rng(5), (driver_of(32, mu), driver_of(32, mu))
-    for _ in range(40):
+    rng, (one, fifty) = np.random.default_rng(5), (driver_of(32, mu), driver_of(32, mu))
+    for _ in range(15):
         overlap, slip, start, heat = rng.uniform(1e-4, 0.02), rng.normal() * 3e-3, one.h[0], 0.0
         a = one.move(overlap, slip)
-        for k in range(1, 101):
-            b = hundred.move(start + (overlap - start) * k / 100, slip / 100)
+        for k in range(1, 51):
+            b = fifty.move(start + (overlap - start) * k / 50, slip / 50)
             heat += b.dissipated
-        # a hundred roundings of energies of the size of E* sqrt(R) d^2.5, which is 6e-5
+        # fifty roundings of energies of the size of E* sqrt(R) d^2.5, which is 6e-5
         assert a.dissipated == pytest.approx(heat, rel=1e-8, abs=1e-18)
         assert a.x == pytest.approx(b.x, abs=1e-13 * max(mu, MU) * theory.hertz_force(E_STAR, RADIUS, 0.02))
-    assert one.w == pytest.approx(hundred.w, abs=1e-15 * max(mu, 1.0))
+    assert one.w == pytest.approx(fifty.w, abs=1e-15 * max(mu, 1.0))
 
 
-@pytest.mark.parametrize("mu", MUCH)
+@each(MUCH)
 def test_heat_and_springs_take_the_work_of_an_impact(mu):
-    """An undamped oblique impact of 300 straight steps. The work is that of the mean force over the 64th part of each."""
+    """An undamped oblique impact of 100 straight steps. The work is that of the mean force over the 32nd part of each."""
     coarse, fine, heat, work = driver_of(32, mu), driver_of(32, mu), 0.0, 0.0
     overlap, place, force = 0.0, 0.0, 0.0
-    for k in range(1, 300):
-        to, there = 0.01 * math.sin(math.pi * k / 300), 0.005 * math.sin(2.2 * math.pi * k / 300)
+    for k in range(1, 100):
+        to, there = 0.01 * math.sin(math.pi * k / 100), 0.005 * math.sin(2.2 * math.pi * k / 100)
         answer = coarse.move(to, there - place)
         heat += answer.dissipated
-        for part in range(1, 65):
-            now = fine.move(overlap + (to - overlap) * part / 64, (there - place) / 64).x
-            work -= 0.5 * (force + now) * (there - place) / 64
+        for part in range(1, 33):
+            now = fine.move(overlap + (to - overlap) * part / 32, (there - place) / 32).x
+            work -= 0.5 * (force + now) * (there - place) / 32
             force = now
         overlap, place = to, there
     energy = 8.0 / 15.0 * E_STAR * 0.01**2.5
@@ -104,10 +105,10 @@ def test_heat_and_springs_take_the_work_of_an_impact(mu):
 
 
 def test_curved_paths_are_of_first_order():
-    """A quarter turn of slip after partial slip, in 8, 16, 32 steps, against 2048."""
+    """A quarter turn of slip after partial slip, in 8, 16, 32 steps, against 512."""
 
-    def end(steps: int) -> np.ndarray:
-        driver = driver_of(128)
+    def end(steps):
+        driver = driver_of(32)
         driver.move(0.01, 0.0)
         driver.move(0.01, 0.8 * CRITICAL)
         for k in range(steps):
@@ -116,7 +117,7 @@ def test_curved_paths_are_of_first_order():
             answer = driver.move(0.01, chord * math.cos(angle), chord * math.sin(angle))
         return np.array([answer.x, answer.y])
 
-    fine = end(2048)
+    fine = end(512)
     errors = [np.linalg.norm(end(steps) - fine) / LIMIT for steps in (8, 16, 32)]
     orders = np.diff(np.log2(errors)) * -1.0
     assert errors[0] < 0.06
@@ -134,24 +135,14 @@ def test_without_friction_and_with_a_great_deal():
 def test_a_step_to_an_absurd_overlap_ends():
     """A run whose step is too large gets there before a guard stops it: the grid cannot follow without bound."""
     load = Load(1.0, 1.0, 1.0, 1.0, 0.0)
-    for start, overlap in itertools.product((0.0, 0.01), (1e6, 1e40, math.inf)):
+    for start, overlap in itertools.product((0.0, 0.01), (1e6, 1e40, 1e300)):
         driver = driver_of(16)
         driver.move(start)
         touch, _, *rest = driver.evaluate(0.01, 1e-3)
         touch = touch._replace(overlap=overlap)
-        answer, _ = MDR.kernel(touch, load, *rest, np.empty_like(driver.w))
-        MDR.tangent(touch, load, *rest)
+        answer, _ = plain(MDR.kernel)(touch, load, *rest, np.empty_like(driver.w))
+        plain(MDR.tangent)(touch, load, *rest)
         assert not abs(answer.x) > 2.0 * G_STAR * 2.0**32 * 1e-3  # the grid ends at 2^30 or 2^31 radii
-
-
-def test_rolling_renews_the_material():
-    driver = driver_of(64, mu=1e6)  # all springs stick: a uniform row decays and stays uniform
-    driver.move(0.01)
-    force = -driver.move(0.01, 0.3 * CRITICAL).x
-    answers = [driver.move(0.01, roll=0.01) for _ in range(20)]  # two contact radii in all
-    assert -answers[-1].x == pytest.approx(force * math.exp(-4.0), rel=1e-12)
-    lost = sum(answer.dissipated for answer in answers)
-    assert lost == pytest.approx(answers[-1].stored * (math.exp(8.0) - 1.0), rel=1e-9)
 
 
 def spheres(*rows):
@@ -161,16 +152,7 @@ def spheres(*rows):
     return S
 
 
-class Tables(NamedTuple):
-    own: np.ndarray
-    partner: np.ndarray
-    S: np.ndarray
-    P: np.ndarray
-
-
-@njit
-def travel_speed(i, j, tables, G, plate):
-    return travel(i, j, 0, tables, Motion(1.0, plate, 0.0), G)
+Tables = namedtuple("Tables", "own partner S P")
 
 
 def path(S, i, j, normal, arms, plate=0.0):
@@ -180,7 +162,8 @@ def path(S, i, j, normal, arms, plate=0.0):
     G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
     G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
     nobody = np.zeros(0, np.int32)
-    return travel_speed(i, j, Tables(nobody, nobody, S, np.zeros((1, patch.WIDTH))), G.ravel(), plate)
+    tables = Tables(nobody, nobody, S, np.zeros((1, patch.WIDTH)))
+    return plain(travel)(i, j, 0, tables, Motion(1.0, plate, 0.0), G.ravel())
 
 
 def test_the_path_of_the_patch():
@@ -204,32 +187,193 @@ APPROACH = 1.5e-10
 """m/s: an overlap of 1e-10 of the radius, so that the patch rolls on by 3e-5 of its own radius during the impact."""
 
 
-def impact(make, psi, level, nu=0.3, **options):
+def impact(make, psi, level="mdr", speed=APPROACH, **options):
     """psi_2 of an undamped oblique impact that starts with psi_1, without spin."""
-    material, radius, mu = make.solid(210e9, nu, 7850.0), 1e-3, 0.3
+    material, radius, mu, nu = make.solid(210e9, 0.3, 7850.0), 1e-3, 0.3, 0.3
     e = theory.e_star(material.shear(), nu, math.inf, 0.0)
-    duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, APPROACH)
+    duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, speed)
     scale = 2.0 * (1.0 - nu) / (mu * (2.0 - nu))
+    options = ({"springs": 64} if level == "mdr" else {}) | options
     simulation = make.ball_on_plane(
-        material, radius, (psi / scale * APPROACH, 0.0, -APPROACH), friction=mu, time_step=duration / 1000.0,
+        material, radius, (psi / scale * speed, 0.0, -speed), friction=mu,
+        time_step=duration / 1000.0 if speed == APPROACH else "auto",
         contact=Contact(law="three_spot", level=level, options=options),
     )  # fmt: skip
     before = make.kinetic(simulation)
     make.leave(simulation, duration)
-    assert make.kinetic(simulation) <= (1.0 + 2e-5) * before, "the normal part comes back to 1e-5 at 1000 steps"
-    return (make.velocity(simulation)[0] - radius * make.spin(simulation)[1]) * scale / APPROACH
+    if speed == APPROACH:
+        assert make.kinetic(simulation) <= (1.0 + 2e-5) * before, "the normal part comes back to 1e-5 at 1000 steps"
+    return (make.velocity(simulation)[0] - radius * make.spin(simulation)[1]) * scale / speed
 
 
 CURVE = np.loadtxt(Path(__file__).with_name("data") / "maw_barber_fawcett_nu03.csv", delimiter=",", comments="#", skiprows=2)
-EXACT = slow("exact", 2e-4, {}, CURVE)
+SOME = CURVE[(CURVE[:, 2] >= 0.5) & (CURVE[:, 2] <= 4.0)][:: len(CURVE) // 8]
 
 
 @pytest.mark.parametrize(
-    ("level", "error", "options", "rows"),
-    [("mdr", 4e-4, {"springs": 64}, CURVE[::4]), slow("mdr", 4e-4, {"springs": 64}, CURVE), EXACT],
+    ("level", "error", "rows"), [("mdr", 4e-4, CURVE[::4]), slow("mdr", 4e-4, CURVE), slow("exact", 2e-4, CURVE)]
 )
-def test_maw_barber_fawcett(make, level, error, options, rows):
+def test_maw_barber_fawcett(make, level, error, rows):
     """The rebound of a sphere over its angle of incidence."""
-    found = [impact(make, psi, level, **options) for psi in rows[:, 2]]
+    found = [impact(make, psi, level) for psi in rows[:, 2]]
     # 64 springs carry the patch (1e-4 of the limit); the patch rolls by 3e-5 of its radius; 1000 steps an impact
     assert found == pytest.approx(rows[:, 3], abs=error)
+
+
+@pytest.mark.parametrize(("level", "speed"), [("mdr", 1.0), ("mdr", 5.0), slow("exact", 1.0), slow("exact", 5.0)])
+def test_rebound_at_metres_per_second(make, level, speed):
+    """Below 1e-2 of psi_2 everywhere, by default steps; renewal that took force from all springs alike made 1.7e-2 and 2.1e-2.
+
+    At 1 m/s: 3e-3 of the time step, 5e-3 of the overlap, up to 9e-3 of renewal. At 5 m/s two parts that are larger than the bound
+    make up for each other: the overlap, which theory lacks, takes up to 1.7e-2 from psi_2, and renewal gives up to 1.5e-2.
+    """
+    found = [impact(make, psi, level, speed) for psi in SOME[:, 2]]
+    assert found == pytest.approx(SOME[:, 3], abs=1e-2)
+
+
+@pytest.mark.parametrize("level", ["mdr", slow("exact")])
+def test_the_rest_at_high_speed_is_the_finite_overlap(make, level):
+    """Without renewal the error goes as overlap over radius, v^0.8: theory has none. From 5 to 20 m/s by 3.03."""
+    psi, expected = SOME[len(SOME) // 2, 2:4]
+    errors = [impact(make, psi, level, speed, renewal=0.0) - expected for speed in (5.0, 20.0)]
+    # the time step's 2e-3 of 1.7e-2
+    assert errors[1] / errors[0] == pytest.approx(4.0**0.8, rel=0.15)
+
+
+# -- the tangent --
+
+STEPS = (1e-6, 1e-7)
+"""Of the differences, over the overlap and the critical displacement: 1e-10 (1e-9) of rounding, 1e-12 of smooth curvature. The
+smaller one serves where a weak corner, of a spring with a small share of the force, lies within the other."""
+
+
+def tangent_of(spot, step):
+    """Columns: over slip x, slip y, overlap."""
+    xx, xy, yx, yy, xd, yd = spot.tangent(**step)
+    return np.array([[xx, xy, xd], [yx, yy, yd]])
+
+
+def scales(spot, step):
+    """Sizes of the columns: 2 G* a, and that times kappa (the rate of the limit), or times the slip over the overlap."""
+    patch, slip = 2.0 * G_STAR * theory.contact_radius(RADIUS, step["overlap"]), math.hypot(step["x"], step["y"])
+    return patch * np.array([1.0, 1.0, min(spot.p.kappa, slip / step["overlap"] + 0.1)])
+
+
+def compare(spot, step):
+    """Largest miss of central differences over the size of its column; NaN at a corner, where one-sided ones lie apart."""
+    misses, size = [], scales(spot, step)
+    force = lambda **change: np.array(spot.answer(**(step | change))[0][:2])  # noqa: E731
+    for length in STEPS:
+        central, apart, here = [], [], force()
+        for name, unit in (("x", min(spot.p.kappa, 1.0)), ("y", min(spot.p.kappa, 1.0)), ("overlap", 1.0)):
+            e = length * max(unit, 1e-3) * step["overlap"]
+            ahead, behind = force(**{name: step[name] + e}), force(**{name: step[name] - e})
+            central.append((ahead - behind) / (2.0 * e))
+            apart.append(np.abs(ahead - 2.0 * here + behind) / e)
+        corner = np.any(np.column_stack(apart) > 1e-4 * size)
+        misses.append(math.nan if corner else float((np.abs(np.column_stack(central) - tangent_of(spot, step)) / size).max()))
+    return misses[0] if math.isnan(misses[0]) else float(np.nanmin(misses))
+
+
+def somewhere(rng, size, low, high, **more):
+    """A random step: slip of this size over the critical displacement, overlap within these bounds over the usual."""
+    overlap, (x, y) = rng.uniform(low, high) * OVERLAP, rng.normal(size=2) * size * CRITICAL
+    return {"overlap": overlap, "x": x, "y": y} | more
+
+
+KINDS = {
+    "stick": (0.01, 0.95, 1.05),
+    "partial slip": (0.3, 0.8, 1.2),
+    "full slip": (5.0, 0.5, 2.0),
+    "growing, with merges": (0.3, 1.2, 40.0),
+    "growing and turning in full slip": (60.0, 2.0, 40.0),
+    "shrinking": (0.3, 0.05, 0.7),
+}
+ROUNDING = 3e-9
+"""Rounding of the differences is 1e-10 of a column's size for one step, some springs that are short of a corner add to that."""
+
+
+def agree(misses, name=""):
+    assert np.nanmax(misses) < ROUNDING, name
+    assert np.isnan(misses).sum() <= 2, f"{name}: corners are rare"
+
+
+@each([(4, MU, {}), (16, MU, {}), (8, 1e-6, {}), (8, 1e9, {}), (8, MU, {"share": 0.4}), (8, MU, {"viscous": -1e-4}),
+       (8, MU, {"roll": 0.1, "share": -0.2, "viscous": 1e-4})])  # fmt: skip
+def test_tangents_agree_with_differences(case):
+    """`share` scales the elastic force, so that the bound of a spring is constant; `viscous` does not, so that it moves."""
+    springs, mu, more = case
+    for kind, bounds in KINDS.items():
+        rng, misses = np.random.default_rng(11), []
+        for _ in range(8):
+            spot = driver_of(springs, mu)
+            for _ in range(3):
+                spot.move(**somewhere(rng, 0.3, 0.7, 1.3))
+            misses.append(compare(spot, somewhere(rng, *bounds, **more)))
+        agree(misses, kind)
+
+
+def test_tangent_without_friction():
+    for step in ((OVERLAP,), (1.3 * OVERLAP, CRITICAL, -CRITICAL, 0.01), (30.0 * OVERLAP, CRITICAL)):
+        spot = driver_of(32, 0.0)
+        spot.move(OVERLAP, CRITICAL)
+        assert spot.tangent(*step) == (0.0,) * 6
+
+
+def test_first_touch():
+    """A virgin contact takes the grid of the overlap at once; the slip is shared over the overlap."""
+    rng, misses = np.random.default_rng(4), []
+    for size in (0.01, 0.3, 5.0):
+        misses += [compare(driver_of(springs), somewhere(rng, size, 0.1, 3.0)) for springs in (4, 16, 32) for _ in range(3)]
+    agree(misses)
+
+
+def test_after_a_gap():
+    """A negative overlap before the step: the part of the slip before touch is lost."""
+    rng, misses = np.random.default_rng(6), []
+    for _ in range(8):
+        spot = driver_of(16)
+        spot.h = (-0.5 * OVERLAP, 200.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        misses.append(compare(spot, somewhere(rng, 0.5, 0.1, 2.0)))
+    agree(misses)
+
+
+@each([0.2, 0.5, 0.9])
+def test_the_virgin_patch(share):
+    """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force."""
+    spot, a = driver_of(128), theory.contact_radius(RADIUS, OVERLAP)
+    spot.move(OVERLAP)
+    tangent = tangent_of(spot, {"overlap": OVERLAP, "x": share * CRITICAL})
+    # 64 to 128 springs carry the patch; the edge of the stick area falls somewhere in one of them
+    assert tangent[0, 0] == pytest.approx(-2.0 * G_STAR * a * math.sqrt(1.0 - share), abs=2.0 * G_STAR * a / 64)
+    # across it the springs turn, and the force with them: T_y = T_x s_y/s_x
+    limit, slip = MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP), share * CRITICAL
+    secant = closed_forms.mindlin_loading(slip, limit, CRITICAL) / slip
+    assert tangent[1, 1] == pytest.approx(-secant, rel=1e-3)  # the force of the springs, and the edge
+    assert tangent[0, 1] == tangent[1, 0] == 0.0
+
+
+def test_full_sliding():
+    """T = -mu N e: nothing along the slip, mu N/|s| across it, and mu dN/dd with the overlap."""
+    spot, angle, path = driver_of(256), 0.7, 50.0 * CRITICAL
+    spot.move(OVERLAP)
+    e, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    tangent = tangent_of(spot, {"overlap": OVERLAP, "x": path * e[0], "y": path * e[1]})
+    slope, limit = MU * closed_forms.hertz_stiffness(E_STAR, RADIUS, OVERLAP), MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
+    # every spring under the patch adds 2 G* kappa spacing: 128 springs and more, of which the last is in or out
+    assert tangent[:, 2] @ e == pytest.approx(-slope, rel=0.5 / 128)
+    # their sum falls short of mu N by 1.5 (spacing/2a)^2 < 3e-5
+    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / path, rel=1e-4)
+    # along the slip: roundings of a stiffness 2 G* a
+    assert np.abs(tangent[:, :2] @ e).max() < 1e-12 * limit / CRITICAL
+
+
+def test_an_open_contact_and_a_dashpot_that_pulls_have_no_stiffness():
+    """No touch, no stiffness, and no division by the overlap. The load on friction is cut at zero, and with it its stiffness."""
+    spot = driver_of(16)
+    spot.move(OVERLAP, 0.5 * CRITICAL)
+    contact, load, *rest = spot.evaluate(OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL, 0.01)
+    for overlap in (0.0, -0.5 * OVERLAP):
+        assert plain(MDR.tangent)(contact._replace(overlap=overlap), Load(0.0, 0.0, 0.0, 0.0, 0.0), *rest) == (0.0,) * 6
+    contact, load, *rest = spot.evaluate(0.9 * OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL)
+    assert plain(MDR.tangent)(contact, load._replace(force=0.0, stiffness=0.0), *rest) == (0.0,) * 6

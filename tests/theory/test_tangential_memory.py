@@ -1,4 +1,4 @@
-"""What cycles of load and shear do to the tangential memory, against the exact field without slip at the limit.
+"""What cycles of load and shear do to the tangential memory at every level, and loops of partial slip.
 
 The exact field is that of the method of dimensionality reduction: springs side by side, each in contact while its place lies
 within the contact radius, each forgetting when it leaves. It is written here anew, with numpy alone.
@@ -7,10 +7,14 @@ within the contact radius, each forgetting when it leaves. It is written here an
 import itertools
 import math
 
+import closed_forms
 import numpy as np
+import pytest
 from each import each
 from theory.spots import Spot
 from thirdbody_three_spot import theory
+from thirdbody_three_spot.exact import EXACT, NODES, ExactParameters
+from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 from thirdbody.laws.coulomb import COULOMB, CoulombParameters
 from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
@@ -61,26 +65,58 @@ def test_two_numbers_follow_the_exact_field(name):
     assert errors[0] < bound and errors[1] > 0.9 * without
 
 
-MU, E_STAR, RADIUS, OVERLAP = 0.3, 1.0, 1.0, 0.01
-
-
-KAPPA = MU * E_STAR / 0.8
+MU, E_STAR, SHEAR, RADIUS, OVERLAP = 0.3, 1.0, 0.8, 1.0, 0.01
+KAPPA = MU * E_STAR / SHEAR
+CRITICAL, LIMIT = KAPPA * OVERLAP, MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
+PIECES = 50
 LEVELS = {
-    "mindlin": (MINDLIN, MindlinParameters(0.8, MU, KAPPA, 1.0), 2.0 / 3.0 * KAPPA * OVERLAP),
-    "coulomb": (COULOMB, CoulombParameters(MU, 1e-3, 0.8, 1.0), 1e-3 * RADIUS),
+    "mindlin": (MINDLIN, MindlinParameters(SHEAR, MU, KAPPA, 1.0)),
+    "coulomb": (COULOMB, CoulombParameters(MU, 1e-3, SHEAR, 1.0)),
+    "mdr": (MDR, SpringParameters(SHEAR, MU, KAPPA, 0.5), 2 * int(MDR.options[0].default)),
+    "exact": (EXACT, ExactParameters(SHEAR, MU, KAPPA, 0.5), 3 * int(NODES.default)),
 }
 
 
-@each(list(itertools.product(LEVELS, (0.1, 0.5), (0.38, 0.7))))
-def test_cycles_of_load_take_nothing_after_the_first(case):
-    """Of a spot sheared to about a share of mu N and held there: forces at the mean load, once per cycle of the load."""
-    (law, p, critical), swing, share = LEVELS[case[0]], *case[1:]
-    spot, forces = Spot(law, p), []
-    for _ in range(50):
-        spot.move(OVERLAP, share * critical / 50.0)
-    for k in range(1, 1001):
-        answer = spot.move(OVERLAP * (1.0 + swing * math.sin(2.0 * math.pi * k / 100.0)) ** (2.0 / 3.0))
-        if k % 100 == 0:
-            forces.append(-answer.x / (MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)))
-    assert forces[0] > 0.25 * share  # the first cycle may cut it at the least mu N, and takes the area that is lost
-    assert np.abs(np.array(forces) / forces[0] - 1.0).max() < 1e-9  # rounding of 1000 steps
+def displacement(level, tau):
+    """Slip of a virgin spot that carries this share of the friction limit (Cattaneo, Mindlin)."""
+    if level in ("mindlin", "coulomb"):
+        return tau * (2.0 / 3.0 * CRITICAL if level == "mindlin" else 1e-3 * RADIUS)
+    return CRITICAL * (1.0 - (1.0 - tau) ** (2.0 / 3.0))
+
+
+def held(level, swing, tau, count=10):
+    """T over mu N at the mean load after each cycle of the load."""
+    spot, forces = Spot(*LEVELS[level]), []
+    spot.move(OVERLAP)
+    spot.move(OVERLAP, displacement(level, tau))
+    for k in range(1, count * PIECES + 1):
+        answer = spot.move(OVERLAP * (1.0 + swing * math.sin(2.0 * math.pi * k / PIECES)) ** (2.0 / 3.0))
+        if k % PIECES == 0:
+            forces.append(-answer.x / LIMIT)
+    return np.array(forces)
+
+
+@each([(0.1, 0.38), (0.5, 0.7)])
+def test_load_cycles_take_their_share_of_a_shear_force_once(case):
+    found = {level: held(level, *case) for level in LEVELS}
+    for level, forces in found.items():
+        assert 0.25 * case[1] < forces[0] < (1.0 + 1e-9) * case[1], (
+            level
+        )  # the first cycle releases the edge that leaves the patch
+        # rounding, or what fields lose at the edge
+        assert np.abs(forces / forces[0] - 1.0).max() < (0.03 if level in ("mdr", "exact") else 1e-9), level
+    assert np.abs(found["mdr"] / found["exact"] - 1.0).max() < 0.01  # what 32 springs miss at the edge
+
+
+@each(["mdr", "exact"])
+def test_loops_of_partial_slip_have_the_work_of_mindlin_and_deresiewicz(level):
+    for tau in (0.38, 0.7, 0.93):
+        spot, turn, work = Spot(*LEVELS[level]), displacement(level, tau), 0.0
+        spot.move(OVERLAP)
+        spot.move(OVERLAP, turn)
+        for sign in (-1.0, 1.0):
+            for _ in range(PIECES):
+                work += spot.move(OVERLAP, sign * 2.0 * turn / PIECES).dissipated
+        # few of the 32 springs slip where tau is small
+        expected = closed_forms.mindlin_loop_work(tau) * LIMIT * CRITICAL
+        assert work == pytest.approx(expected, rel=1e-2 if level == "mdr" else 1e-9), tau

@@ -26,17 +26,6 @@ N1 = theory.hertz_force(E1, R[0], D1)
 TILTED = (0.2e-6, -2e-6, 1.5e-6)
 
 
-def impact_body(youngs_modulus, nu, density, radius, plane=False):
-    """(reduced) mass, radius, E* of a sphere against a rigid plane, or of two equal spheres."""
-    mass, g = density * 4.0 / 3.0 * math.pi * radius**3, theory.shear_modulus(youngs_modulus, nu)
-    halves, partner = (1.0, (math.inf, 0.3)) if plane else (2.0, (g, nu))
-    return mass / halves, radius / halves, theory.e_star(g, nu, *partner)
-
-
-GLASS = impact_body(48e9, 0.2, 2800.0, 0.01)
-LIMESTONE = impact_body(20e9, 0.25, 2500.0, 0.01)
-ALUMINIUM = impact_body(70e9, 0.3, 2699.0, 0.1, True)
-MAGNESIUM = impact_body(40e9, 0.35, 1800.0, 0.1, True)
 NUMBERS = {
     "E1*": (E1, 129729729729.730),
     "E2*": (E2, 114285714285.714),
@@ -69,10 +58,6 @@ NUMBERS = {
     "N2/N1 sliding": (theory.lower_force_fraction(TILTED, 1.2e-6), 0.714285714285714),
     "t_min": (theory.sliding_interval(TILTED, 4e-6)[0], -0.325),
     "t_max": (theory.sliding_interval(TILTED, 4e-6)[1], 0.55),
-    "loop .9": (closed_forms.mindlin_loop_work(0.9), 0.320990646466991),
-    "loop 1": (closed_forms.mindlin_loop_work(1.0), 0.8),
-    "chi, solid sphere": (closed_forms.maw_chi(0.3), 1.44117647058824),
-    "torque-free top": (closed_forms.top_period((1.0, 2.0, 3.0), (0.05, 1.0, 0.05)), 27.9060637581754),
 }
 
 
@@ -82,52 +67,21 @@ def test_numbers(name):
     assert ours == pytest.approx(theirs, **APPROX)
 
 
-# (ours, printed, relative tolerance: half a unit of the last printed digit, or digits lost by cancellation)
-PRINTED = {
-    "p0": (theory.peak_pressure(N1, theory.contact_radius(R[0], D1)), 4.34737590817e9, 2e-12),
-    "loop .5: differences of order 1 leave .006": (closed_forms.mindlin_loop_work(0.5), 0.0281736902312790, 1e-12),
-    "glass d": (closed_forms.impact_overlap(*GLASS, 20.0), 2.74112702089e-4, 2e-12),
-    "glass F": (closed_forms.impact_force(*GLASS, 20.0), 10696.888984, 5e-11),
-    "glass t": (closed_forms.impact_duration(*GLASS, 20.0), 4.03394556884e-5, 2e-12),
-    "limestone F": (closed_forms.impact_force(*LIMESTONE, 20.0), 7108.2412799, 1e-11),
-    "aluminium F": (closed_forms.impact_force(*ALUMINIUM, 0.2), 11369.8583113, 5e-12),
-    "aluminium t": (closed_forms.impact_duration(*ALUMINIUM, 0.2), 7.31656640619e-4, 2e-12),
-    "magnesium F": (closed_forms.impact_force(*MAGNESIUM, 0.2), 7232.68102597, 2e-12),
-    "sliding sphere v": (closed_forms.sliding_sphere(0.2, 5.0, 5.0, 1e-3, 5.0005e-3)[0], 0.0200020, 3e-6),
-    "sliding sphere spin": (closed_forms.sliding_sphere(0.2, 5.0, 5.0, 1e-3, 5.0005e-3)[1], 12.501, 4e-5),
-    "maw rebound at psi 5": (closed_forms.maw_gross_slip(5.0, closed_forms.maw_chi(0.3)), -0.7647059, 1e-7),
-    "closed cycle": (closed_forms.closed_cycle_work(0.004, 0.01), 0.3675, 2e-4),
-    "alumina on glass": (theory.dundurs_beta(150e9, 0.22, 28e9, 0.22), -0.25, 0.02),
-    "rayleigh, steel of 1 um": (closed_forms.rayleigh_time_step(1e-6, 7850.0, 80.77e9, 0.3), 1.1e-9, 0.05),
-    "rayleigh, quartz of .5 mm": (closed_forms.rayleigh_time_step(0.5e-3, 2650.0, 40e9, 0.1), 5e-7, 0.1),
-}
-
-
-@each(PRINTED)
-def test_printed_numbers(name):
-    ours, theirs, tolerance = PRINTED[name]
-    assert ours == pytest.approx(theirs, rel=tolerance, abs=0.0)
+def test_printed_numbers():
+    assert theory.peak_pressure(N1, theory.contact_radius(R[0], D1)) == pytest.approx(4.34737590817e9, rel=2e-12)
+    assert theory.dundurs_beta(150e9, 0.22, 28e9, 0.22) == pytest.approx(-0.25, rel=0.02)
+    assert closed_forms.maw_gross_slip(5.0, closed_forms.maw_chi(0.3)) == pytest.approx(-0.7647059, abs=1e-7)
 
 
 POSES = {
-    "frictionless": (
-        0.0,
-        4.4383793544298e-9,
-        2.68203127740852e-4,
-        (9.99958052503446e-5, 3.71412990929851e-5, 6.28545061573595e-5),
-    ),
-    "sliding": (
-        1.2e-6,
-        4.42114806928843e-9,
-        -9.49317203747459e-4,
-        (1.07179546429324e-4, 7.65568188780884e-5, 3.06227276512354e-5),
-    ),
+    0.0: (4.4383793544298e-9, 2.68203127740852e-4, (9.99958052503446e-5, 3.71412990929851e-5, 6.28545061573595e-5)),
+    1.2e-6: (4.42114806928843e-9, -9.49317203747459e-4, (1.07179546429324e-4, 7.65568188780884e-5, 3.06227276512354e-5)),
 }
 
 
 @each(POSES)
-def test_tilted_state(name):
-    mu_h, w, phi, forces = POSES[name]
+def test_tilted_state(mu_h):
+    w, phi, forces = POSES[mu_h]
     ours = theory.tilted_state(TILTED, E1, E2, R, CLOSING, mu_h)
     # phi is a difference of indentations some 3 to 30 times larger than itself times the lever
     assert ours[0] == pytest.approx(w, rel=1e-13)
@@ -177,14 +131,3 @@ def test_hertz_and_cattaneo_agree_with_their_derivatives():
     s = 0.3
     # the stick radius is where the springs of the patch just reach their limit: 1 - (c/a)^2 = s/s_c
     assert theory.stick_ratio(closed_forms.mindlin_loading(s, 1.0, 1.0)) ** 2 == pytest.approx(1.0 - s, rel=1e-13)
-    e, g, radius, low, high = 1.0, 0.8, 1.0, 0.006, 0.01
-
-    def cattaneo(d, fraction):
-        limit, s_c = MU * theory.hertz_force(e, radius, d), theory.critical_displacement(MU, e, g, d)
-        return closed_forms.mindlin_loading(fraction * s_c, limit, s_c)
-
-    assert cattaneo(low, 0.5) == pytest.approx(1.20176493717336e-4, **APPROX)
-    # lifting at fixed s leaves the state of first loading to that s: .3 s_c at high is .5 s_c at low
-    assert cattaneo(low, 0.3 * high / low) == pytest.approx(1.20176493717336e-4, **APPROX)
-    forces = (theory.hertz_force(e, radius, d) for d in (low, high))
-    assert theory.oblique_loading(MU, 0.6, *forces) == pytest.approx(1.28458079629226e-4, **APPROX)
