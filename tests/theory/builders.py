@@ -57,7 +57,7 @@ def scene(debris, materials, friction=0.0, restitution=1.0, lower=None, upper=No
 
 
 def ball_on_plane(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
-    """A ball that touches a rigid plane of the same Poisson's ratio at time zero, without overlap."""
+    """At time zero it touches a rigid plane of the same Poisson's ratio, without overlap."""
     materials = {"ball": material, "plane": stiffened(material)}
     return build(scene([ball(radius, (5.0, 5.0, radius), velocity, spin)], materials, lower="plane", **keys))
 

@@ -3,14 +3,13 @@
 The kernel is interpreted: a step takes 0.1 to 0.5 ms, and compiling it 17 s.
 """
 
-from types import CellType, FunctionType
-
 import closed_forms
 import numpy as np
-from numba.core.dispatcher import Dispatcher
+from theory.plain import plain
 from thirdbody_three_spot import theory
-from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
+from thirdbody_three_spot.exact import NODES, ExactParameters, curved_tangent, exact, exact_tangent
 from thirdbody_three_spot.exact_springs import cells_of, gap_of
+from thirdbody_three_spot.numerical_tangent import central
 from thirdbody_three_spot.spring_field import SPARE
 
 from thirdbody.laws.kernel_data import Contact, Load
@@ -20,20 +19,10 @@ D0, D1 = 0.006, 0.01
 KAPPA = MU * E / G
 
 
-def interpreted(one, done):
-    """The Python function of a compiled one of ours, with those that it calls; anything else as it is."""
-    if not (isinstance(one, Dispatcher) and one.py_func.__module__.startswith("thirdbody")):
-        return one
-    if one not in done:
-        plain, space, cells = one.py_func, {}, [CellType() for _ in one.py_func.__closure__ or ()]
-        done[one] = FunctionType(plain.__code__, space, plain.__name__, plain.__defaults__, tuple(cells) or None)
-        space |= {name: interpreted(value, done) for name, value in plain.__globals__.items()}
-        for ours, theirs in zip(cells, plain.__closure__ or (), strict=True):
-            ours.cell_contents = interpreted(theirs.cell_contents, done)
-    return done[one]
-
-
-run_exact, run_exact_tangent = (interpreted(one, {}) for one in (exact, exact_tangent))
+PLAIN = {}
+run_exact = plain(exact, PLAIN)
+PLAIN[curved_tangent.py_func] = plain(central(run_exact), PLAIN)  # the law is in its closure
+run_exact_tangent = plain(exact_tangent, PLAIN)
 
 
 def cell_places(w, m):

@@ -150,14 +150,10 @@ def test_the_path_of_the_exact_law():
     points = partial_slip("exact").points
     first = [next(p.drag for p in points if p.spots[k] == "slide") for k in range(3)]
     assert first[2] < min(first[:2]) and states(partial_slip("exact")) == ["sticking", "sliding"]
-    assert ["partial", "partial", "slide"] in [list(p.spots) for p in points]
     assert list(points[0].spots) == ["stick"] * 3 and all("stick" not in p.spots for p in points[1:])
     # a particle that slides stays where sliding reached it; the neutral motion is found to the tolerance over the stiffness
     slides = [p.u for p in points if p.label == "sliding"]
     assert np.ptp(slides) <= 1e-9 * slides[0]
-    # the least of them: a little weight, whose friction holds the lower side, chooses the same
-    heavy = walk(level="exact", drag=24e-9, steps=480, weight=1e-9)
-    assert heavy.points[-1].u == pytest.approx(slides[-1], rel=1e-3)  # sqrt of weight over forces, 1e-5, near full slip
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -181,12 +177,6 @@ def test_a_planar_particle_is_the_same_in_space():
         assert a.N == pytest.approx(b.N, rel=1e-9, abs=0.0)
         assert b.phi == pytest.approx([-s * a.phi, c * a.phi, 0.0], rel=1e-7, abs=1e-12)
         assert np.array(b.T) == pytest.approx(np.outer(a.T, (-c, -s)), rel=1e-8, abs=1e-13)
-
-
-def test_load_control_and_indentation_control_meet():
-    end = walk(load=SLIDING[2][0]).points[-1]
-    assert end.indentation == pytest.approx(CLOSING, rel=SOLVED)
-    assert end.N == pytest.approx(SLIDING[2], rel=SOLVED, abs=0.0)
 
 
 def test_forecast_of_the_paper_particle_which_slides_up_to_t_max():

@@ -46,7 +46,6 @@ def advance(simulation, distance):
 
 
 def direct(simulation, gap):
-    """Force at a gap, from the formula."""
     steel = simulation.choice.materials[1]
     return BETA * e_star(steel, steel) * AREA * math.exp(-gap / LENGTH)
 
@@ -69,7 +68,7 @@ def test_the_gap_follows_the_logarithm_of_the_pressure(make, integrator):
 
 
 @integrators
-@pytest.mark.parametrize("pressure, stiffness", [(2e3, math.inf), (2e4, math.inf), (2e4, 400.0)])
+@pytest.mark.parametrize("pressure, stiffness", [(2e4, math.inf), (2e4, 400.0)])
 def test_the_gap_and_the_load_beside_debris(make, integrator, pressure, stiffness):
     """2 R - z = N/k + 2 d(N) for each ball on springs or a rigid plate, and direct contact at the gap z carries the rest."""
     rigid, load = stiffness == math.inf, pressure * AREA
@@ -115,14 +114,6 @@ def test_parameters_of_a_self_affine_surface():
     assert persson_parameters([z, z], size) == pytest.approx((math.sqrt(2.0) * beta, math.sqrt(2.0) * length), rel=1e-12)
     with pytest.raises(ValueError, match="flat"):
         persson_parameters([np.zeros((4, 4))], size)
-
-
-def test_absent_contact_leaves_no_line(make):
-    simulation = plates_in_contact(make, "explicit", 2e3)
-    plates = simulation.scene.plates.model_copy(update={"contact": None})
-    without = make.build(simulation.scene.model_copy(update={"plates": plates}))
-    more, lines = (Ledger(one.state).lines(one.state) for one in (simulation, without))
-    assert set(more) - set(lines) == {"direct_elastic", "direct_friction"}
 
 
 REFUSED = (

@@ -11,7 +11,6 @@ from thirdbody_effects import elastic_plastic as plastic
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.static_response import response
-from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.kernel_data import Contact
@@ -106,7 +105,6 @@ def test_press_release_and_press_again():
 
 
 def impact(make, ratio, count, **keys):
-    """A ball on a rigid plane at `ratio` times the speed of first yield, `count` steps per elastic contact time."""
     e = 2.0 * BALL.shear() / (1.0 - BALL.poisson_ratio)  # of a rigid plane, to 1e-6
     speed, mass = ratio * yield_speed(e, BALL.density), make.ball_mass(BALL, RADIUS)
     duration = 2.943 * (1.25 * mass / (e * math.sqrt(RADIUS))) ** 0.4 * speed**-0.2
@@ -117,7 +115,7 @@ def impact(make, ratio, count, **keys):
     return make.velocity(simulation)[2] / speed, ledger, simulation
 
 
-@pytest.mark.parametrize("ratio", [1.0, 5.0, 100.0])
+@pytest.mark.parametrize("ratio", [1.0, 100.0])
 def test_restitution_of_an_impact(make, ratio):
     """Order two: what is missed is the largest overlap between two steps. |error| n^2 < 1 for n from 100 to 1600 steps."""
     count = 400
@@ -138,13 +136,6 @@ def test_two_balls_share_the_work(make):
     make.leave(simulation, 1e-6)
     work = simulation.state.E[:, body_extra.NORMAL_LOSS]
     assert work[0] == work[1] and work.sum() + make.kinetic(simulation) == pytest.approx(energy, rel=1e-4)  # of 500 steps
-
-
-def test_levels_that_assume_hertz_refuse_it(make):
-    for level in ("mdr", "exact"):
-        message = f"'{level}' assumes the normal law 'hertz', not 'elastic_plastic'; take another level"
-        with pytest.raises(InputError, match=message):
-            impact(make, 2.0, 100, contact=ContactTable(law="three_spot", level=level))
 
 
 def test_the_bound_of_the_time_step_is_for_unloading(make):

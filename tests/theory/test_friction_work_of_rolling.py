@@ -22,32 +22,30 @@ PATH = 0.3e-6
 """Some ten critical displacements, m: most bodies turn onto other spots within it."""
 
 
+FINE = {"solver.tolerance": "1e-6", "solver.largest_step": "0.5 nm"}
+"""A five hundredth of the tolerance."""
+
+
 def friction_work(path=PATH, **settings):
     """Friction work of every body in the drag, J, and its label at the end."""
-    chosen = SLOW | {name.replace("__", "."): value for name, value in settings.items()}
-    built = prepare(thirdbody.Scene.load(SCENE).with_settings(chosen))
+    built = prepare(thirdbody.Scene.load(SCENE).with_settings(SLOW | settings))
     built.integrator.advance_to(time=built.settle)
     before = built.state.bodies.friction_work.copy()
     built.integrator.advance_to(distance=path)
     return built.state.bodies.friction_work - before, built.integrator.label()[:, 0]
 
 
-def fine_work(path=PATH, **settings):
-    """The same friction work at a five hundredth of the tolerance, whose steps go 0.5 nm at most."""
-    return friction_work(path, solver__tolerance="1e-6", solver__largest_step="0.5 nm", **settings)[0]
-
-
 def errors_of_rolling(path=PATH, **settings):
     """Relative error of the friction work of the bodies that roll at the end, at default settings."""
     work, labels = friction_work(path, **settings)
-    return np.abs(work / fine_work(path, **settings) - 1.0)[labels == ROLLING]
+    return np.abs(work / friction_work(path, **settings, **FINE)[0] - 1.0)[labels == ROLLING]
 
 
 @pytest.mark.parametrize("level", ["mindlin", pytest.param("mdr", marks=full)])
 def test_friction_work_of_bodies_that_roll(level):
     """A body that rolls rubs where its load goes from spot to spot: a thousandth of the work of one that slides. Steps that only
     the error of the place chooses get it wrong by a quarter in the median, by more than a half at worst."""
-    errors = errors_of_rolling(contact__level=level)
+    errors = errors_of_rolling(**{"contact.level": level})
     assert len(errors) >= 12
     # wanted of default settings (mindlin 1.2 and 9 %, mdr 0.5 and 6 %); a tenfold tolerance of the fine steps changes those of
     # mindlin by 0.14 and 1 %
@@ -59,7 +57,7 @@ def test_friction_work_of_bodies_that_roll(level):
 @pytest.mark.parametrize("path", [PATH, 2e-6])
 def test_friction_work_of_many_bodies_that_roll(path):
     """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""
-    errors = errors_of_rolling(path, debris__0__count="400")
+    errors = errors_of_rolling(path, **{"debris.0.count": "400"})
     assert len(errors) > 300
     assert np.median(errors) < 0.03
     assert np.quantile(errors, 0.8) < 0.1
@@ -67,9 +65,8 @@ def test_friction_work_of_many_bodies_that_roll(path):
 
 @full
 def test_error_of_friction_work_falls_with_the_tolerance():
-    """The tolerance holds for the friction work too."""
-    fine, medians = fine_work(), []
+    (fine, _), medians = friction_work(**FINE), []
     for tolerance in ("2e-3", "1e-4"):
-        work, labels = friction_work(solver__tolerance=tolerance)
+        work, labels = friction_work(**{"solver.tolerance": tolerance})
         medians.append(np.median(np.abs(work / fine - 1.0)[labels == ROLLING]))
     assert medians[1] < 0.3 * medians[0]
