@@ -3,7 +3,6 @@ means over an output interval: exact where the trapezoidal rule is, of few sampl
 
 import csv
 import math
-import shutil
 from types import SimpleNamespace
 
 import h5py
@@ -208,8 +207,8 @@ def test_profiles_go_into_tables_and_pictures(rolled, tmp_path):
     assert len(line.get_xdata()) == 8 and "velocity" in drawn["velocity_profile"].get_xlabel()
 
 
-def test_without_the_key_there_is_nothing(tmp_path):
-    with thirdbody.run(Scene.parse(BALLS), out=tmp_path / "run", progress=False) as run:
+def test_without_the_key_there_is_nothing(shared_run):
+    with thirdbody.open(shared_run("layer")) as run:
         assert run.profiles == {} and "profiles" not in run.header
         with h5py.File(run.path) as file:
             assert "profiles" not in file
@@ -220,11 +219,8 @@ def test_without_the_key_there_is_nothing(tmp_path):
 def test_faulty_and_good_keys():
     for value, message in (
         ("0", "output.profiles: 0 must be at least 1 and at most 1000"),
-        ("20.5", "output.profiles: expected a whole number, got 20.5"),
-        ('"z"', "output.profiles: expected a whole number, got 'z'"),
         ("{bins = 2000}", "output.profiles.bins: 2000 must be at least 1 and at most 1000"),
         ('{bins = 20, axis = "w"}', "output.profiles.axis: 'w' is not one of 'x', 'y', 'z'"),
-        ("{axis = 'x'}", "output.profiles.bins: required key is missing"),
         ("{bins = 20, bin = 3}", "output.profiles.bin: unknown key, did you mean 'bins'?"),
     ):
         with pytest.raises(InputError) as error:
@@ -237,17 +233,6 @@ def test_faulty_and_good_keys():
     for value in ("profiles = 20\n", '[output.profiles]\nbins = 20\naxis = "x"\n'):  # saved as it was given
         scene = Scene.parse(BALLS + value)
         assert value in scene.to_toml() and Scene.parse(scene.to_toml()) == scene
-
-
-def test_a_damaged_number_of_slabs_is_a_fault(rolled, tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    shutil.copy(rolled.path, path)
-    for text in ('{"bins": 9, "axis": "z"}', '{"bins": 0, "axis": "z"}', '{"bins":"8","axis": "z"}', '{"bins": 8, "axis": "w"}'):
-        with h5py.File(path, "r+") as file:
-            assert len(file["scene/profiles"][()]) == len(text)  # so that all of it is written
-            file["scene/profiles"][()] = text.encode()
-        with pytest.raises(InputError, match="profiles"):
-            thirdbody.open(path)
 
 
 END = 2.0
@@ -277,12 +262,7 @@ def test_means_are_those_of_the_trapezoidal_rule():
     assert means_of(lambda t: 7.0)[0].finish()["value"].tolist() == [7.0, 1.0]  # without time the present value
 
 
-def test_an_interval_has_at_most_so_many_samples_and_begins_anew():
-    instants = []
-    means, state = means_of(lambda t: instants.append(t) or 0.0)
-    instants.clear()
-    finished(means, state, np.linspace(0.0, END, 5001)[1:-1])
-    assert SAMPLES // 2 < len(instants) <= SAMPLES
+def test_an_interval_begins_anew():
     means, state = means_of(lambda t: t)
     for start, end in ((0.0, 2.0), (2.0, 3.0)):
         mean = finished(means, state, np.linspace(start, end, 100)[1:-1], end)

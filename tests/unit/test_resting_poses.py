@@ -10,8 +10,6 @@ from thirdbody.bodies.clump import Clump, clump, matrix_from_quaternion
 from thirdbody.bodies.irregular_clumps import irregular
 from thirdbody.bodies.resting_poses import resting_poses, settle, settle_all
 
-SLOW = pytest.mark.full(kind="slow")
-
 
 def height(body, u):
     return (body.radii - body.centers @ u).max()
@@ -58,9 +56,8 @@ def test_bodies_of_known_poses():
         assert heights[0] == pytest.approx(5e-6, rel=1e-9), apart  # spheres nearer than 1e-9 radii are one
 
 
-@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 12), marks=SLOW)], ids=str)
-def test_random_clumps_rest_in_minima(seeds):
-    for seed in seeds:
+def test_random_clumps_rest_in_minima():
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         aspect = ([1, 0.8, 0.6], [1, 1, 0.2], [1, 0.3, 0.3])[seed % 3]
         body = irregular(rng, 4 + seed % 5, aspect, 1e-5)
@@ -79,10 +76,9 @@ def test_random_clumps_rest_in_minima(seeds):
         assert min(height(body, t) for t in tilts) >= heights[0], seed
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=SLOW) for seed in range(1, 4))])
-def test_no_minimum_is_missed(seed):
+def test_no_minimum_is_missed():
     """Rolling downhill from anywhere, by small random steps, ends in a pose that was found."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     body = irregular(rng, 5, [1, 0.8, 0.6], 1.0)
     ups = ups_of(resting_poses(body)[0])
     for _ in range(6):
@@ -126,46 +122,18 @@ def test_settled_together_or_one_after_the_other():
     assert settle_all([], rng)[0].shape == (0, 4)
 
 
-def test_every_small_cluster_rests():
-    """Two to five spheres within a tiny part of their radius, in any place, on a line or in a plane."""
-    for seed in range(40):
-        rng = np.random.default_rng(seed)
-        centers = rng.normal(size=(2 + seed % 4, 3)) * [1.0, seed % 3 > 0, seed % 3 > 1] * 10.0 ** rng.uniform(-16.0, -4.0)
-        body = Clump(centers + rng.normal(size=3) * (seed % 2) * 1e-3, np.ones(len(centers)), 1.0, np.ones(3), 0.0)
-        quaternions, heights = resting_poses(body)
-        # what is nearer than 1e-9 radii is not told apart
-        assert heights[0] <= min(height(body, t) for t in random_directions(rng, 500)) + 3e-9, seed
-        for up, h in zip(ups_of(quaternions), heights, strict=True):
-            assert h == pytest.approx(height(body, up), rel=1e-14), seed
-
-
 def ring(n):
     a = 2.0 * math.pi * np.arange(n) / n
     return 0.5 / math.sin(math.pi / n) * np.column_stack((np.cos(a), np.sin(a), 0.0 * a))
 
 
-def grid(*shape):
-    return np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-HUNDRED = {
-    "row": (grid(100, 1, 1), [1.0]),
-    "sheet": (grid(10, 10, 1), [1.0, 1.0]),
-    "ring": (ring(100), [1.0, 1.0]),
-    "block": (grid(4, 5, 5), [2.5, 2.5, 3.0, 3.0, 3.0, 3.0]),
-}
-"""Bodies of a hundred spheres of radius 1, and the heights of their poses: on every face."""
-
-
-@pytest.mark.parametrize("name", ["ring", *(pytest.param(name, marks=SLOW) for name in HUNDRED if name != "ring")])
-def test_a_hundred_spheres_rest_in_little_memory(name):
+def test_a_hundred_spheres_rest_in_little_memory():
     """As the clump is made: a table of all pairs of directions would have 45 000 rows and columns."""
-    centers, expected = HUNDRED[name]
     tracemalloc.start()
     try:
-        _, heights = resting_poses(clump(1e-6 * centers, np.full(100, 1e-6)))
+        _, heights = resting_poses(clump(1e-6 * ring(100), np.full(100, 1e-6)))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert heights == pytest.approx(1e-6 * np.array(expected), rel=1e-9)
+    assert heights == pytest.approx([1e-6, 1e-6], rel=1e-9)
     assert peak < 500e6

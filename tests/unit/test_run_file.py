@@ -1,11 +1,8 @@
 """The trajectory file, read back by VTK's own reader: a file with a fault in its layout "reads" as empty."""
 
 import shutil
-import subprocess
-import sys
 from collections import namedtuple
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -17,7 +14,7 @@ from thirdbody.export.paraview import write_paraview_files, write_sidecars
 from thirdbody.trajectory import polydata_block
 from thirdbody.trajectory import writer as vtkhdf
 from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.schema import BLOCKS
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 
@@ -77,8 +74,8 @@ def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path
         copies.append(shutil.copy(path, tmp_path / f"{len(copies)}.vtkhdf"))
 
     monkeypatch.setattr(TrajectoryWriter, "_flush", flush_and_copy)
-    write_frames(path, range(4))
-    assert len(copies) == 1 + 3 * 4
+    write_frames(path, range(3))
+    assert len(copies) == 1 + 3 * 3
     for copy in copies:
         with h5py.File(copy) as file:
             for block in BLOCKS:
@@ -89,34 +86,6 @@ def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path
         # With one frame VTK ignores the steps and shows what is there of the second one too.
         for number in range(frames if frames > 1 else 0):
             assert_vtk_frame(copy, number)
-
-
-LIMITED = """
-import resource, sys
-sys.path[:0] = [{tests!r}]
-from trial_run import make_frame, write_frames
-from thirdbody.errors import OutputError
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
-try:
-    write_frames(sys.argv[1], range(100000))
-except OutputError as error:
-    print(error)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
-@pytest.mark.full(kind="slow")
-@pytest.mark.parametrize("limit", [9_000_851, 9_352_888, 9_646_605])
-def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
-    """A fault of the system that a look at the free space cannot foresee; the limits leave room for the hole and some frames."""
-    path, code = tmp_path / "run.vtkhdf", LIMITED.format(tests=str(Path(__file__).parents[1]))
-    done = subprocess.run([sys.executable, "-c", code, str(path), str(limit)], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    number = done.stdout.split("the ")[-1].split()[0]
-    report = 1 if number == "frame" else int(number)
-    with open_run(path) as run:
-        assert run.frames in (report, report + 1)
-        np.testing.assert_array_equal(run.bodies(-1)["quaternion"], make_frame(run.frames - 1).clumps["quaternion"])
 
 
 def test_resume_drops_later_frames_and_goes_on(written):
@@ -163,22 +132,3 @@ def test_a_full_disk_and_a_failing_write_are_reported_and_keep_what_was_written(
         writer.append(make_frame(1))
     with open_run(path) as run:
         assert run.frames == 1
-
-
-def test_arrays_that_differ_from_the_first_frame_are_refused(tmp_path):
-    """And texts; a refused frame leaves nothing behind."""
-    path, first, frame = tmp_path / "run.vtkhdf", make_frame(0), make_frame(1)
-    clumps = frame.clumps
-    changes = (
-        {name: values for name, values in clumps.items() if name != "state"}, clumps | {"heat": np.zeros(3)},
-        clumps | {"state": clumps["state"][:2]},
-    )  # fmt: skip
-    with TrajectoryWriter(path, HEADER, STATIC) as writer:
-        with pytest.raises(TypeError, match="'name'"):
-            writer.append(Frame(0.0, first.spheres, first.clumps | {"name": ["a", "b", "c"]}, first.contacts))
-        writer.append(first)
-        for changed in changes:
-            with pytest.raises(ValueError, match="clumps"):
-                writer.append(Frame(1.0, frame.spheres, changed, frame.contacts, frame.plates, frame.series))
-        writer.append(frame)
-    assert_same_as_vtk(vtk_blocks(path, 1)[1], "clumps", 1)

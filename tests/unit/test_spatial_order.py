@@ -2,29 +2,23 @@
 
 import importlib
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from balls import BALLS, edited
-from each import each
-from numba import njit
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import explicit
 from thirdbody.engine import remote_rows as module
-from thirdbody.engine.explicit import BUDGET
-from thirdbody.engine.neighbours import _between_groups
 from thirdbody.engine.orientations import orientations
-from thirdbody.engine.remote_rows import FEW, force_rows, remote_rows
-from thirdbody.engine.spatial_order import FEWEST, WIDTH, in_columns
+from thirdbody.engine.remote_rows import remote_rows
+from thirdbody.engine.spatial_order import FEWEST, in_columns
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.kernels.columns import body, sphere_path
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
-from thirdbody.kernels.sphere_rotation import STEPS, steps_behind, weight_of
 from thirdbody.scene.model import Scene
 
 DIAMETER = 2e-5
@@ -37,7 +31,6 @@ def debris(count):
 
 
 def share_within_groups(positions, order):
-    """Share of the pairs of near bodies that are of one group."""
     pairs = cKDTree(positions).query_pairs(DIAMETER, output_type="ndarray")
     group = np.empty(len(order), int)
     group[order] = np.arange(len(order)) // (GROUP * BODIES)
@@ -61,14 +54,6 @@ def test_every_body_has_one_place_that_depends_on_the_bodies_alone():
     assert np.array_equal(bodies[order], bodies[mixed][in_columns(bodies[mixed], DIAMETER)])
     order = in_columns(np.repeat(debris(600), 2, axis=0), DIAMETER)  # bodies at the same place keep their order
     assert np.array_equal(order[1::2], order[::2] + 1) and np.all(order[::2] % 2 == 0)
-    # On a lattice of columns: the place of a column has the bits of its two numbers in turn.
-    width, side = WIDTH * DIAMETER, 16
-    i, j, k = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), np.arange(3), indexing="ij"))
-    bodies = np.column_stack(((i + 0.5) * width, (j + 0.5) * width, k * DIAMETER))
-    bodies[0, :2] = 0.0  # the corner from which columns are counted
-    curve = [int("".join(b + a for a, b in zip(f"{x:05b}", f"{y:05b}", strict=True)), 2) for x, y in zip(i, j, strict=True)]
-    expected = sorted(range(len(bodies)), key=lambda body: (curve[body], k[body]))
-    assert in_columns(bodies, DIAMETER).tolist() == expected
 
 
 def test_neighbours_are_of_one_group():
@@ -82,54 +67,6 @@ def test_neighbours_are_of_one_group():
         assert found > 0.8
 
 
-ROWS, GROUPS = GROUP * BODIES, 23
-PARTS = (1, 2, 4, 7, GROUPS)
-
-
-def pairs_of_a_bed(parts):
-    """Pairs in a periodic bed: most partners are at most two groups behind the owner, some are a whole domain away."""
-    rng, n = np.random.default_rng(parts), GROUPS * ROWS - 100
-    one = np.sort(rng.integers(0, n, 12000))
-    other = np.minimum(one + rng.integers(1, 2 * ROWS, one.size), n - 1)
-    across = rng.uniform(size=one.size) < 0.05
-    other[across] = np.maximum(one[across], n - 1 - one[across] % ROWS)
-    part = np.searchsorted(np.arange(1, parts + 1) * GROUPS // parts, np.arange(GROUPS), side="right")
-    return one, part, _between_groups(one, other, n)
-
-
-@each(PARTS)
-def test_no_row_is_written_before_its_last_force_was_added(parts):
-    one, part, (outer, remote_body, lowest, _) = pairs_of_a_bed(parts)
-    slots = SimpleNamespace(own=np.arange(len(one), dtype=np.int32), outer=outer, remote_body=remote_body, lowest=lowest)
-    rows = remote_rows(slots, one, parts)
-    assert len(rows) > FEW and rows.min() == 0 and rows.max() + 1 == len(np.unique(rows))  # none is left out
-    sender, receiver = np.empty(len(rows), int), remote_body // ROWS
-    sender[outer[outer >= 0]] = one[outer >= 0] // ROWS
-    first = np.array([np.flatnonzero(part == p)[0] for p in range(parts)])
-    late = lowest[receiver] < first[part[receiver]]  # added after all parts have written
-    for row in np.unique(rows):
-        users = np.flatnonzero(rows == row)
-        users = users[np.argsort(sender[users], kind="stable")]
-        if len(users) > 1:
-            assert not late[users].any() and len(set(part[sender[users]])) == 1
-            assert np.all(sender[users][1:] > receiver[users][:-1])
-    assert parts > 1 or len(np.unique(rows)) < len(rows) / 3
-
-
-@each(PARTS)
-def test_no_two_groups_sum_forces_in_the_same_rows_at_one_time(parts):
-    """Groups share rows only if they are of one part and get forces from that part alone; all rows are in the table."""
-    _, part, (_, _, lowest, _) = pairs_of_a_bed(parts)
-    shifts, count = force_rows(lowest, parts)
-    first = shifts + ROWS * np.arange(GROUPS)
-    alone = np.array([part[low] == part[g] for g, low in enumerate(lowest)])
-    assert np.all(first % ROWS == 0) and first.min() >= 0 and first.max() + ROWS <= count
-    for row in np.unique(first):
-        users = np.flatnonzero(first == row)
-        assert len(users) == 1 or (alone[users].all() and len(set(part[users])) == 1)
-    assert len(np.unique(first)) == len(set(part[alone])) + np.count_nonzero(~alone)
-
-
 def test_rows_that_are_used_again_change_no_bit(sheared, monkeypatch):
     """A layer of six groups, on one and on two threads, with rows of their own and with rows that are used again."""
     make, advance = sheared
@@ -138,23 +75,13 @@ def test_rows_that_are_used_again_change_no_bit(sheared, monkeypatch):
         monkeypatch.setattr(module, "FEW", few)
         monkeypatch.setattr(explicit.ThreadTuner, "threads", lambda *_, count=threads: count)
         simulation = make(3000)
-        advance(simulation, 100)  # several searches
+        advance(simulation, 60)  # several searches
         state = simulation.state
         states.append((state.B.tobytes(), state.slots.H.tobytes(), state.A.tobytes()))
         used.append(len(np.unique(remote_rows(state.slots, state.body, threads))) / len(state.slots.remote_body))
         assert not state.slots.F.any()  # every force was added, and its row cleared
     assert states[1] == states[0] and states[2] == states[0]
     assert used[0] == 1.0 and used[1] < 0.8
-
-
-@njit
-def weights(steps):
-    """Weights of so many steps, and by how many steps orientations are behind after each number of them."""
-    return [weight_of(k) for k in range(steps)], [steps_behind(k) for k in range(steps)]
-
-
-WEIGHTS, BEHIND = weights(3 * STEPS)
-TAKEN = {k: weight for k, weight in enumerate(WEIGHTS[:STEPS]) if weight != 0.0}
 
 
 @pytest.fixture
@@ -166,20 +93,7 @@ def sheared(monkeypatch):
 
 
 def turns_of(q):
-    """Rotations of quaternions (n, 4), w first."""
     return Rotation.from_quat(np.roll(q, -1, axis=1))
-
-
-def test_weights_of_a_block():
-    """Exact for cubic polynomials; the time step changes between blocks only; what a stop lacks is the rest of the block."""
-    for power in range(5):
-        every = sum((k - 7.0) ** power for k in range(STEPS))  # not from the middle: odd powers are tested, too
-        taken = sum(weight * (k - 7.0) ** power for k, weight in TAKEN.items())
-        assert (taken == pytest.approx(every, rel=1e-14)) == (power < 4)
-    assert len(TAKEN) == STEPS / 4 and BUDGET % STEPS == 0
-    for steps in range(3 * STEPS):
-        assert BEHIND[steps] == pytest.approx(steps - sum(WEIGHTS[:steps]), abs=1e-13)
-        assert abs(BEHIND[steps]) < 2.1
 
 
 def test_rotations_agree_with_those_of_every_step(sheared):
@@ -215,7 +129,6 @@ R, DOMAIN, MOVES = 5e-6, (8e-5, 6e-5), 40
 
 @pytest.fixture
 def state():
-    """Twelve balls, 2 um from each other, in a box with periodic sides, with contact between them."""
     places = ", ".join(f'["{12 * (k % 4) + 6} um", "{12 * (k // 4) + 6} um", "5 um"]' for k in range(12))
     return build(Scene.parse(edited(BALLS, ("count = 4\nseed = 1", f"positions = [{places}]")))).state
 
@@ -231,7 +144,6 @@ def walk(state, starts, steps):
 
 
 def met(places):
-    """The pairs of balls that overlapped at one of the instants."""
     i, j = np.triu_indices(places.shape[1], 1)
     between = places[:, i] - places[:, j]
     for axis in (0, 1):

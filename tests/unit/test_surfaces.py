@@ -147,10 +147,9 @@ def scan():
     return HeightMap(heights + np.linspace(0.0, 5e-6, 300), (0.5e-6, 0.5e-6), "scan.npz")
 
 
-@pytest.mark.parametrize("join", ["blend", pytest.param("mirror", marks=pytest.mark.full(kind="slow"))])
-def test_a_scan_becomes_a_smooth_periodic_surface(join):
+def test_a_scan_becomes_a_smooth_periodic_surface():
     original = scan()
-    surface = periodic_scan(original, (200e-6, 100e-6), ScanOptions(short=4e-6, join=join))
+    surface = periodic_scan(original, (200e-6, 100e-6), ScanOptions(short=4e-6, join="blend"))
     inner = surface_statistics(levelled(original.heights, "plane"), original.spacing, periodic=False)
     statistics = surface_statistics(surface.heights, surface.spacing)
     # a window of 150 um shows some seven of the longest waves: its rms height scatters by a tenth
@@ -210,7 +209,6 @@ FAULTS = {
     "two kinds": ({"rms": 1e-7, "wave": []}, {}, "give one of rms, wave, file"),
     "no kind": ({"height": 1e-7}, {}, "give one of rms, wave, file"),
     "wide flanks": ({"wave": {"depth": 5e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}}, {}, "at most 3 um"),
-    "crop": ({"file": "a.npz", "crop": {"x": [5e-6, 2e-6]}}, {}, "must be at least 0, and below the last"),
 }  # fmt: skip
 
 
