@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from each import each
-from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot import exact, mdr, theory
 
@@ -14,7 +13,7 @@ from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
-from thirdbody.laws.patch_renewal import RENEWAL, moved_ground, renewed
+from thirdbody.laws.patch_renewal import RENEWAL
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
@@ -174,36 +173,6 @@ def test_the_rate_is_a_word_or_a_number():
         assert MINDLIN.sized(options) is MINDLIN and COULOMB.sized(options) is COULOMB
 
 
-def test_ground_is_fresh_after_the_diameter_of_the_patch_and_never_where_it_shrinks():
-    ground, step = plain(moved_ground)(0.0, 0.0, A, 0.0, 0.0, 0.0), plain(moved_ground)
-    for _ in range(50):
-        ground = step(0.1 * A, 0.0, A, *ground[1:])
-    assert ground.path == pytest.approx(0.1 * A)
-    paths = []
-    for _ in range(30):
-        ground = step(-0.1 * A, 0.0, A, *ground[1:])
-        paths.append(ground.path)
-    assert sum(paths) == pytest.approx(1.0 * A)
-    assert paths[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
-    ground = step(0.0, 0.0, 0.5 * A, *step(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)[1:])
-    assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
-    assert step(0.0, 0.0, A, *ground[1:]).path == 0.0
-
-
-def test_heat_of_renewal():
-    """Against the integral of the decay, exponent w^2, by 64 Gauss points."""
-    w_old, slip = 0.7, -0.4
-    places, weights = np.polynomial.legendre.leggauss(64)
-    for exponent in (1e-9, 1e-5, 9.99e-4, 1.01e-3, 0.3, 5.0):
-        t = np.append(0.5 * (places + 1.0), 1.0)
-        w = w_old * np.exp(-exponent * t) + slip * np.expm1(-exponent * t) / exponent
-        share = plain(renewed)(exponent)
-        assert share.retained * w_old - share.fill * slip == pytest.approx(w[-1], rel=1e-14), exponent
-        heat = 0.5 * (1.0 - share.retained**2) * w_old**2 - share.mixed * w_old * slip + share.own * slip**2
-        # the square of the retained share has 16 digits
-        assert heat == pytest.approx(0.5 * exponent * float(np.sum(weights * w[:-1] ** 2)), rel=1e-7), exponent
-
-
 def test_heat_takes_the_work_of_steady_rolling():
     """Without slip, and sliding throughout: what renewal and friction take is the work of the tangential force."""
     for level, creep in itertools.product(EVERY, (1e-4, 1.0)):
@@ -253,21 +222,6 @@ def test_work_of_rolling_spots_is_stored_or_dissipated(level):
         missing.append(abs(work - heat - answer.stored) / heat)
     # `mindlin` and `coulomb` start to slide at once, within a step
     assert missing[1] < (2e-3 if level in LEVELS else 5e-3) and missing[1] < 0.25 * missing[0]
-
-
-def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():
-    """Load +-10 % and +-50 %, ten cycles, the patch swaying by 0.5 nm: what is left after the first cycle stays."""
-    for level, swing in itertools.product(SPRINGS, (0.1, 0.5)):
-        spot, forces = RollingSpot(level, pair(0.3)), []
-        spot.shear(0.2)
-        for _ in range(10):
-            for phase in np.arange(1, 101) / 100.0:
-                overlap = OVERLAP * (1.0 + swing * math.sin(2.0 * math.pi * phase)) ** (2.0 / 3.0)
-                path = 5e-10 * (1.0 if 0.25 < phase <= 0.75 else -1.0) / 25.0
-                force = spot.move(roll=path, overlap=overlap).x
-            forces.append(force)
-        assert forces[0] != 0.0
-        assert forces[1:] == pytest.approx([forces[0]] * 9, rel=0.01), level
 
 
 @each(list(itertools.product(SPRINGS, (0.2, 3.0))))

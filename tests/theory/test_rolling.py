@@ -24,7 +24,7 @@ def slope_ball(make, friction):
     return simulation
 
 
-@pytest.mark.parametrize("friction", [0.2, slow(0.0), slow(0.1), slow(0.28)])
+@pytest.mark.parametrize("friction", [0.2, slow(0.28)])
 def test_ball_slides_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
     speed, spin = closed_forms.sliding_sphere(friction, 5.0, 5.0, RADIUS, simulation.state.time)
@@ -41,7 +41,7 @@ def test_ball_slides_down_a_slope(make, friction):
     assert contact[record.FRICTION_LIMIT] == pytest.approx(friction * weight, rel=1e-6)
 
 
-@pytest.mark.parametrize("friction", [0.29, slow(0.4), slow(1.0)])
+@pytest.mark.parametrize("friction", [0.29, slow(1.0)])
 def test_ball_rolls_down_a_slope(make, friction):
     simulation = slope_ball(make, friction)
     assert closed_forms.slope_sphere_rolls(friction, 5.0, 5.0)

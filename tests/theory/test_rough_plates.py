@@ -32,11 +32,6 @@ def crests(x, y):
     return AMPLITUDE * np.cos(Q_X * x)
 
 
-def two_waves(x, y):
-    """Waves without a plane of symmetry."""
-    return AMPLITUDE * (0.8 * np.cos(Q_X * x) + 0.2 * np.sin(2.0 * Q_X * x + 0.4))
-
-
 @pytest.fixture(scope="module")
 def lifted_ball(make):
     """Builds a ball without friction far above a rough rigid plane, to be put anywhere."""
@@ -169,25 +164,6 @@ def test_a_closed_path_makes_no_energy(lifted_ball, wavy):
     assert released == pytest.approx(pressed, rel=1e-9)
 
 
-def test_a_ball_without_friction_is_pulled_over_whole_waves_for_nothing(lifted_ball):
-    """Under a constant load the mean of the pull over a period is zero: the surface is no ratchet, in either direction."""
-    simulation = lifted_ball(two_waves, RADIUS)
-    load = force_at(simulation, (0.0, 5.0, float(two_waves(0.0, 0.0)) + RADIUS - DEPTH))[0][2]
-
-    def height(x):
-        return brentq(lambda z: force_at(simulation, (x, 5.0, z))[0][2] - load, guess(x) - 3 * DEPTH, guess(x) + DEPTH, xtol=1e-9)
-
-    def guess(x):
-        y = np.linspace(x - 1.0, x + 1.0, 2001)
-        return float((two_waves(y, 0.0) + np.sqrt(RADIUS**2 - (y - x) ** 2)).max())
-
-    x = (np.arange(80) + 0.5) * (SIZE / WAVES / 80)
-    pulls = np.array([force_at(simulation, (a, 5.0, height(a)))[0][0] for a in x]) / load
-    assert np.abs(pulls).max() > 0.1
-    # two points in each cell, between which the force of the gradient jumps
-    assert abs(pulls.mean()) < 2e-4
-
-
 def test_a_sphere_in_a_groove_has_two_contacts(lifted_ball):
     """Walls at 45 degrees, a ball that falls in and comes to rest: N = W / (2 cos th) each."""
     keys = {"gravity": (0.0, 0.0, -1e5), "restitution": 0.2, "time_step": "auto"}
@@ -259,23 +235,3 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
     # where two minima part while both touch, the second one is found after `surface_minima.MOVED_TOUCHING` radii at most
     assert wrong <= 1
     assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 50
-
-
-def test_energy_is_kept_on_a_rough_plate(lifted_ball):
-    """A ball without friction hops over waves for thousands of steps: kinetic and elastic energy and that of weight add up."""
-    simulation = lifted_ball(crests, 1.0, gravity=(0.0, 0.0, -1e5), cells=(CELLS, 4))
-    state = simulation.state
-    put(simulation, (5.3, 5.0, 1.3))
-    state.bodies.velocity[0] = 40.0, 3.0, 0.0
-    simulation.integrator.start()
-
-    def energy():
-        v, z, m = state.bodies.velocity[0], state.bodies.position[0, 2], state.bodies.mass[0]
-        return float(0.5 * m * v @ v + m * 1e5 * z + state.A[run_totals.STORED_NORMAL])
-
-    start, low = energy(), math.inf
-    for _ in range(60):
-        simulation.integrator.advance_to(time=state.time + 2e-4)
-        assert energy() == pytest.approx(start, rel=1e-3), "truncation of velocity Verlet at a fifth of the stable step"
-        low = min(low, float(state.bodies.position[0, 2]))
-    assert low < 1.0 + AMPLITUDE

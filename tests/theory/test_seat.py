@@ -1,14 +1,11 @@
 """Particles whose first contacts do not hold them: `balance` lets them turn until they sit, and presses them there."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 from slow import slow
-from thirdbody_three_spot.balance import Result, balance
-
-from thirdbody.plugin import QuasiStatic
+from thirdbody_three_spot.balance import balance
 
 MATERIALS = {
     "upper": {"shear_modulus": 80e9, "poisson_ratio": 0.3},
@@ -29,16 +26,15 @@ LAME = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", 1.0, -
 FALLING = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9))
 
 
-def pressed(spots=LAME, level="mindlin", **path) -> Result:
+def pressed(spots=LAME, level="mindlin", **path):
     path = path or {"load": 1e-4}
     tables = {"materials": MATERIALS, "friction": {"upper": MU, "lower": MU}, "particle": {"spots": list(spots)}}
     return balance(tables | {"path": {"drag": 0.0, "steps": 1} | path}, level)
 
 
-ROWS = list(itertools.product(("coulomb", "mindlin", "mdr", "exact"), ("load", "indentation")))
-
-
-@pytest.mark.parametrize(("level", "control"), [ROWS[0], ROWS[5], *(slow(*row) for row in ROWS)])
+@pytest.mark.parametrize(
+    ("level", "control"), [("coulomb", "load"), ("mindlin", "indentation"), slow("mdr", "load"), slow("exact", "load")]
+)
 def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level, control):
     result = pressed(level=level, **{control: 1e-4 if control == "load" else 10e-9})
     assert result.stopped is None and result.seat is not None
@@ -89,14 +85,7 @@ def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
     assert result.forecast.possible == []
 
 
-def test_a_particle_that_tips_over_is_followed_in_a_few_steps_or_undecided(monkeypatch):
-    """Half a radian in steps of sqrt(.8 * .5 * .3 nm / 2 um) are 70 steps; each takes a guess or two and some steps of Newton."""
-    requested = []
-    trial = QuasiStatic.trial
-    monkeypatch.setattr(QuasiStatic, "trial", lambda *given: requested.append(1) or trial(*given))
-    pressed(FALLING)
-    # 600 before it falls, 800 on the way; 5900 on the way where every step begins at rest, bounded by spots that stay open
-    assert len(requested) < 2000
+def test_a_particle_that_takes_too_many_steps_into_its_seat_is_undecided(monkeypatch):
     monkeypatch.setattr("thirdbody.engine.relaxation.STEPS", 1)
     stopped = pressed().stopped
     assert stopped is not None and stopped.label == "undecided" and "no static state" not in stopped.message
@@ -105,7 +94,7 @@ def test_a_particle_that_tips_over_is_followed_in_a_few_steps_or_undecided(monke
 def test_a_strut_that_rolls_by_a_large_angle_keeps_to_its_circles():
     """Two spheres that roll without slip between the plates: drag = (r_1 + r_2) phi + what the line of centres goes along."""
     strut = (spot("upper", 0.0, 2.0), spot("lower", 0.5, -2.0))
-    result = pressed(strut, load=1e-4, drag=1.2e-6, steps=240, direction=(1.0, 0.0))
+    result = pressed(strut, load=1e-4, drag=1.2e-6, steps=120, direction=(1.0, 0.0))
     assert result.stopped is None
     end = result.points[-1]
     c, sn = math.cos(end.phi), math.sin(end.phi)
@@ -114,7 +103,7 @@ def test_a_strut_that_rolls_by_a_large_angle_keeps_to_its_circles():
     assert 2e-6 * end.phi + along + 0.5e-6 == pytest.approx(1.2e-6, abs=3e-9)
     # Eq. 16 in the present posture, which the spots follow to .01 overlaps, i.e. a hundredth of a radian
     assert end.T[0] / end.N[0] == pytest.approx(along / (height + 2e-6), abs=5e-3)
-    assert {p.label for p in result.points[10:]} == {"rolling"}
+    assert {p.label for p in result.points[5:]} == {"rolling"}
 
 
 def test_a_particle_that_snaps_over_in_the_drag_goes_on_in_its_next_seat():

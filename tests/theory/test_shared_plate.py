@@ -12,7 +12,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
+from thirdbody.kernels.columns import body, body_solution, patch, run_totals, step_memory
 from thirdbody.kernels.implicit import common_plate_driver, step_control
 from thirdbody.scene import model
 
@@ -132,8 +132,8 @@ def test_common_plate_is_that_of_the_explicit_integrator(make, plate):
     assert np.abs(place - theirs[3]).max() < 5e-9
 
 
-@pytest.mark.parametrize("preload", [slow(0.0), 2e-4])
-def test_foundation_balances_load_and_springs(make, preload):
+def test_foundation_balances_load_and_springs(make):
+    preload = 2e-4
     simulation = carried(make, balls(make), drag(), plate=SPRINGS | {"preload": preload})
     assert isinstance(simulation.integrator, ImplicitCommonPlate)
     simulation.integrator.advance_to(time=simulation.settle)
@@ -214,19 +214,6 @@ def alone(make, debris, motion, **keys):
     return make.under_patches(debris, {"ball": make.STEEL}, 1e-4, motion, **keys)
 
 
-def test_flake_needs_no_inertia(make):
-    report = []
-    for inertia in (True, False):
-        simulation = alone(make, [make.clump(make.HEXAGON)], drag(), inertia=inertia)
-        assert residual_after(simulation, 5e-7) < CLOSED
-        R = simulation.state.slots.R
-        report.append(np.concatenate([R[:, record.NORMAL_FORCE], make.plate_force(simulation)]))
-        assert make.label(simulation) == "sliding"
-    # inertia counts for 1e-10 at 1 mm/s, and Newton's method leaves 1e-9
-    assert report[1] == pytest.approx(report[0], abs=1e-8 * 1e-4)
-    assert -report[1][-3] / report[1][-1] == pytest.approx(MU, rel=1e-7)
-
-
 def test_without_inertia_the_speed_is_nothing(make):
     """1 m/s and 1 mm/s over the same way, where no dashpot tells the difference."""
     rows = []
@@ -242,7 +229,7 @@ def test_without_inertia_the_speed_is_nothing(make):
     assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
 
 
-@pytest.mark.parametrize(("speed", "step"), [(1e-3, 5e-8), (1.0, 5e-9), slow(1e-3, 5e-9), slow(1.0, 5e-8)])
+@pytest.mark.parametrize(("speed", "step"), [(1e-3, 5e-8), (1.0, 5e-9)])
 def test_without_inertia_a_ball_rolls_at_half_any_speed(make, speed, step):
     keys = {"restitution": 1.0, "patch": {"damping": 1e-9}, "settle": 2e-5, "inertia": False, "largest_step": step}
     simulation = alone(make, [make.ball(MICRO, (1e-4, 1e-4, MICRO))], drag(speed), **keys)
@@ -267,21 +254,6 @@ def test_body_between_equal_plates_stays(make):
         # what holds it back is weak, but all that is left: of the drag's 1 mm/s it takes nothing
         assert np.abs(make.velocity(simulation)).max() < 1e-6 * 1e-3
     assert abs(simulation.state.bodies.position[0, 0] - 1e-4) < 1e-8  # the elastic way of its spots
-
-
-def test_tipping_clump_ends_in_the_same_seat(make):
-    """It is dropped, falls over and rolls on; momentum, which only one of them has, puts it down .2 um further."""
-    report = []
-    for inertia in (True, False):
-        simulation = alone(make, [make.clump(make.LUMP, gap=2.1e-6)], drag(), inertia=inertia)
-        assert residual_after(simulation, 2e-6) < CLOSED
-        seat = make.label(simulation), list(make.touching(simulation))
-        report.append((seat, make.plate_force(simulation) / 1e-4, simulation.state.bodies.quaternion[0].copy()))
-    with_inertia, without = report
-    assert with_inertia[0] == without[0] and without[0][0] == "rolling"
-    # .2 um on a clump of 10 um turn it by some 3e-3, and forces follow from geometry
-    assert without[1] == pytest.approx(with_inertia[1], abs=0.01)
-    assert without[2] == pytest.approx(with_inertia[2], abs=0.01)
 
 
 @pytest.mark.parametrize("choice", ["stop", "continue"])
@@ -331,11 +303,7 @@ def beside(x, gap):
     return (x, 1e-4 + 2.0 * R + gap, 0.0, 0.0)
 
 
-PASS = {
-    "same place, other times": (STRAIGHT, LATE),
-    "graze": (STRAIGHT, beside(0.6e-4, GRAZE)),
-    "graze across a face": (ACROSS, beside(0.05e-4, GRAZE)),
-}
+PASS = {"same place, other times": (STRAIGHT, LATE), "graze across a face": (ACROSS, beside(0.05e-4, GRAZE))}
 MEET = {
     "same place, same time": (STRAIGHT, CROSSING),
     "off centre": (STRAIGHT, beside(0.6e-4, -R)),
@@ -343,7 +311,7 @@ MEET = {
 }
 
 
-@pytest.mark.parametrize("name", ["same place, other times", slow("graze"), "graze across a face"])
+@pytest.mark.parametrize("name", ["same place, other times", "graze across a face"])
 def test_balls_that_pass_each_other_go_on(make, name):
     pair = PASS[name]
     simulation = flying(make, *pair)

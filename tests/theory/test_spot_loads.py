@@ -49,7 +49,7 @@ def test_spots_solve_their_equations(n):
     assert n == 1 or idle > 0
 
 
-@pytest.mark.parametrize(("n", "paths"), [(3, 150), *(slow(n, 700) for n in (2, 3, 5))])
+@pytest.mark.parametrize(("n", "paths"), [(3, 60), *(slow(n, 700) for n in (2, 3, 5))])
 def test_no_closed_path_makes_energy(n, paths):
     """Work along thousands of random closed paths of overlaps and places, spots coming and going, by the trapezoid rule.
 
