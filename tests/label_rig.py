@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
+from theory.plain import plain
 from thirdbody_three_spot import classify as c
 
 from thirdbody import plugin as k
@@ -14,6 +15,7 @@ A = 0.0301  # contact radius of every spot, in units of its radius of curvature;
 S_C = 3e-4  # critical displacement
 DT = 1e-3  # s between observations
 STILL = (0.0, 0.0, 0.0)
+UPDATE, LABEL, LABEL_WITH_EFFECTS = map(plain, (c.update_history, c.label_without_effects, c.label))
 
 
 @dataclasses.dataclass
@@ -40,7 +42,7 @@ class View:
     quarter_turns: int = 0
     backward: bool = False
     parts: int = 1
-    label: object = c.label_without_effects  # the same bits as `label` for a body without effects, and a third of its compiling
+    label: object = LABEL
 
     def vector(self, v, axial=False):
         x, y, z = v
@@ -109,7 +111,7 @@ class Rig:
                 s.slip += share * length
             order, C = self.table()
             self.observed = (C, self.body((share * dx, 0.0), share * dt, moving))
-            c.update_history(C, len(order), self.observed[1], self.m)
+            UPDATE(C, len(order), self.observed[1], self.m)
             for s, row in zip(order, C, strict=False):
                 s.memory = row[spot_row.MEMORY :].copy()
         return self
