@@ -2,7 +2,7 @@
 
 `python tests/bench/neck_bed.py LMP` with the program of LAMMPS (`tests/bench/ball_impacts.py` says how to get it) prints forces
 on both plates and the stress between the balls, averaged over a short time, and writes them with `-o FILE`: this is
-`tests/theory/data/lammps_adhesive_bed.json`, which `tests/theory/test_adhesive_bed_peer.py` holds us against. `--start FILE`
+`tests/theory/data/lammps_adhesive_bed.json`, which `tests/theory/test_bed_rheology.py` holds us against. `--start FILE`
 makes the start: 400 balls of `scenes/sticky_submicron.toml` under its pressure, after 0.3 um of drag, at rest, without tangential
 history.
 

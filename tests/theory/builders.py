@@ -32,13 +32,12 @@ STEEL = solid(210e9, 0.3, 7850.0)
 
 
 def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), material="ball") -> Spheres:
-    """One ball at `where` (m) with a velocity (m/s) and a spin (rad/s)."""
     place = {"positions": (tuple(where),), "velocity": tuple(velocity), "angular_velocity": tuple(spin)}
     return Spheres(material=material, radius=radius, **place)
 
 
 def scene(debris, materials, friction=0.0, restitution=1.0, lower=None, upper=None, time_step="auto", **more) -> Scene:
-    """A scene in which every pair of materials has the same friction and restitution; `more` may replace whole tables."""
+    """Every pair of materials has the same friction and restitution; `more` may replace whole tables."""
     pairs = tuple(
         model.Pair(between=names, friction=friction, restitution=restitution)
         for names in itertools.combinations_with_replacement(materials, 2)
@@ -90,7 +89,6 @@ def contact(simulation: Simulation) -> np.ndarray:
 
 
 def advance(simulation: Simulation, steps: int = 1) -> None:
-    """Run a few steps, with a record of the last one."""
     for _ in range(steps):
         simulation.integrator.advance_to(time=simulation.state.time + 0.5 * simulation.state.dt)
 
@@ -139,7 +137,6 @@ def kinetic(simulation: Simulation) -> float:
 
 
 def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular (about the origin), of all bodies."""
     B, E = simulation.state.B, simulation.state.E
     linear = B[:, body.MASS, None] * B[:, body.VELOCITY3]
     angular = np.cross(B[:, body.POSITION3], linear) + E[:, body_extra.ANGULAR_MOMENTUM3]
@@ -188,13 +185,11 @@ HEXAGON = tuple(
 
 
 def clump(shape: Sequence[dict[str, Any]], x: float = 1e-4, y: float = 1e-4, gap: float = 1e-7) -> Spheres:
-    """A clump a little above the lower plate: its centre of mass is not quite where the shape has its origin."""
     low = min(ball["center"][2] - ball["radius"] for ball in shape)
     return Spheres(material="ball", shape=tuple(shape), positions=((x, y, gap - low),))
 
 
 def plate_force(simulation: Simulation) -> np.ndarray:
-    """Force (3,) of the debris on the upper plate at this instant, N."""
     return simulation.state.A[run_totals.UPPER_FORCE3].copy()
 
 

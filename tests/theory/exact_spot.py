@@ -8,7 +8,7 @@ import numpy as np
 from theory.plain import plain
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, curved_tangent, exact, exact_tangent
-from thirdbody_three_spot.exact_springs import cells_of, gap_of
+from thirdbody_three_spot.exact_springs import cells_of
 from thirdbody_three_spot.numerical_tangent import central
 from thirdbody_three_spot.spring_field import SPARE
 
@@ -23,10 +23,6 @@ PLAIN = {}
 run_exact = plain(exact, PLAIN)
 PLAIN[curved_tangent.py_func] = plain(central(run_exact), PLAIN)  # the law is in its closure
 run_exact_tangent = plain(exact_tangent, PLAIN)
-
-
-def cell_places(w, m):
-    return np.array([gap_of.py_func(i, m, w[0]) for i in range(cells_of.py_func(w))])
 
 
 class Spot:

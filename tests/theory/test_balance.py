@@ -1,7 +1,4 @@
-"""The quasi-static solver against closed forms and an independent path: one particle pressed and dragged between two bodies.
-
-Willert, Self-consistency conditions in static three-body elastic tangential contact; its signs.
-"""
+"""The quasi-static solver against closed forms (Willert, with its signs) and an independent path: one particle, two bodies."""
 
 import csv
 import functools
@@ -89,6 +86,8 @@ def test_gross_sliding_with_tilt_as_the_closed_form(level):
         assert (end.w, end.phi) == pytest.approx((w, phi), rel=SOLVED, abs=0.0)
         assert end.N[1] / end.N[0] == pytest.approx(1.0 / 1.4, rel=SOLVED)  # (x_3 - x_1 + mu h)/(x_3 - x_2) = 2.5/3.5
         assert (end.label, end.reason) == ("sliding", "friction_limit")
+        # the load of this state gives back its indentation; while the gap opens, each path has its own history
+        assert walk(level=level, load=forces[0]).points[-1].indentation == pytest.approx(CLOSING, rel=SOLVED)
 
 
 @pytest.mark.parametrize("mu, mu_lower, weight", [(0.2, 0.4, 0.0), (0.4, 0.2, 0.0), (0.3, 0.3, 1e-5)])

@@ -1,7 +1,6 @@
 """Slip on curved paths: the laws of partial slip against 800 springs that return radially in very small steps.
 
-The springs are written here, for one spot, and share nothing with the laws; two runs of them, extrapolated, give a path followed
-to 1e-6 of mu N. In the default command one of these paths is in test_exact, another in test_springs.
+The springs share nothing with the laws; two runs of them, extrapolated, give a path followed to 1e-6 of mu N.
 """
 
 import functools

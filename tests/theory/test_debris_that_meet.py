@@ -15,8 +15,6 @@ NUMERICAL, NUMERICAL_OF_PRESSING = 1e-3, 3e-3
 that of the pressing: the patches come to rest within some 20 steps, whose error falls with the second order of their length."""
 
 LOWER, UPPER = -1, -2
-"""Partners of a contact that are plates."""
-
 TILT = 1e-3
 """Bodies under the same load sink in by different amounts, so that they meet at heights that differ by overlaps, 4 nm of 5 um."""
 

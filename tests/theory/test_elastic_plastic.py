@@ -139,7 +139,7 @@ def test_two_balls_share_the_work(make):
 
 
 def test_the_bound_of_the_time_step_is_for_unloading(make):
-    """Its bound is for the stiffness 2 E* a of a contact that turns back, not for that of one that flows."""
+    """It is for the stiffness 2 E* a of a contact that turns back."""
     physics = impact(make, 1.0, 100)[2].state.physics
     e = 2.0 * BALL.shear() / (1.0 - BALL.poisson_ratio) / (1.0 + 1e-6)
     deep = 30.0 * (math.pi * 1.6 * YIELD / (2.0 * e)) ** 2 * RADIUS

@@ -1,16 +1,28 @@
-"""The energy ledger: it closes for the shipped scenes, its lines have the sign they must have, and no impact makes energy."""
+"""The energy ledger: it closes for the shipped scenes, its lines have the sign they must have, and no impact makes energy.
+
+It closes too where friction jumps within a step: strokes turned round, landings and bounces while the plate slides. Small scenes
+after random ones that ended with a residual of 4e-3 to 4e-2 and no word: the step of velocity Verlet is far longer than the
+contact needs to slip, so friction booked with the force at the end of a step is off by half its jump times the slip.
+"""
 
 import itertools
 import math
+from collections import namedtuple
 from pathlib import Path
 
 import closed_forms
 import numpy as np
 import pytest
+from numba import njit
+from steel import scene_text
 from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
+from thirdbody.kernels.bundles import Tile
+from thirdbody.kernels.columns import law_input, law_output, run_totals
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.explicit import contact_dissipation
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -100,14 +112,11 @@ def impact(make, nu, friction, degrees, count, restitution=1.0):
     return make.kinetic(simulation) / energy - 1.0, {name: value / energy for name, value in lines.items()}
 
 
-UNDAMPED = list(itertools.product((100, 30), (0.0, 0.1, 1.0, 1e3), (0.1, 0.3, 0.5)))
-QUICK_ONES = [(100, 0.1, 0.3), (100, 1.0, 0.1), (30, 1e3, 0.5)]
-
-
-@pytest.mark.parametrize("cases", [QUICK_ONES, pytest.param(UNDAMPED, marks=SLOW)])
-def test_undamped_impacts_make_no_energy(make, cases):
+def test_undamped_impacts_make_no_energy(make):
     """A law that keeps the displacement, or the unscaled force, returns up to 2.8 % too much here."""
-    for (count, friction, nu), degrees in itertools.product(cases, (5, 20, 36, 50, 65, 76, 85)):
+    for (count, friction, nu), degrees in itertools.product(
+        ((100, 0.1, 0.3), (100, 1.0, 0.1), (30, 1e3, 0.5)), (5, 20, 36, 50, 65, 76, 85)
+    ):
         gain, lines = impact(make, nu, friction, degrees, count)
         # the normal part of the rebound is exact to 1e-6 at 100 steps and 1e-4 at 30, with either sign
         assert gain <= (1e-6 if count == 100 else 2e-4), (count, friction, nu, degrees)
@@ -135,5 +144,65 @@ def test_ledger_of_a_damped_impact_is_of_second_order(make, restitution, degrees
 def test_damped_impact_loses_what_its_restitution_says(make):
     _, lines = impact(make, 0.3, 0.3, 0, 340, 0.5)
     assert lines["damping"] == pytest.approx(1.0 - 0.5**2, rel=2e-3)  # order 1.25 at 250 steps (test_impacts)
-    assert lines["friction"] == 0.0
-    assert abs(lines["residual"]) < CLOSED
+    assert lines["friction"] == 0.0 and abs(lines["residual"]) < CLOSED
+
+
+def shape(*spheres):
+    return [{"center": [f"{u} um" for u in place], "radius": f"{radius} um"} for *place, radius in spheres]
+
+
+STROKES = {
+    "pairs.0.friction": "0.6", "pairs.0.restitution": "0.1", "debris.0.count": 2,
+    "debris.0.shape": shape((0, 0, 0, 5), (8, 0, 0, 5), (4, 7, 0, 5)),
+    "plates.upper.support": "load_per_particle", "plates.upper.load": "6 nN",
+    "plates.upper.motion.x": {"stroke": "110 nm", "frequency": "4.5 MHz", "shape": "triangle"}, "solver.settle": "1.5 us",
+}  # fmt: skip
+"""Forty times the slip that the spots need, in some hundred steps of a stroke, under next to no load."""
+BOUNCES = STROKES | {
+    "pairs.0.friction": "10.0", "pairs.0.restitution": "0.999", "debris.0.count": 1,
+    "debris.0.shape": shape((0, 0, 0, 5), (4, 0, 1, 2)), "plates.upper.support": "rigid", "plates.upper.load": "100 nN",
+    "solver.settle": "0.5 us", "solver.duration": "3 us",
+}  # fmt: skip
+ROLLS = {"effects.rolling_resistance.coefficient": 0.05}
+PLATES = scene_text(
+    '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nseed = 1\ncount = 1\nradius = "5 um"', '["120 um", "90 um"]',
+    'load = "1 nN"', solver='integrator = "explicit"\nduration = "1 us"',
+)  # fmt: skip
+
+
+def residual_of_jumps(level, base):
+    """Residual of a scene over its largest energy."""
+    keys = base | {"contact.law": "three_spot", "contact.level": level, "contact.debris_contact": "none"}
+    simulation = build(Scene.parse(PLATES).with_settings(keys | {"debris.0.radius": None}))
+    ledger, state = Ledger(simulation.state), simulation.state
+    for time in (0.0, simulation.scene.solver.duration):
+        simulation.integrator.advance_to(simulation.settle + time, math.inf, lambda: ledger.watch(state))
+    lines = ledger.lines(state, ledger.watch(state))
+    assert lines["friction"] > 0.05 * max(state.A[run_totals.PLATE_WORK_SIZE], ledger.peak)  # the case is about friction
+    return ledger.relative_residual(state, lines["residual"])
+
+
+LEVELS = ("mindlin", "mdr", "coulomb", "exact")
+JUMPS = [(level, STROKES) for level in LEVELS[:3]] + [("mindlin", BOUNCES)]
+BASES = (STROKES, STROKES | ROLLS, BOUNCES, BOUNCES | {"pairs.0.friction": "1000.0"})
+HARD = [case for case in itertools.product(LEVELS, BASES) if case not in [*JUMPS, ("coulomb", STROKES | ROLLS)]]
+
+
+@pytest.mark.parametrize("level, base", JUMPS + [pytest.param(*case, marks=pytest.mark.full(kind="hard")) for case in HARD])
+def test_friction_that_jumps_is_booked_as_it_acts(level, base):
+    assert residual_of_jumps(level, base) < CLOSED
+
+
+def test_a_law_that_makes_energy_stays_visible():
+    """Friction never takes less than nothing: what a spring holds more than was done to it is left for the residual."""
+    I, O = np.zeros((law_input.HISTORY + 3) * TILE), np.zeros((law_output.HISTORY + 3) * TILE)  # noqa: E741
+    table = I.reshape(-1, TILE), O.reshape(-1, TILE)
+    table[0][law_input.SLIP_X] = -2.0
+    table[1][law_output.HISTORY] = 3.0  # the mean force 1.5 over the way 2: a work of 3
+    table[0][law_input.HISTORY + 2] = 1.0
+    table[1][law_output.STORED_TANGENTIAL, :2] = 1.5, 9.0
+    table[1][law_output.FRICTION_LOSS], table[1][law_output.DISSIPATED] = 0.25, 0.75  # half of a joule is not of friction
+    memory = namedtuple("Memory", "force moment twist stored n_history")(0, -1, -1, 2, 3)  # columns of the history, their number
+    njit(lambda I, O: contact_dissipation.book(2, memory, Tile(I, O, I[:0], I[:0])))(I, O)  # noqa: E741
+    assert table[1][law_output.DISSIPATED, 0] == pytest.approx(0.5 + 1.0 + 3.0 - 1.5, rel=1e-15)
+    assert table[1][law_output.DISSIPATED, 1] == pytest.approx(0.5, rel=1e-15)
