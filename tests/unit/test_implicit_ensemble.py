@@ -50,7 +50,6 @@ def advanced(simulation, stops=STOPS):
 
 
 def assert_same(one, other):
-    """Fail unless bodies, contacts, labels and energies have the same bits."""
     for name in ("B", "E", "orientations", "P", "M", "A"):
         np.testing.assert_array_equal(getattr(one.state, name), getattr(other.state, name))
     closed = other.state.slots.rows.closed()

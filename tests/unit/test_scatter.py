@@ -20,7 +20,6 @@ def bodies():
 
 
 def world(clumps, x, q):
-    """Spheres (n, 4) and their bodies (n,), each body put where it is said to be."""
     rows = [np.column_stack((b.centers @ matrix_from_quaternion(t).T + p, b.radii)) for b, p, t in zip(clumps, x, q, strict=True)]
     return np.vstack(rows), np.repeat(np.arange(len(clumps)), [len(b.radii) for b in clumps])
 

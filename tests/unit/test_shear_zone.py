@@ -11,7 +11,6 @@ HEIGHT, D, SPEED = 100e-6, 10e-6, 2.0
 
 
 def bodies(n=500):
-    """Heights between two plates, and masses."""
     rng = np.random.default_rng(1)
     return np.sort(rng.uniform(0.0, HEIGHT, n)), rng.uniform(1.0, 3.0, n)
 
@@ -39,13 +38,6 @@ def test_a_band_is_found_where_it_is():
     # plateaus and the band are straight lines: only the neighbours of an edge are interpolated
     assert zone.rate == pytest.approx(SPEED / (top - bottom), rel=1e-9)
     assert [zone.bottom, zone.top] == pytest.approx([33e-6, 57e-6], rel=1e-9)
-    # fluctuations hardly change the rate
-    z, mass = bodies(2000)
-    rng = np.random.default_rng(2)
-    rates = [shear_zone(z, flow(SPEED * z / HEIGHT) + rng.normal(0.0, 0.1 * SPEED, (len(z), 3)), mass, D).rate for _ in range(20)]
-    # a tenth of the speed on 200 bodies in each end layer gives 1 % of the difference, the edges a few times that
-    assert np.mean(rates) == pytest.approx(SPEED / HEIGHT, rel=0.05)
-    assert np.std(rates) < 0.08 * SPEED / HEIGHT
 
 
 def test_two_blocks_that_slide_shear_over_one_diameter():

@@ -3,9 +3,7 @@
 import itertools
 
 import numpy as np
-import pytest
 from numba import njit
-from numba.core.errors import TypingError
 
 from thirdbody.jit import simd
 from thirdbody.jit.stack_array import stack_array
@@ -86,13 +84,6 @@ def sorted_out(A, closed, some, opened):
     return m, o
 
 
-@njit(error_model="numpy")
-def moved(A, rows, first, to, out):
-    for k in range(rows.shape[0]):
-        simd.store(out, k, to, simd.load(A, np.uint64(rows[k]), first))
-    simd.put(out[-1], to, simd.get(A[rows[0]], first))
-
-
 def test_arithmetic_has_the_bits_of_numpy():
     """A processor can do a product and a sum with one rounding: other bits, and not on every machine."""
     one, other = numbers(400, 1), numbers(400, 2)
@@ -164,34 +155,6 @@ def test_positive_numbers_are_listed_with_those_that_were_before():
     on = a > 0.0
     assert np.array_equal(some[:m], np.flatnonzero(on)) and np.array_equal(opened[:o], np.flatnonzero(~on & (before != 0)))
     assert np.array_equal(closed, on)
-
-
-def test_a_table_is_read_and_written_at_any_column():
-    table, rows = numbers(27, 10).reshape(12, 9), np.array([11, 0, 4, 4, 7])
-    for first, to in itertools.product((0, 1, 5), (0, 3)):
-        out = np.full((6, 8), 7.0)
-        expected = out.copy()
-        moved(table, rows, first, to, out)
-        expected[:, to : to + 4] = table[[*rows, rows[0]], first : first + 4]
-        assert alike(out, expected)
-
-
-def test_a_lane_and_a_size_are_known_when_compiling():
-    @njit
-    def behind(A, k):
-        return simd.extract(simd.load(A, 0, 0), 4)
-
-    @njit
-    def unknown(A, k):
-        return simd.extract(simd.load(A, 0, 0), k)
-
-    @njit
-    def scratch(A, k):
-        return stack_array(k)[0]
-
-    for compiled, words in ((behind, "from 0 to 3"), (unknown, "from 0 to 3"), (scratch, ".")):
-        with pytest.raises(TypingError, match=words):
-            compiled(np.zeros((1, 4)), 1)
 
 
 @njit(error_model="numpy")

@@ -43,7 +43,6 @@ LOADS = ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN
 
 @pytest.fixture
 def read(tmp_path):
-    """Return a reader of the scene above; its tables lie beside it."""
     (tmp_path / "path.csv").write_text("time (us), displacement (um)\n0, 0\n1, 0.5\n2, -0.5\n")
     (tmp_path / "load.csv").write_text("time (us), load (mN)\n0, 2\n1, 3\n2, 1\n")
 
@@ -88,12 +87,6 @@ def test_lengths_in_time_are_divided_and_distances_stay(read):
     assert scaled.fault(("solver",), "x") == given.fault(("solver",), "x")
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, math.inf, math.nan])
-def test_a_factor_is_positive(read, factor):
-    with pytest.raises(ValueError, match="must be greater than 0"):
-        at_speed(read('load = "2 mN"'), factor)
-
-
 BED = scene_text(
     BALL + 'count = 60\nseed = 2\nplacement = "dense"', '["40 um", "25 um"]',
     'pressure = "2.5 MPa"\nmotion = {x = {velocity = "1 mm/s"}}',
@@ -110,7 +103,6 @@ def scene(**settings) -> Scene:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A run at a scaled speed."""
     return run(scene(), tmp_path_factory.mktemp("scaled") / "run", 1, False)
 
 
@@ -201,7 +193,6 @@ NO_PRESSURE = {"plates.upper.pressure": None}
 EACH = {"plates.upper.support": "load_per_particle", "plates.upper.load": "1 mN"}
 REFUSED = {
     "no motion": ({"plates.upper.motion": None, "solver.duration": "1 us", "output.every": "1 us"}, "here it rests"),
-    "motion of no speed": ({"plates.upper.motion.x": {"ramp": "0 m/s", "duration": "1 us"}}, "here it rests"),
     "implicit": ({"solver.integrator": "implicit"}, "the implicit integrator takes slow motion as it is"),
     "no contact": ({"contact.debris_contact": "none"}, "whose bodies meet each other"),
     "gap": (NO_PRESSURE | {"plates.upper.gap": "80 um"}, "needs a pressure"),

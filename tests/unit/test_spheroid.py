@@ -32,7 +32,6 @@ def ellipsoid(form: str, r: float) -> tuple[float, np.ndarray]:
 
 
 def errors(form: str, r: float, n: int) -> np.ndarray:
-    """Relative errors of the volume and of the three moments of the clump."""
     body, (volume, inertia) = clump(*layout(form, r, n)[:2]), ellipsoid(form, r)
     return np.abs(np.append(body.volume / volume, body.inertia / inertia) - 1.0)
 
@@ -96,10 +95,7 @@ def test_corrugation_and_normals_of_long_bodies_are_those_of_the_closed_form(r):
         assert r < 0.5 or found.angle == pytest.approx(closed, rel=6.0 / (r * n) ** 2 + 1e-2)
 
 
-@pytest.mark.parametrize(
-    ("form", "r", "n"),
-    [("prolate", 0.5, 20), ("prolate", 0.5, 21), pytest.param("oblate", 0.6, 61, marks=SLOW), ("oblate", 0.6, 19)],
-)
+@pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.5, 20), ("prolate", 0.5, 21), ("oblate", 0.6, 19)])
 def test_bodies_rest_on_their_flat_side(form, r, n):
     made = layout(form, r, n)
     body = clump(made.centers, made.radii)
@@ -146,16 +142,12 @@ def test_a_heading_lays_the_long_axis_in_one_direction():
 
 FAULTS = [
     ("axial_ratio = 1.2", "debris[0].axial_ratio: 1.2 must be at least 0.1 and at most 1"),
-    ("", "debris[0].axial_ratio: required key is missing"),
-    ('axial_ratio = "0.5 um"', "debris[0].axial_ratio: "),
     ('axial_ratio = 0.5\nform = "flat"', "debris[0].form: 'flat' is not one of 'prolate', 'oblate'"),
     ("axial_ratio = 0.5\nspheres = 101", "debris[0].spheres: 101 must be at least 2 and at most 100"),
-    ("axial_ratio = 0.5\nsphers = 10", "debris[0].sphers: unknown key, did you mean 'spheres'?"),
     ("axial_ratio = 0.2\nspheres = 6", "spheres: 6 spheres of a prolate spheroid of axial_ratio 0.2 do not hang together:"),
     ('axial_ratio = 0.6\nform = "oblate"\nspheres = 6', "debris[0].spheres: 6 must be at least 7 in an oblate body"),
     ('axial_ratio = 0.35\nform = "oblate"\nspheres = 20',
      "19 spheres of an oblate spheroid of axial_ratio 0.35 do not hang together: at least 37"),
-    ('axial_ratio = 0.1\nform = "oblate"\nspheres = 100', "debris[0].axial_ratio: 91 spheres of an oblate spheroid of"),
     ("axial_ratio = 0.5\nheading = 0", "debris[0].heading: 0 has no unit, expected a unit of angle (rad, deg)"),
     ('axial_ratio = 0.5\nheading = "0 deg"\nplacement = "dilute"', "debris[0].heading: needs placement = 'layer'"),
     ('axial_ratio = 0.5\nheading = "0 deg"\nform = "oblate"', "debris[0].heading: needs form = 'prolate': an oblate body has"),
@@ -168,12 +160,3 @@ def test_faults(row):
     with pytest.raises(InputError) as caught:
         parsed(row[0])
     assert row[1] in str(caught.value) and len(caught.value.faults) == 1
-
-
-def test_least_number_that_is_reported_is_enough():
-    with pytest.raises(InputError) as caught:
-        parsed("axial_ratio = 0.2\nspheres = 6")
-    least = int(str(caught.value).rpartition(" ")[2])
-    assert parsed(f"axial_ratio = 0.2\nspheres = {least}").debris[0].max_spheres() == least
-    with pytest.raises(InputError):
-        parsed(f"axial_ratio = 0.2\nspheres = {least - 1}")

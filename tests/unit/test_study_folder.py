@@ -73,7 +73,6 @@ def test_other_files_are_named_and_stay(tmp_path):
 
 
 def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch):
-    """Refused before anything is computed."""
     monkeypatch.setattr(command, "study", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "scene.toml").write_text("mine")
     for effects in (False, True):

@@ -26,7 +26,6 @@ def count(words, part, announced, times):
 
 @njit(**UNCACHED)
 def lead(words, members, announced, times):
-    """Open all passes, and take part in them."""
     for number in range(times.shape[0]):
         announced[0] = number
         open_pass(words, members)
@@ -39,7 +38,6 @@ def lead(words, members, announced, times):
 
 @njit(**UNCACHED)
 def follow(words, member, members, announced, times, done):
-    """Take part in all passes; count the parts done."""
     attempts = 0
     while load_word(words, DISMISSED) == 0:
         part = next_part(words, member, members, times.shape[1])
@@ -123,7 +121,6 @@ def test_pieces(unchanged):
 
 
 def test_every_thread_of_python_has_its_own_number(unchanged):
-    """Runs may be made in several threads at once."""
     seen = []
     allow_threads(unchanged + 1)
     other = threading.Thread(target=lambda: seen.append(allowed_threads()))
@@ -177,14 +174,6 @@ def test_threads_with_a_core_each_stay_and_those_that_wait_yield_to_one():
     assert pace.threads(2, now) == 2
     report(pace, now, 0.1)
     assert pace.until - now == PAUSE
-    # As where others come to use the cores, or most bodies leave the contacts that they had.
-    pace = ThreadTuner()
-    report(pace, 1.0, 1.8, steps=200)
-    report(pace, 1.0 + CALL, 1.0, threads=1, steps=100)
-    report(pace, 2.0, 1.8, steps=200)
-    assert pace.threads(2, 2.0) == 2
-    report(pace, 3.0, 1.8, steps=99)
-    assert pace.threads(2, 3.0) == 1
 
 
 def test_short_steps_go_on_the_threads_that_take_less():
