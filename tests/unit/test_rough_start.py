@@ -169,7 +169,7 @@ def test_threads_and_pieces_change_no_bit(tmp_path):
     thirdbody.run(given, tmp_path / "threads", 2, False)
     simulation, saved, pieces = prepare(given), None, 0
     while True:
-        watches = iter(range(1 + 2 * pieces))
+        watches = iter(range(1 + 8 * pieces))
         try:
             execute(simulation, tmp_path / "cut", checkpoint=saved, stop=lambda left=watches: next(left, None) is None)
             break
