@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import closed_forms
 import numpy as np
 import pytest
 from slow import slow
@@ -13,7 +12,7 @@ from thirdbody_three_spot.balance import balance
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.columns import patch, record
-from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene, Spots, Stroke
+from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 LEVELS = ("coulomb", "mindlin", "mdr", slow("exact"))
@@ -185,52 +184,6 @@ def test_three_spot_particle_follows_the_static_path(make, level):
         worst = max(worst, abs(make.plate_force(simulation)[0] / LOAD - sum(point.T[:1]) / LOAD))
     # the static solver has linear kinematics (a tilt of 1e-3), the other presses by a dashpot that leaves T a little different
     assert worst < 3e-3
-
-
-def legs():
-    """A table on four legs above and four below, ends of radius 2 um, thirty times as wide as high."""
-    corners = [(x, y) for x in (-6e-5, 6e-5) for y in (-6e-5, 6e-5)]
-    sides = (("lower", -2e-6), ("upper", 2e-6))
-    spots = [{"side": side, "x": x, "y": y, "z": z, "radius": 2e-6} for side, z in sides for x, y in corners]
-    return Spots(material="ball", mass=2e-12, inertia=(1e-20, 1e-20, 2e-20), spots=tuple(spots), positions=((MIDDLE, MIDDLE),))
-
-
-@pytest.mark.parametrize("level", LEVELS[1:])
-def test_fretting_stroke_has_its_plateau_and_its_slope(make, level):
-    """A stroke at 7 Hz: full sliding at mu, and the elastic slope of all spots in series after a reversal."""
-    mu, load, stroke, frequency, outputs, rows = 0.2, 2e-4, 8e-8, 7.0, 80, []
-    # sliding of nanometres renews 1 % of a patch, which the closed form does not know
-    options = {} if level == "mindlin" else {"renewal": 0.0}
-    keys = {"friction": mu, "restitution": 0.9, "load": load, "level": level, "options": options}
-    simulation = micro(make, [legs()], Motion(x=[Stroke(stroke=stroke, frequency=frequency)]), **keys)
-    simulation.integrator.advance_to(time=simulation.settle)
-    for k in range(2 * outputs + 1):
-        simulation.integrator.advance_to(time=simulation.settle + k / (outputs * frequency))
-        x = 0.5 * stroke * (1.0 - math.cos(2.0 * math.pi * k / outputs))
-        rows.append((x, -make.plate_force(simulation)[0]))
-    x, force = np.array(rows[outputs:]).T  # of the second cycle
-    # upper and lower spots in series, each with a quarter of the load
-    g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
-    e, gs = theory.e_star(g, nu, g, nu), theory.g_star(g, nu, g, nu)
-    overlap = theory.hertz_overlap(e, 2e-6, load / 4.0)
-    critical, stiffness = 2.0 * theory.critical_displacement(mu, e, gs, overlap), 4.0 * gs * theory.contact_radius(2e-6, overlap)
-    assert np.max(force) == pytest.approx(mu * load, rel=2e-4)
-    assert np.min(force) == pytest.approx(-mu * load, rel=2e-4)  # ten springs of `mdr` sum up to 1e-4 less
-    turn = int(np.argmax(x))
-    back = slice(turn, turn + 4)
-    slope = np.polyfit(x[back], force[back], 1)[0]
-    if level == "mindlin":
-        # the tilt yields by .1 % of the compliance (see the stroke at 100 kHz)
-        assert slope == pytest.approx(stiffness, rel=3e-3)
-    else:
-        # partial slip: the loop is Mindlin's
-        assert 0.5 * stiffness < slope < stiffness
-        limit, forth = mu * load, force[turn:]
-        expected = [closed_forms.mindlin_reversal(max(s, x[turn] - 2.0 * critical), x[turn], limit, critical) for s in x[turn:]]
-        # the tilt yields by .1 % of the compliance; ten springs err by 7e-4 of each of the two limits between which T changes
-        assert np.max(np.abs(forth - expected)) < (1e-3 if level == "exact" else 2.4e-3) * limit
-    # nearly all of it, 1.4e-3, is lost while the flake is pressed; the strokes lose less than 5e-5
-    assert make.numerical_share(simulation) == pytest.approx(0.0, abs=2e-3)
 
 
 # -- energy --

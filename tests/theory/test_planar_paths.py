@@ -10,6 +10,8 @@ from slow import slow
 from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
+from thirdbody_three_spot.regime_map import regime
+from thirdbody_three_spot.regime_points import FRICTIONS, POSITIONS, computed_points
 
 MATERIALS = {
     "upper": {"shear_modulus": 80e9, "poisson_ratio": 0.3},
@@ -96,3 +98,19 @@ def test_paths_agree_with_memory_diagrams(spots, mu):
         # Newton's tolerance of 1e-12 of all forces, over the least stiff direction
         assert np.abs(np.array(point.N) - n).max() < 1e-9 * n.max()
         assert np.abs(np.array(point.T) - t).max() < 1e-9 * n.max()
+
+
+HALF = 0.5
+
+
+@pytest.mark.full(kind="slow")
+def test_every_computed_particle_does_what_the_map_says():
+    """With full partial slip, pressed by a load and dragged."""
+    points = computed_points(HALF)
+    assert len(points) == len(POSITIONS) * len(FRICTIONS)
+    for point in points:
+        # the ends t_min = x - L, t_max = x + L and -t_max (over h): on them the answer is open
+        if min(abs(point.y - (point.x + end)) for end in (-HALF, HALF)) < 1e-3 or abs(point.y + point.x + HALF) < 1e-3:
+            continue
+        assert point.state == regime(point.x, HALF, point.y), point
+    assert {point.state for point in points} == {"rolling", "sticking", "sliding"}

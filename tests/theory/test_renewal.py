@@ -197,19 +197,6 @@ def random_steps(seed, corners, pieces):
 
 
 @each(EVERY)
-def test_rolling_makes_no_energy(level):
-    """The work of the force at the end of every step, from rest, is never below what is stored; no step dissipates below 0."""
-    for friction, seed in itertools.product((0.3, 3.0), range(4)):
-        spot, work = RollingSpot(level, pair(0.3, friction=friction)), 0.0
-        for step in random_steps(seed, 12, 1):
-            answer = spot.move(**step)
-            work -= answer.x * step["slip"] + answer.y * step["aside"]
-            # rounding of the energy of a step
-            assert answer.dissipated >= -1e-12 * answer.limit * OVERLAP
-            assert work >= answer.stored - 1e-12 * answer.limit * OVERLAP
-
-
-@each(EVERY)
 def test_work_of_rolling_spots_is_stored_or_dissipated(level):
     """Over random paths that turn, grow, shrink and roll: the ledger closes with the step, at least to first order."""
     missing = []
@@ -217,6 +204,7 @@ def test_work_of_rolling_spots_is_stored_or_dissipated(level):
         spot, work, heat, x, y = RollingSpot(level, pair(0.3)), 0.0, 0.0, 0.0, 0.0
         for step in random_steps(1, 12, pieces):
             answer = spot.move(**step)
+            assert answer.dissipated >= -1e-12 * answer.limit * OVERLAP  # rounding of the energy of a step
             work -= 0.5 * ((x + answer.x) * step["slip"] + (y + answer.y) * step["aside"])
             x, y, heat = answer.x, answer.y, heat + answer.dissipated
         missing.append(abs(work - heat - answer.stored) / heat)

@@ -214,21 +214,6 @@ def alone(make, debris, motion, **keys):
     return make.under_patches(debris, {"ball": make.STEEL}, 1e-4, motion, **keys)
 
 
-def test_without_inertia_the_speed_is_nothing(make):
-    """1 m/s and 1 mm/s over the same way, where no dashpot tells the difference."""
-    rows = []
-    for speed in (1.0, 1e-3):
-        keys = {"restitution": 1.0, "patch": {"damping": 1e-9}, "settle": 2e-5, "inertia": False}
-        simulation = alone(make, [make.clump(make.HEXAGON)], drag(speed), **keys)
-        simulation.integrator.advance_to(time=simulation.settle)
-        rows.append([])
-        for stop in np.arange(1, 9) * 2.5e-7:
-            simulation.integrator.advance_to(distance=stop)
-            rows[-1].append(np.append(make.plate_force(simulation) / 1e-4, simulation.state.slots.records.normal_force / 1e-4))
-    # what is left of the patch's dashpot: 1e-9 kg/s times 1 m/s of tilt, 1e-5 of the load, while it tilts by some nm per um
-    assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
-
-
 @pytest.mark.parametrize(("speed", "step"), [(1e-3, 5e-8), (1.0, 5e-9)])
 def test_without_inertia_a_ball_rolls_at_half_any_speed(make, speed, step):
     keys = {"restitution": 1.0, "patch": {"damping": 1e-9}, "settle": 2e-5, "inertia": False, "largest_step": step}

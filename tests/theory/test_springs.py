@@ -313,13 +313,6 @@ def test_tangents_agree_with_differences(case):
         agree(misses, kind)
 
 
-def test_tangent_without_friction():
-    for step in ((OVERLAP,), (1.3 * OVERLAP, CRITICAL, -CRITICAL, 0.01), (30.0 * OVERLAP, CRITICAL)):
-        spot = driver_of(32, 0.0)
-        spot.move(OVERLAP, CRITICAL)
-        assert spot.tangent(*step) == (0.0,) * 6
-
-
 def test_first_touch():
     """A virgin contact takes the grid of the overlap at once; the slip is shared over the overlap."""
     rng, misses = np.random.default_rng(4), []
@@ -336,36 +329,6 @@ def test_after_a_gap():
         spot.h = (-0.5 * OVERLAP, 200.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         misses.append(compare(spot, somewhere(rng, 0.5, 0.1, 2.0)))
     agree(misses)
-
-
-@each([0.2, 0.5, 0.9])
-def test_the_virgin_patch(share):
-    """Along the slip 2 G* c with the stick radius c (Cattaneo), across it the secant of the force."""
-    spot, a = driver_of(128), theory.contact_radius(RADIUS, OVERLAP)
-    spot.move(OVERLAP)
-    tangent = tangent_of(spot, {"overlap": OVERLAP, "x": share * CRITICAL})
-    # 64 to 128 springs carry the patch; the edge of the stick area falls somewhere in one of them
-    assert tangent[0, 0] == pytest.approx(-2.0 * G_STAR * a * math.sqrt(1.0 - share), abs=2.0 * G_STAR * a / 64)
-    # across it the springs turn, and the force with them: T_y = T_x s_y/s_x
-    limit, slip = MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP), share * CRITICAL
-    secant = closed_forms.mindlin_loading(slip, limit, CRITICAL) / slip
-    assert tangent[1, 1] == pytest.approx(-secant, rel=1e-3)  # the force of the springs, and the edge
-    assert tangent[0, 1] == tangent[1, 0] == 0.0
-
-
-def test_full_sliding():
-    """T = -mu N e: nothing along the slip, mu N/|s| across it, and mu dN/dd with the overlap."""
-    spot, angle, path = driver_of(256), 0.7, 50.0 * CRITICAL
-    spot.move(OVERLAP)
-    e, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-    tangent = tangent_of(spot, {"overlap": OVERLAP, "x": path * e[0], "y": path * e[1]})
-    slope, limit = MU * closed_forms.hertz_stiffness(E_STAR, RADIUS, OVERLAP), MU * theory.hertz_force(E_STAR, RADIUS, OVERLAP)
-    # every spring under the patch adds 2 G* kappa spacing: 128 springs and more, of which the last is in or out
-    assert tangent[:, 2] @ e == pytest.approx(-slope, rel=0.5 / 128)
-    # their sum falls short of mu N by 1.5 (spacing/2a)^2 < 3e-5
-    assert across @ tangent[:, :2] @ across == pytest.approx(-limit / path, rel=1e-4)
-    # along the slip: roundings of a stiffness 2 G* a
-    assert np.abs(tangent[:, :2] @ e).max() < 1e-12 * limit / CRITICAL
 
 
 def test_an_open_contact_and_a_dashpot_that_pulls_have_no_stiffness():

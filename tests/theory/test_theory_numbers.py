@@ -2,8 +2,6 @@
 
 Those of `closed_forms`, by which tests judge runs, are compared with published numbers."""
 
-import math
-
 import closed_forms
 import pytest
 from each import each
@@ -89,45 +87,9 @@ def test_tilted_state(mu_h):
     assert ours[2] == pytest.approx(forces, rel=1e-13)
 
 
-@each([0.0, 0.6e-6, 1.2e-6, 2.1e-6])
-def test_tilted_state_is_in_equilibrium(mu_h):
-    w, phi, n = theory.tilted_state(TILTED, E1, E2, R, CLOSING, mu_h)
-    d = (CLOSING - w - phi * TILTED[0], w + phi * TILTED[1], w + phi * TILTED[2])
-    for force, e, radius, overlap in zip(n, (E1, E2, E2), R, d, strict=True):
-        assert force == pytest.approx(theory.hertz_force(e, radius, overlap), rel=1e-12)
-    moment = n[0] * TILTED[0] - n[1] * TILTED[1] - n[2] * TILTED[2]
-    assert moment == pytest.approx(mu_h * n[0], rel=1e-12, abs=1e-13 * n[0] * 1e-6)
-
-
-def test_forms_of_the_three_spot_particle_agree():
-    errors = [abs(theory.upper_fraction_series(ALPHA, m) - theory.upper_fraction(ALPHA, m)) for m in (0.01, 0.02)]
-    assert math.log2(errors[1] / errors[0]) == pytest.approx(3.0, abs=0.05)  # the first missing term is m~^3
-    weight = 1e-5
-    delta = theory.upper_fraction(ALPHA, theory.weight_number(weight, E1, R[0], CLOSING))
-    below = sum(theory.hertz_force(E2, r, (1.0 - delta) * CLOSING) for r in R[1:])
-    assert below - theory.hertz_force(E1, R[0], delta * CLOSING) == pytest.approx(weight, rel=1e-10)
-    assert theory.two_spot_friction(0.2e-6, -2e-6, 4e-6) == theory.sliding_interval(TILTED, 4e-6)[1]
-    assert theory.sliding_moment_weightless((0.0, -1e-6, 1e-6), 1e-6, 1e-6) == 0.0
-    # Fig. 2: another H shifts zeta_2 by dH/n_2
-    assert theory.third_spot_position(0.3, 0.7 + 0.2 / 0.3, 0.8) == pytest.approx(theory.third_spot_position(0.3, 0.7, 0.6))
-    x = (1e-6, -2e-6, 1.5e-6)
-    ours = theory.sliding_moment_without_tilt(x, E1, E2, R, theory.upper_fraction(ALPHA, 0.0))
-    assert ours == pytest.approx(theory.sliding_moment_weightless(x, R[1], R[2]), rel=1e-13)
+def test_states_that_lift_off_are_refused():
     with pytest.raises(ValueError, match="lifts off"):
         theory.tilted_state(TILTED, E1, E2, R, CLOSING, 0.56 * 4e-6)  # t_max = .55
     with pytest.raises(ValueError, match="outside"):
         theory.upper_fraction(ALPHA, 1.001 * ALPHA**-1.5)
-
-
-def test_hertz_and_cattaneo_agree_with_their_derivatives():
-    e, r, d, step = 1e11, 1e-6, 1e-9, 1e-13
-    slope = (theory.hertz_force(e, r, d + step) - theory.hertz_force(e, r, d - step)) / (2.0 * step)
-    work = (closed_forms.hertz_energy(e, r, d + step) - closed_forms.hertz_energy(e, r, d - step)) / (2.0 * step)
-    # central difference: relative error (step/d)^2 = 1e-8
-    assert closed_forms.hertz_stiffness(e, r, d) == pytest.approx(slope, rel=1e-7)
-    assert theory.hertz_force(e, r, d) == pytest.approx(work, rel=1e-7)
-    assert theory.hertz_overlap(e, r, theory.hertz_force(e, r, d)) == pytest.approx(d, rel=1e-14)
-    assert theory.hertz_force(e, r, -d) == closed_forms.hertz_energy(e, r, -d) == 0.0
-    s = 0.3
-    # the stick radius is where the springs of the patch just reach their limit: 1 - (c/a)^2 = s/s_c
-    assert theory.stick_ratio(closed_forms.mindlin_loading(s, 1.0, 1.0)) ** 2 == pytest.approx(1.0 - s, rel=1e-13)
+    assert theory.hertz_force(E1, R[0], -D1) == 0.0 and theory.hertz_overlap(E1, R[0], N1) == pytest.approx(D1, rel=1e-14)
