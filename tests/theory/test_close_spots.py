@@ -176,6 +176,7 @@ def test_loads_and_approach_of_close_spots(group):
     assert approach == pytest.approx(expected, rel=1e-2)
 
 
+@pytest.mark.full(kind="slow")  # compiles the solver of spots; at 3 and 40 radii two spots are above
 def test_neighbours_press_by_four_thirds_of_a_over_pi_r():
     """N/(pi E* r) over d is 4 a/(3 pi r) for each (Boussinesq): equal spots keep their loads, and sink by it together."""
     for place in ([(0, 0), (20, 0)], [(0, 0), (20, 0), (10, 10 * math.sqrt(3))]):

@@ -147,8 +147,8 @@ def lost_and_found(run, final, bodies):
 
 
 QUICK = {
-    "implicit": {"stopped", "three_that_rub", "head_on", "pushed_along", "mounts", "lost_and_found"},
-    "explicit": {"turns_on_the_spot"},
+    "implicit": {"two_that_touch", "stopped", "three_that_rub", "head_on", "pushed_along", "mounts", "lost_and_found"},
+    "explicit": {"stopped", "turns_on_the_spot"},
 }  # fmt: skip
 SLOW = pytest.mark.full(kind="slow")
 ALL = [pytest.param(one, name, marks=[] if name in quick else SLOW) for one, quick in QUICK.items() for name in MEETINGS]
