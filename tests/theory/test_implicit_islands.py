@@ -55,7 +55,6 @@ def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settl
 
 
 def row(make, balls, x=MIDDLE):
-    """A block at x (m) and a row of balls behind it."""
     first = x - 4e-6 - 2.0 * R - GAP
     places = [((first - k * (2.0 * R + GAP)) % SIZE, MIDDLE, R) for k in range(balls)]
     block = model.Spheres(material="block", shape=BLOCK, positions=((x, MIDDLE, R),))
@@ -63,7 +62,6 @@ def row(make, balls, x=MIDDLE):
 
 
 def between_bodies(simulation):
-    """Records of the closed contacts between bodies, by owner."""
     slots = simulation.state.slots
     return slots.R[(slots.histories.slip > 0.0) & (slots.partner >= 0)]
 

@@ -88,7 +88,6 @@ def tangents(I, K, n, _):  # noqa: E741
 
 
 def evaluate(context, y, dt, r, J):
-    """Write residual and Jacobian of body 0; return its contacts."""
     space, motion = plain(make_workspace)(context), Motion(dt, 0.0, 0.0)
     active = ActiveBody(0, 0, context.starts[0], context.memory[0], context.totals[0])
     space.before[:] = context.initial_overlaps
@@ -192,7 +191,6 @@ def rough_tables(rng, curved, force, closing):
     centre, up = np.append(rng.uniform(0.0, 8.0, 2), 0.0), 0.0
 
     def overlaps():
-        """The largest overlap with each plate."""
         S[:, :3], P[0, patch.HEIGHT], Q[:, surface_contact.SEARCHED] = arms + centre, up, np.inf
         Q[:, surface_contact.DISTANCE], Q[:, surface_contact.MINIMA] = np.inf, 0.0
         update_accepted(0, rows, RoughPlates(given["own"], given["partner"], S, P, Q, D, lower, upper))

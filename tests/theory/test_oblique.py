@@ -24,7 +24,6 @@ CONSTANTS = {"aluminium alloy": (70e9, 0.33, 2700.0), "nylon": (2.5e9, 0.4, 1000
 
 
 def rebound(make, numbers, radius, velocity, spin=(0.0, 0.0, 0.0), steps=RESOLVED, **keys):
-    """(velocity, spin) of a ball after an impact on a rigid plane."""
     material = make.solid(*numbers)
     e = theory.e_star(material.shear(), material.poisson_ratio, math.inf, 0.0)
     duration = closed_forms.impact_duration(make.ball_mass(material, radius), radius, e, -velocity[2])

@@ -29,8 +29,6 @@ def pair(nu, other=None, shear=80e9, friction=0.3):
 
 
 class RollingSpot(Spot):
-    """One contact of a level, at a fixed overlap."""
-
     def __init__(self, level, materials, **options):
         law, width = EVERY[level]
         moduli = [x for m in (materials.a, materials.b) for x in (m.shear_modulus, m.poisson_ratio)]

@@ -89,7 +89,6 @@ def rocked(make, mu_r, ratio=0.0):
 
 
 def spun(simulation, axis, spin):
-    """Give body 0 a spin (rad/s) about an axis."""
     B, E = simulation.state.B, simulation.state.E
     B[0, body.SPIN + axis], E[0, body_extra.ANGULAR_MOMENTUM + axis] = spin, spin * E[0, body_extra.INERTIA]
 

@@ -90,7 +90,6 @@ def wavy(lifted_ball):
 
 
 def test_a_field_of_zeros_is_a_flat_plate_bit_for_bit(make):
-    """A ball that falls, bounces with friction and rolls on."""
 
     def states(surface):
         with rough_plates(surface):

@@ -214,7 +214,6 @@ SOME = CURVE[(CURVE[:, 2] >= 0.5) & (CURVE[:, 2] <= 4.0)][:: len(CURVE) // 8]
     ("level", "error", "rows"), [("mdr", 4e-4, CURVE[::4]), slow("mdr", 4e-4, CURVE), slow("exact", 2e-4, CURVE)]
 )
 def test_maw_barber_fawcett(make, level, error, rows):
-    """The rebound of a sphere over its angle of incidence."""
     found = [impact(make, psi, level) for psi in rows[:, 2]]
     # 64 springs carry the patch (1e-4 of the limit); the patch rolls by 3e-5 of its radius; 1000 steps an impact
     assert found == pytest.approx(rows[:, 3], abs=error)
@@ -248,7 +247,6 @@ smaller one serves where a weak corner, of a spring with a small share of the fo
 
 
 def tangent_of(spot, step):
-    """Columns: over slip x, slip y, overlap."""
     xx, xy, yx, yy, xd, yd = spot.tangent(**step)
     return np.array([[xx, xy, xd], [yx, yy, yd]])
 
