@@ -106,7 +106,6 @@ def test_no_energy_is_made_as_a_clump_bounces_and_turns(make):
 
 
 SCENE = Path(__file__).parents[2] / "scenes" / "three_spot.toml"
-
 E_STAR, SPOT, OVERLAP = 1e11, 1e-6, 1e-8
 A = math.sqrt(SPOT * OVERLAP)
 
