@@ -36,10 +36,8 @@ BLOCK = tuple(
 
 
 def dragged(make, debris, pairs=None, speed=1e-3, plate=None, friction=MU, settle=2e-5, contact="auto", **solver):
-    """Bodies with contact between them. `pairs`: friction of other pairs than `friction`; `plate`: keys of the upper plate.
-
-    Unless `plate` says otherwise, each is under a patch of its own.
-    """
+    """Bodies with contact between them, each under a patch of its own unless `plate`, keys of the upper plate, says otherwise.
+    `pairs`: friction of other pairs than `friction`."""
     names = ("ball", "block", "floor")
     frictions = {pair: friction for pair in ((a, b) for a in names for b in names if a <= b)} | (pairs or {})
     held = {"support": "load_per_particle", "load": LOAD} | (plate or {})
@@ -211,10 +209,8 @@ APPROACH = np.array([[0.2, 0.0], [-0.1, 0.0]])  # velocities before an impact, m
 
 
 def impact(make, tolerance):
-    """Two balls that meet off centre between plates without friction, after the impact; and the error of their velocities.
-
-    In closed form the velocities change along the line of centres alone, by half of 1 + e times the approach.
-    """
+    """Two balls after they met off centre without friction; and the error of their velocities. In closed form these change along
+    the line of centres alone, by half of 1 + e times the approach."""
     starts = zip((-6e-6, 6e-6), (0.0, 3e-6), APPROACH, strict=True)
     balls = [make.ball(R, (MIDDLE + x, MIDDLE + y, R), (*v, 0.0)) for x, y, v in starts]
     none = dict.fromkeys([("ball", "ball"), ("ball", "floor")], 0.0)

@@ -229,7 +229,7 @@ def test_tangent_of_rolling_springs(case):
 SIDE = 1e-4  # force that holds the pinched ball back, N: a tenth of the friction limit of its two spots
 
 
-@pytest.mark.parametrize("integrator", [pytest.param("explicit", marks=pytest.mark.full(kind="slow")), "implicit"])
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_a_pinched_ball_creeps_where_its_springs_are_renewed(make, integrator):
     """Loaded sideways by its weight, it rolls with Kalker's creep: behind half the way of the plate, which it keeps otherwise."""
     behind, pull = {}, Effects(gravity=(-SIDE / make.ball_mass(make.STEEL, 1e-5), 0.0, 0.0))

@@ -129,7 +129,6 @@ def test_crest_and_valley_have_the_radius_of_hertz(lifted_ball, wavy, x, sign):
 
 def loop_work(simulation, profile):
     """Press at a crest, move along to the valley, release there: work done with and without the gradient force, energies there.
-
     Gauss' rule in each cell and on the ramps at its borders, where all is smooth, and along the indentation with depth ~ t^2.
     """
     points, weights = np.polynomial.legendre.leggauss(5)

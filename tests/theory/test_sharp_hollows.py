@@ -15,10 +15,8 @@ OVERLAP = (LOAD / (4.0 / 3.0 * 210e9 / (2.0 * (1.0 - 0.3**2)) * math.sqrt(RADIUS
 
 
 def energy_made(make, integrator: str, waves: int, sharpness: float) -> np.ndarray:
-    """Energy made in each tenth of a micrometre of drag, over load times overlap; without the first one, where the drag starts.
-
-    `waves`: in the domain; `sharpness`: radius times the largest curvature of hollows.
-    """
+    """Energy made in each tenth of a micrometre of drag but the first, over load times overlap. `waves`: in the domain;
+    `sharpness`: radius times the largest curvature of hollows."""
     q = 2.0 * math.pi * waves / SIDE
     height = sharpness / (RADIUS * q * q)
     surface = field(lambda x, y: height * np.cos(q * (x - 0.5 * SIDE)), (SIDE, SIDE), (32 * waves, 4))

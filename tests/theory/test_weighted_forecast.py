@@ -6,6 +6,7 @@ import friction_cones
 import numpy as np
 import pytest
 from each import each
+from slow import slow
 from theory.plain import plain
 from thirdbody_three_spot import classify, conditions, label_output
 
@@ -65,7 +66,7 @@ def programme(upper, lower, heights, wrench, frictions, drag):
     return np.array(friction_cones.required_scale(held, EDGES, 1e-5)) * min(frictions), slides
 
 
-ROWS = [("weight, pull and torque", 5), *(pytest.param(name, 20, marks=pytest.mark.full(kind="slow")) for name in WRENCHES)]
+ROWS = [("weight, pull and torque", 5), ("buoyancy and a pull", 3), *(slow(name, 20) for name in WRENCHES)]
 
 
 @pytest.mark.parametrize(("wrench", "count"), ROWS)
