@@ -60,7 +60,7 @@ SPEED, LOAD, FRICTION = 10.0, 1.0, 0.3
 @pytest.fixture(scope="module", params=["explicit", "implicit"])
 def pinched(make, request):
     """A ball pressed between plates, the upper one suddenly at V: (integrator, labels, columns). Columns: time over the slip
-    time, v/V, omega R'/V, |T| over mu N at the lower and upper plate; R' is the distance from the centre to the contact planes."""
+    time, v/V, omega R'/V, |T| over mu N at the lower and upper plate; R' is the distance from centre to contact plane."""
     one, drag = make.ball(RADIUS, (5.0, 5.0, RADIUS)), Motion(x=[ConstantVelocity(velocity=SPEED)])
     keys = {"friction": FRICTION, "restitution": 0.3, "integrator": request.param}
     simulation = make.under_patches([one], {"ball": make.STEEL}, LOAD, drag, **keys)
