@@ -73,6 +73,12 @@ def slides_below(view):
     return rig.move(1e-6).has(*STICKING)
 
 
+def one_of_two_slides_above(view):
+    rig = Rig([lower(0.0), upper(-1.0), upper(0.8)], view).move(dt=0.0).slide(0.4 * S_C, [1], 4).has(*STICKING)
+    assert rig.last["friction"] == pytest.approx(0.0, abs=1e-15) and rig.last["friction_upper"] == 1.0  # the other holds
+    return rig
+
+
 def slides_on_both_sides_then_stops(view):
     rig = three_spot(view).slide(10.0 * S_C, [0, 1, 2], 2).has(*SLIDING)
     assert rig.last["sliding_side"] == BOTH
@@ -249,7 +255,7 @@ def out_of_balance(view):
 
 # a start or stop counts from the observation that sees it, so that finer observation loses less of the first stride: histories
 # built to sit within one stride of a threshold need theirs
-FINE = [ball_rolls, slides_below, slides_on_both_sides_then_stops, stroke_reverses]
+FINE = [ball_rolls, slides_below, one_of_two_slides_above, slides_on_both_sides_then_stops, stroke_reverses]
 COARSE = [
     elastic_tilt, ball_turns_back, ball_against_the_drag, turns_a_little_in_every_window, spins_many_turns, tips, pivots,
     skids_on_one_plate, rolls_back_on_one_plate, rides_on_the_lower_plate, comes_and_goes, snaps_over, lands_after_a_whole_turn,
