@@ -165,6 +165,10 @@ def test_the_load_of_friction(case):
     left = -2.0 * math.pi * WORK * RADIUS if model == "dmt" else 0.0
     assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(left)
     assert plain(chosen.added_load)(contact(0.0), Normal(*6 * [0.0]), p) == 0.0
+    # auto, below a Tabor number of 0.1
+    for choice, added in (("with_pull_off", 2.0 * math.pi * WORK * 40e-9), ("external", 0.0)):
+        chosen, p, _ = law("auto", friction_load=choice)
+        assert plain(chosen.added_load)(contact(1e-10, 40e-9), loaded, p) == pytest.approx(added)
 
 
 @pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
