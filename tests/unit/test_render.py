@@ -14,7 +14,7 @@ from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.quantity import with_unit
 from thirdbody.render import render as render_module
-from thirdbody.render.coloring import LegendScale
+from thirdbody.render.coloring import LegendScale, compute_coloring
 from thirdbody.render.force_tubes import TUBE
 from thirdbody.render.picture_data import close_up_window, read_picture_data
 from thirdbody.render.render import render
@@ -151,6 +151,8 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     with open_run(layer) as run:
         speed, utilisation, reasons = (read_picture_data(run, 0, color) for color in ("speed", "utilisation", "reason"))
         kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
+        gap = {"state_reason": np.array([0, 2], np.uint8)}
+        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), LegendScale())
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
         lengths = np.linalg.norm(run.bodies(0)["velocity"], axis=1)
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
@@ -160,6 +162,9 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     assert [words.split("  ")[0] for words, _ in reasons.legend.entries] == ["none", "friction limit", "rotation"]
     assert [tone for _, tone in reasons.legend.entries] == list(CATEGORY_COLORS[:3])
     assert kept.legend.entries == reasons.legend.entries
+    # where a code does not occur the others keep the colours of their bodies
+    assert [rgb(tone) for _, tone in gapped.legend.entries] == [tuple(tone) for tone in gapped.colors(gapped.values)]
+    assert [tone for _, tone in gapped.legend.entries] == [CATEGORY_COLORS[0], CATEGORY_COLORS[2]]
     assert [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in states.legend.entries] == list(counts)
     assert "10 µs" in states.facts and "20 µm" in states.facts and "0.31" in states.facts
 
