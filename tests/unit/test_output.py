@@ -1,5 +1,6 @@
 """What `output` writes: some bodies in full and series of all; spheres that come back on reading; frames at which stops."""
 
+import csv
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -107,6 +108,9 @@ def test_contacts_are_those_of_the_bodies_in_the_file(runs):
     for name in set(every) - {"body", "partner"}:
         signs = np.where(from_partner, -1.0, 1.0) if name in REVERSED else np.ones(len(from_partner))
         assert np.array_equal((mine[name].T * signs).T, every[name][chosen]), name
+    parts = mine["normal_force"][:, None] * mine["normal"] + mine["tangential_force"]
+    assert np.any(mine["tangential_force"][from_partner] != 0.0)
+    assert mine["force"] == pytest.approx(parts, rel=1e-12, abs=1e-12 * np.abs(parts).max())  # rounding of a sum
 
 
 def test_what_reads_a_run_reads_a_sampled_one(runs, tmp_path, command):
@@ -117,7 +121,12 @@ def test_what_reads_a_run_reads_a_sampled_one(runs, tmp_path, command):
                   ("export", folder, "--csv", "csv")):  # fmt: skip
         code, _, errors = command(*words)
         assert code == 0, errors
-    assert any("scene_id" in line for line in (tmp_path / "csv" / "bodies.csv").read_text().splitlines()[:5])
+    rows = list(csv.DictReader((tmp_path / "csv" / "bodies.csv").open()))[-COUNT:]
+    assert "scene_id" in rows[0]
+    frame = runs[1].to_pandas("bodies", -1)
+    for k, letter in enumerate("wxyz"):
+        expected = runs[1].bodies(-1)["quaternion"][:, k]
+        assert [float(row[f"quaternion_{letter}"]) for row in rows] == expected.tolist() == frame[f"quaternion_{letter}"].tolist()
 
 
 def test_spheres_come_from_their_bodies(whole, tmp_path):
