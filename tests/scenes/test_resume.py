@@ -15,6 +15,8 @@ from steel import STEEL
 from trajectories import contents
 
 import thirdbody
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.snapshot import restore
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.columns.sides import DEBRIS
@@ -273,6 +275,11 @@ def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
     assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf
     execute(simulation, tmp_path / "cut", checkpoint=kept)
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    # bounds that wait until the step may grow are taken up too
+    simulation, kept = prepare_resume(tmp_path / "cut")
+    kept.snapshot.notes["integrator"]["waiting"] = [2e-9, 3e-9]
+    restore(kept.snapshot, simulation.state, simulation.integrator, Ledger(simulation.state))
+    assert simulation.integrator.export_state()[1] == kept.snapshot.notes["integrator"]
 
 
 def test_a_trajectory_that_lost_frames_is_refused(copy):
