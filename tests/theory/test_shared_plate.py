@@ -293,6 +293,7 @@ MEET = {
     "same place, same time": (STRAIGHT, CROSSING),
     "off centre": (STRAIGHT, beside(0.6e-4, -R)),
     "off centre across a face": (ACROSS, beside(0.05e-4, -R)),
+    "off centre across a face in y": ((1e-4, 1.9e-4, 0.0, 0.3), (1e-4 + R, 0.05e-4, 0.0, 0.0)),
 }
 
 
@@ -317,7 +318,7 @@ def test_balls_that_meet_under_one_plate_rebound(make, name, speed):
     simulation.integrator.advance_to(time=6e-5)
     relative = before[0] - before[1]
     between = np.array(pair[1][:2]) - np.array(pair[0][:2])
-    between[0] -= SIZE * np.rint(between[0] / SIZE)
+    between -= SIZE * np.rint(between / SIZE)
     # where they touch: the root of |between - relative t| = 2 R
     square, along = relative @ relative, between @ relative
     normal = between - relative * (along - math.sqrt(along**2 - square * (between @ between - 4.0 * R**2))) / square
