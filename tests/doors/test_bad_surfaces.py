@@ -1,16 +1,12 @@
 """Files of measured surfaces that are spoilt: one clear message each, at the key of the scene, exit code 3."""
 
-import contextlib
 import hashlib
 import io
-import pickle
-import sys
-import types
 import zipfile
 
 import numpy as np
 import pytest
-from balls import BALLS
+from balls import BALLS, edited
 
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
@@ -18,17 +14,9 @@ from thirdbody.scene.model import Scene
 from thirdbody.surfaces.read_scan import read_scan
 
 N_X, N_Y, STEP = 60, 50, 1e-6
+LOWER = '[plates.lower]\nmaterial = "steel"'
 HEIGHTS = np.random.default_rng(1).normal(scale=1e-7, size=(N_Y, N_X))
-SCENE = """
-scene = 1
-domain = {size = ["40 um", "30 um"]}
-materials.steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.3, density = "7850 kg/m3"}
-pairs = [{between = ["steel", "steel"], friction = 0.3, restitution = 0.6}]
-debris = [{material = "steel", kind = "spheres", radius = "5 um", count = 1}]
-plates.lower = {material = "steel", surface = {file = "FILE"}}
-solver = {duration = "1 us"}
-output = {every = "1 us"}
-"""
+SCENE = edited(BALLS, (LOWER, f'{LOWER}\nsurface = {{file = "FILE"}}'), ('["80 um", "60 um"]', '["40 um", "30 um"]'))
 
 
 def archive(**members):
@@ -39,28 +27,17 @@ def archive(**members):
     return stream.getvalue()
 
 
-def archive_of(heights):
-    return archive(**{"heights.npy": heights, "spacing.npy": b"", "unit.npy": b""})
+def archive_of(shape):
+    """Heights of a shape that only their header tells."""
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return archive(**{"heights.npy": stream.getvalue(), "spacing.npy": b"", "unit.npy": b""})
 
 
 def npz(drop="", **changes):
     arrays = {"heights": HEIGHTS * 1e6, "spacing": STEP * 1e6, "unit": "um"} | changes
     stream = io.BytesIO()
     np.savez(stream, **{name: np.asarray(value) for name, value in arrays.items() if name != drop})
-    return stream.getvalue()
-
-
-def lying_bomb():
-    """An archive whose first member unpacks to 20 MB, of which its directory says 200 bytes."""
-    data = bytearray(archive_of(npy_header((1600, 1600)) + bytes(20_480_000)))
-    at = data.index(b"PK\x01\x02") + 24
-    data[at : at + 4] = (200).to_bytes(4, "little")
-    return bytes(data)
-
-
-def npy_header(shape):
-    stream = io.BytesIO()
-    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return stream.getvalue()
 
 
@@ -88,16 +65,13 @@ BAD = {
     "other suffix": ("a.gwy", b"x", ["suffix '.gwy'", "expected .npz or .x3p", "thirdbody surface FILE"]),
     "empty": ("a.npz", b"", ["is empty"]),
     "no archive": ("a.npz", b"\x00" * 300, ["is no ZIP archive"]),
-    "empty x3p": ("a.x3p", b"", ["is empty"]),
     "pickle": ("a.npz", npz(heights=np.array([{}], object)), ["heights", "pickle"]),
-    "bare pickle": ("a.npz", pickle.dumps(HEIGHTS), ["is no ZIP archive"]),
     "cut npz": ("a.npz", npz()[:3000], ["damaged or cut short"]),
     "flipped npz": ("a.npz", npz()[:5000] + b"\x7f" + npz()[5001:], ["damaged or cut short"]),
     "no unit": ("a.npz", npz("unit"), ["unit", "is missing"]),
     "unknown array": ("a.npz", npz(hights=HEIGHTS), ["hights", "did you mean 'heights'"]),
     "unit of another dimension": ("a.npz", npz(unit="s"), ["unit", "is a time, expected a length"]),
     "unknown unit": ("a.npz", npz(unit="mu"), ["unknown unit 'mu'"]),
-    "three dimensions": ("a.npz", npz(heights=np.zeros((5, 5, 5))), ["has shape (5, 5, 5), expected (n_y, n_x)"]),
     "complex": ("a.npz", npz(heights=HEIGHTS * 1j), ["holds complex128, expected real numbers"]),
     "three spacings": ("a.npz", npz(spacing=[1, 2, 3]), ["spacing", "expected one number, or those along x and y"]),
     "no spacing": ("a.npz", npz(spacing=[1.0, 0.0]), ["0 m along y must be a positive length"]),
@@ -107,28 +81,22 @@ BAD = {
     "infinite": ("a.npz", npz(heights=np.where(HEIGHTS > 2e-7, np.inf, HEIGHTS)), ["of its points are infinite"]),
     "heights in nm": ("a.npz", npz(heights=HEIGHTS * 1e12), ["from lowest to highest on", "is the unit right?"]),
     "kilometres": ("a.npz", npz(unit="km", heights=HEIGHTS), ["apart", "is the unit right?"]),
-    "1e9 points": ("a.npz", archive_of(npy_header((10**5, 10**4))), ["1e+09 points, at most 3e+07"]),
-    "lying bomb": ("a.npz", lying_bomb(), ["damaged or cut short"]),
-    "short array": ("a.npz", archive_of(npy_header((50, 60))), ["is cut short"]),
+    "1e9 points": ("a.npz", archive_of((10**5, 10**4)), ["1e+09 points, at most 3e+07"]),
+    "short array": ("a.npz", archive_of((50, 60)), ["is cut short"]),
     "cut x3p": ("a.x3p", x3p()[:9000], ["damaged or cut short"]),
     "no main.xml": ("a.x3p", archive(other=b"x"), ["main.xml", "is missing in the archive"]),
     "no data": ("a.x3p", archive(**{"main.xml": xml()}), ["bindata/data.bin", "is missing in the archive"]),
     "short data": ("a.x3p", x3p(data=HEIGHTS.tobytes()[:-8]), ["23992 bytes, expected 24000 for 60 x 50 points"]),
     "torn xml": ("a.x3p", x3p(xml()[:-40]), ["main.xml", "is not valid XML"]),
-    "no xml": ("a.x3p", x3p("hello"), ["main.xml", "is not valid XML"]),
     "xml bomb": ("a.x3p", x3p(xml(extra=ENTITY, nx="&b;")), ["declares a document type"]),
     "profile": ("a.x3p", x3p(xml(feature="PRF")), ["FeatureType", "'PRF', expected SUR"]),
     "absolute axis": ("a.x3p", x3p(xml(axis="A")), ["CX/AxisType", "'A', expected I"]),
     "no type": ("a.x3p", x3p(xml(letter="Q")), ["CZ/DataType", "'Q', expected I or L or F or D"]),
     "no increment": ("a.x3p", x3p(xml(dx="")), ["CX/Increment", "missing, expected a number"]),
-    "increment of words": ("a.x3p", x3p(xml(dx="one")), ["CX/Increment", "'one', expected a number"]),
     "negative increment": ("a.x3p", x3p(xml(dx=-1e-6)), ["along x must be a positive length"]),
     "increment in um": ("a.x3p", x3p(xml(dx=1.0, dy=1.0)), ["is the unit right?"]),
-    "no size": ("a.x3p", x3p(xml(nx="")), ["SizeX", "missing, expected a number"]),
-    "half a point": ("a.x3p", x3p(xml(nx="60.5")), ["SizeX", "60.5 must be a whole number"]),
     "huge number of points": ("a.x3p", x3p(xml(nx="1e300")), ["SizeX", "1e+300 must be a whole number from 1 to 1e+09"]),
     "layers": ("a.x3p", x3p(xml(nz=3)), ["SizeZ", "3 layers, expected 1"]),
-    "1e9 points of x3p": ("a.x3p", x3p(xml(nx=10**5, ny=10**4)), ["100000 x 10000 points, at most 3e+07"]),
     "no link": ("a.x3p", x3p(xml(link="")), ["PointDataLink", "missing"]),
     "checksum": ("a.x3p", x3p(xml(more=f"<MD5ChecksumPointData>{'0' * 32}</MD5ChecksumPointData>")),
                  ["differs from its checksum"]),
@@ -145,13 +113,13 @@ def test_a_spoilt_file_gives_one_clear_message(tmp_path):
         with pytest.raises(InputError) as error:
             plate_surfaces(Scene.load(tmp_path / "scene.toml"))
         text = str(error.value)
-        assert all(word in text for word in (*words, "scene.toml:7:", "plates.lower.surface.", name)), (case, text)
+        assert all(word in text for word in (*words, "scene.toml:21:", "plates.lower.surface.", name)), (case, text)
         assert len(error.value.faults) == 1 and error.value.exit_code == 3
 
 
 def test_bodies_between_rough_plates_are_not_pushed_apart():
     waves = '{rms = "0.1 um", hurst = 0.8, long = "20 um", short = "5 um", seed = 1}'
-    text = BALLS.replace('[plates.lower]\nmaterial = "steel"', f'[plates.lower]\nmaterial = "steel"\nsurface = {waves}')
+    text = edited(BALLS, (LOWER, f"{LOWER}\nsurface = {waves}"))
     Scene.parse(text)
     with pytest.raises(InputError, match="solver.initial_overlap: 'relax' pushes bodies apart between flat plates only"):
         Scene.parse(text.replace("[solver]", '[solver]\ninitial_overlap = "relax"'))
@@ -203,23 +171,3 @@ def test_the_readers_agree_with_surface_topography(tmp_path):
         scan = read_any_scan(tmp_path / name)
         assert scan.spacing == pytest.approx((1e-6, 2e-6), rel=1e-12)
         assert np.abs(scan.heights - HEIGHTS).max() <= error
-
-
-def test_a_foreign_format_of_a_billion_points_is_refused_before_they_are_read(tmp_path, monkeypatch):
-    """A reader that knows the size before the heights, as those of SurfaceTopography do."""
-    from thirdbody.surfaces.other_formats import read_any_scan
-
-    class Topography:
-        dim, is_uniform, nb_grid_pts, physical_sizes, unit = 2, True, (10**5, 10**4), (1.0, 1.0), "m"
-
-        def heights(self):
-            raise AssertionError("reads the heights")
-
-    file = contextlib.nullcontext(types.SimpleNamespace(topography=Topography))
-    module = types.ModuleType("SurfaceTopography.IO")
-    monkeypatch.setattr(module, "open_topography", lambda _: file, raising=False)
-    monkeypatch.setitem(sys.modules, "SurfaceTopography", types.ModuleType("SurfaceTopography"))
-    monkeypatch.setitem(sys.modules, "SurfaceTopography.IO", module)
-    (tmp_path / "a.opd").write_bytes(b"x" * 100)
-    with pytest.raises(InputError, match=r"1e\+09 points, at most 3e\+07 are read"):
-        read_any_scan(tmp_path / "a.opd")

@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from functools import cache
 
 import pytest
 from each import each
@@ -31,6 +32,11 @@ WORDS = ("statics", "Strack")  # right, though codespell corrects them
 RUN = [page for page in PAGES if any(block.language in ("python", "sh") and not block.not_run for block in page.blocks)]
 
 
+@cache
+def anchors(path):
+    return Page(path).anchors
+
+
 @each(PAGES, lambda page: page.name)
 def test_languages_links_paths_decimals_and_generated_parts(page):
     assert {block.language for block in page.blocks} <= set(LANGUAGES)
@@ -42,7 +48,7 @@ def test_languages_links_paths_decimals_and_generated_parts(page):
         path = (page.path.parent / file).resolve() if file else page.path
         path = path / "README.md" if anchor and path.is_dir() else path
         assert path.exists(), target
-        assert not anchor or path.suffix != ".md" or anchor in Page(path).anchors, target
+        assert not anchor or path.suffix != ".md" or anchor in anchors(path), target
     for code in page.inline:
         name, _, test = code.partition("::")
         if re.fullmatch(r"(src|plugins|tests|scenes)/[\w/.-]+", name):
@@ -57,7 +63,6 @@ LONG = [pytest.param(page, marks=[] if page is README else pytest.mark.full(kind
 
 @pytest.mark.parametrize("page", LONG)
 def test_blocks_run(page, tmp_path, monkeypatch, command):
-    """In the order of the page, in one folder, the Python blocks with one set of names."""
     for folder in ("scenes", "plugins", "tests"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     monkeypatch.chdir(tmp_path)
@@ -71,14 +76,14 @@ def test_blocks_run(page, tmp_path, monkeypatch, command):
         if block.language == "sh" and not block.not_run:
             lines = [shlex.split(line, comments=True) for line in block.text.splitlines()]
             if page is README and all(words[0] == "thirdbody" for words in lines):
-                assert [command(*words[1:]).code for words in lines] == [0] * len(lines), block.text
+                one = {"run": ("--threads", "1")}
+                assert not any(command(*words[1:], *one.get(words[1], ())).code for words in lines), block.text
                 continue
             done = subprocess.run(["bash", "-euo", "pipefail", "-c", block.text], capture_output=True, text=True)
             assert done.returncode == 0, f"{block.text}\n{done.stdout}\n{done.stderr}"
 
 
 def test_commands_that_are_not_run_exist(command, monkeypatch):
-    """Commands of blocks that say why they are not run, and of the prose: name, options, files of the project."""
     monkeypatch.setenv("COLUMNS", "200")
     helps: dict[str, str] = {}
     for page in PAGES:
@@ -152,7 +157,6 @@ def test_modules_that_the_page_of_the_source_names_exist():
 
 
 def test_spelling():
-    """Pages and scenes, by codespell's list of common misspellings."""
     scenes = sorted((ROOT / "scenes").rglob("*.toml"))
     words = [sys.executable, "-m", "codespell_lib", "-L", ",".join(WORDS), *(str(path) for path in (*pages(), *scenes))]
     done = subprocess.run(words, capture_output=True, text=True)
@@ -189,7 +193,6 @@ def leaves(value, place=()):
 
 
 def test_the_cover_is_what_the_first_commands_draw():
-    """Frame, options and scene stand in the text chunks of the picture that `render` writes."""
     words = shlex.split(next(block.text for block in README.blocks if block.language == "sh"))
     file, given = ROOT / words[words.index("run") + 1], words[words.index("render") + 2 :]
     name = given[given.index("-o") + 1]
