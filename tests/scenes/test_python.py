@@ -14,7 +14,6 @@ import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError
 from thirdbody.jit import cache_dir
 from thirdbody.laws.codegen import module_cache
-from thirdbody.system.module_import import import_file
 
 BALLS = {
     "title": "two balls",
@@ -96,22 +95,14 @@ def test_ctrl_c_writes_a_checkpoint_and_resume_takes_the_run(tmp_path):
             os.kill(os.getpid(), signal.SIGINT)
 
     left = signal.signal(signal.SIGINT, signal.default_int_handler)  # a program's own handler would stay in place
-    scene = thirdbody.Scene(**BALLS).with_settings({"solver.distance": "1 um", "output.every": "0.1 um"})
+    scene = thirdbody.Scene(**BALLS).with_settings({"solver.distance": "0.2 um", "output.every": "50 nm"})
     with pytest.raises(Interrupted, match=r"frames are kept; to go on: thirdbody\.resume\('"):
         thirdbody.run(scene, tmp_path / "run", 1, progress=press)
     assert signal.signal(signal.SIGINT, left) is signal.default_int_handler
     with thirdbody.open(tmp_path / "run") as part:
-        assert 2 <= part.frames < 12 and "resume" not in part.summary()["stopped"]
+        assert 2 <= part.frames < 6 and "resume" not in part.summary()["stopped"]
         with thirdbody.resume(part, threads=1, progress=False) as whole:
-            assert whole.summary()["finished"] and whole.frames == 12
-
-
-def test_a_run_in_another_thread_leaves_signals_alone(tmp_path):
-    found = []
-    thread = threading.Thread(target=lambda: found.append(thirdbody.run(BALLS, tmp_path / "run", 1, progress=False)))
-    thread.start()
-    thread.join()
-    assert found[0].summary()["finished"]
+            assert whole.summary()["finished"] and whole.frames == 6
 
 
 def test_unknown_names_are_answered_with_the_nearest(run):
@@ -145,24 +136,8 @@ def test_pyvista_gets_every_array_with_its_unit(run):
     )}  # fmt: skip
     assert list(units.values()) == ["N", "N m", "m/s", "m"]
     assert blocks.field_data["time"][0] == run.times[-1] and list(blocks.field_data["state_names"]) == run.state_names
-
-
-def test_pyvista_makes_surfaces_of_spheres_and_arrows_of_forces(run):
-    """The example of `Run.to_pyvista`."""
-    import pyvista
-
-    blocks = run.to_pyvista(-1)
-    spheres, contacts = blocks["spheres"], blocks["contacts"]
-    balls = spheres.glyph(scale="radius", geom=pyvista.Sphere(radius=1.0), orient=False)
-    # float32 positions; spheres of triangles stay inside, their poles touch
-    assert balls.bounds[5] == pytest.approx((spheres.points[:, 2] + spheres["radius"]).max(), rel=1e-6)
-    arrows = contacts.glyph(scale="force", orient="force", factor=0.1, geom=pyvista.Arrow())
-    assert arrows.n_points == len(contacts["force"]) * pyvista.Arrow().n_points
-
-
-def test_pyvista_gets_arrays_of_no_rows_from_a_frame_without_contacts(run):
     frame = next(number for number in range(run.frames) if not len(run.contacts(number)["body"]))
-    contacts = run.to_pyvista(frame)["contacts"]
+    contacts = run.to_pyvista(frame)["contacts"]  # arrays of no rows
     assert contacts.n_points == 0 and contacts["normal_force"].shape == (0,) and contacts["force"].shape == (0, 3)
     assert contacts.field_data["normal_force_units"][0] == "N"
 
@@ -217,11 +192,3 @@ def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp
     for thread in threads:
         thread.join()
     assert found == [1, 1]
-
-
-def test_a_module_that_fails_is_not_taken_for_imported(tmp_path):
-    path = tmp_path / "failing.py"
-    path.write_text("1 / 0\n")
-    with pytest.raises(ZeroDivisionError):
-        import_file("thirdbody_test_failing", path)
-    assert "thirdbody_test_failing" not in sys.modules
