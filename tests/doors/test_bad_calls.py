@@ -75,13 +75,13 @@ NAMES = [
     *(("run", "scene.toml", "-o", word, 5) for word in (LONG, DEEP, f"{LONG}/run")),
     ("run", "scene.toml", "-o", LONG, "--overwrite", 5),
     *(("export", "run", flag, f"{LONG}/x", 5) for flag in ("--csv", "--pvd")),
-    *((verb, "run", "-o", f"{LONG}.png", 5) for verb in ("plot", "render")),
+    ("plot", "run", "-o", f"{LONG}.png", 5),
     *(("laws", flag, word, 2) for flag in ("--plugin", "--check") for word in (LONG, DEEP, "folder", "nowhere.py")),
     *(("new", word, 5) for word in (LONG, "folder", "nowhere/x.toml", "/dev/null/x.toml")),
     *((name, word, 3) for name in ("check", "run", "shapes") for word in ("folder", "latin.toml", "pipe.toml", *EMPTY)),
     *((name, word, 3) for name in ("states", "plot", "resume") for word in ("folder", *EMPTY)),
     ("check", "/dev/null", 3), ("check", "/dev/full", 3), ("states", "/dev/null", 3),
-    ("map", "-o", "folder/no/m.png", 5), ("plot", "run", "-o", "nowhere/p.png", 5), (*RENDER[:2], "-o", "nowhere/p.html", 5),
+    ("map", "-o", "folder/no/m.png", 5), (*RENDER[:2], "-o", "nowhere/p.html", 5),
 ]  # fmt: skip
 
 

@@ -50,7 +50,6 @@ def test_an_unknown_command_is_answered_with_those_that_exist(command):
 
 
 def test_what_is_gone_is_answered_with_what_does_its_job(balls, command, tmp_path):
-    """One message, also where the option has a value, and nothing is written."""
     balls()
     rows = [((name,), name, text) for name, text in REMOVED_COMMANDS.items()]
     for (name, option), text in REMOVED_OPTIONS.items():
@@ -61,13 +60,12 @@ def test_what_is_gone_is_answered_with_what_does_its_job(balls, command, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
-@pytest.mark.parametrize("text", ["", "Unable to allocate 8.00 GiB"])
-def test_memory_that_runs_out_is_no_bug(text, command, monkeypatch):
+def test_memory_that_runs_out_is_no_bug(command, monkeypatch):
     def fail(**_options):
-        raise MemoryError(*filter(None, [text]))
+        raise MemoryError("Unable to allocate 8.00 GiB")
 
     monkeypatch.setattr(main, "app", fail)
-    assert command("laws") == (5, "", f"thirdbody: not enough memory{f' ({text})' if text else ''}\n")
+    assert command("laws") == (5, "", "thirdbody: not enough memory (Unable to allocate 8.00 GiB)\n")
 
 
 def test_a_time_without_a_unit_is_not_guessed(balls, command):
@@ -81,8 +79,6 @@ def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path
     scene = thirdbody.Scene.load(balls())
     report = command("run", "scene.toml", "-o", "run", "--threads", "100000")
     assert report.code == 0 and "warning: 100000 threads were requested" in report.err
-    with pytest.warns(UserWarning, match="100000 threads were requested"):
-        thirdbody.run(scene, tmp_path / "again", threads=100_000, progress=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         thirdbody.run(scene, tmp_path / "one", threads=1, progress=False)
@@ -90,7 +86,6 @@ def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path
 
 @pytest.fixture
 def home(tmp_path):
-    """The environment of a user whose home is empty, with the command `thirdbody` on the path."""
     program = tmp_path / "bin" / "thirdbody"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m thirdbody "$@"\n')
@@ -132,7 +127,6 @@ def test_fish_completes_commands_and_options(home):
 
 
 def test_zsh_completes_when_it_loads_the_function_too(home):
-    """An autoloaded function defines itself at the first tab, and has to answer that tab as well."""
     shell("zsh", "thirdbody --install-completion; true", home)
     text = (Path(home["HOME"]) / ".zfunc" / "_thirdbody").read_text()
     assert text.splitlines()[0] == "#compdef thirdbody" and text.count("loadautofunc") == 1
@@ -146,12 +140,7 @@ def test_completion_that_cannot_be_installed_is_reported_in_one_line(home, tmp_p
     assert done.returncode == 5 and done.stderr.count("\n") == 1 and ".bash_completions" in done.stderr
 
 
-NO_USER = """
-import pwd
-def unknown(user):
-    raise KeyError(user)
-pwd.getpwuid = unknown
-"""
+NO_USER = "import pwd\ndef unknown(user):\n    raise KeyError(user)\npwd.getpwuid = unknown\n"
 
 
 def test_completion_without_a_home_is_reported_in_one_line(home, tmp_path):
@@ -167,7 +156,6 @@ def test_completion_without_a_home_is_reported_in_one_line(home, tmp_path):
 
 
 def test_completion_in_an_unknown_shell_is_refused_with_those_that_work(home, tmp_path):
-    """A Python that starts the program is no shell; above it there may be one, or none."""
     other = tmp_path / "bin" / "dash"
     other.symlink_to(shutil.which("sh"))
     done = subprocess.run([str(other), "-c", "thirdbody --show-completion; exit $?"], env=home, capture_output=True, text=True)
@@ -181,11 +169,9 @@ SWEEPS = [name for name, path in SCENES.items() if "sweep" in tomllib.loads(path
 
 def test_every_shipped_scene_is_listed_with_its_question(command):
     report = command("new", "--list")
-    assert report.code == 0
     lines = {line.split()[0]: line for line in report.out.splitlines() if line}
     for name, path in SCENES.items():
-        question = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
-        assert question in lines[name]
+        assert path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") in lines[name]
     rows = json.loads(command("new", "--list", "--json").out)
     assert {row["name"] for row in rows} == SCENES.keys() and all("?" in row["question"] for row in rows)
 
@@ -253,6 +239,7 @@ def test_calls_that_cannot_work(command, tmp_path):
         assert done.code == 2 and message in done.err and done.err.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
+@pytest.mark.full(kind="slow")
 def test_a_wheel_carries_them_and_no_pictures(tmp_path):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
@@ -265,9 +252,3 @@ def test_a_wheel_carries_them_and_no_pictures(tmp_path):
     assert {f"thirdbody_scenes/{name}.toml" for name in SCENES} <= set(names)
     assert {"thirdbody_scenes/debris_particle.stl", "thirdbody_template/dmt_adhesion.py", "thirdbody/__main__.py"} <= set(names)
     assert not [name for name in names if name.endswith((".png", ".ipynb"))]
-
-
-def test_the_build_asks_for_a_setuptools_that_knows_its_keys():
-    """A licence as an SPDX expression is read since setuptools 77.0.3; older ones refuse it."""
-    (requested,) = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
-    assert tuple(map(int, requested.removeprefix("setuptools>=").split("."))) >= (77, 0, 3)

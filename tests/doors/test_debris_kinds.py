@@ -12,6 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 from each import each
+from steel import scene_text
 
 import thirdbody
 from thirdbody.errors import InputError
@@ -24,39 +25,32 @@ PAGE = (ROOT / "plugins" / "README.md").read_text(encoding="utf-8")
 SOURCE = ROOT / "src" / "thirdbody"
 KINDS = SOURCE / "scene" / "debris" / "kinds"
 OTHERS = sorted(path for path in SOURCE.rglob("*.py") if KINDS not in path.parents)
-CLASSES = {kind.__name__ for kind in built_in().values()}
+CLASSES, NAMES = {kind.__name__ for kind in built_in().values()}, set(built_in())
 
 
 def names(node):
-    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} | {
-        part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)
-    }
+    return {getattr(part, "id", getattr(part, "attr", "")) for part in ast.walk(node)}
 
 
-def kind_is_compared(node):
-    """Whether `debris.kind` or an entry "kind" is compared with the name of a kind."""
-    words = {part.value for part in ast.walk(node) if isinstance(part, ast.Constant)}
-    return bool(words & built_in().keys()) and ("kind" in names(node) or "kind" in words)
+def asks(node):
+    if isinstance(node, ast.Call):
+        return getattr(node.func, "id", "") in ("isinstance", "issubclass") and names(node) & CLASSES
+    if isinstance(node, ast.Compare):
+        words = {part.value for part in ast.walk(node) if isinstance(part, ast.Constant)}
+        return words & NAMES and "kind" in words | names(node)
+    return isinstance(node, ast.MatchClass) and names(node.cls) & CLASSES
 
 
 def questions(text):
-    """Lines that ask which kind of debris they have: `isinstance`, `match`, or a comparison of its name."""
-    found = []
-    for node in ast.walk(ast.parse(text)):
-        asks = isinstance(node, ast.Call) and names(node.func) & {"isinstance", "issubclass"} and names(node) & CLASSES
-        if asks or (isinstance(node, ast.MatchClass) and names(node.cls) & CLASSES):
-            found.append(f"line {node.lineno}: {ast.unparse(node)}")
-        elif isinstance(node, ast.Compare) and kind_is_compared(node):
-            found.append(f"line {node.lineno}: {ast.unparse(node)}")
-    return found
+    """Lines that ask which kind of debris they have: `isinstance`, `match`, or a comparison of `kind`."""
+    return [f"line {node.lineno}: {ast.unparse(node)}" for node in ast.walk(ast.parse(text)) if asks(node)]
 
 
 @each(OTHERS, lambda path: path.relative_to(SOURCE).as_posix())
 def test_nothing_asks_for_the_kind_of_a_population(path):
     text = path.read_text(encoding="utf-8")
     # a clump's surface mesh and an open HDF5 file have the names of kinds
-    elsewhere = "h5py.File" in text or path.parent.name == "bodies"
-    assert elsewhere or not questions(text)
+    assert "h5py.File" in text or path.parent.name == "bodies" or not questions(text)
 
 
 def test_such_questions_are_found():
@@ -77,19 +71,8 @@ def dumbbell(tmp_path):
 
 
 def scene(keys):
-    return f"""\
-scene = 1
-materials.steel = {{youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}}
-pairs = [{{between = ["steel", "steel"], friction = 0.30, restitution = 0.60}}]
-domain = {{size = ["100 um", "80 um"]}}
-plates = {{lower = {{material = "steel"}}}}
-solver = {{duration = "10 ns"}}
-output = {{every = "5 ns"}}
-[[debris]]
-material = "steel"
-kind = "dumbbell"
-{keys}
-"""
+    debris = f'[[debris]]\nmaterial = "steel"\nkind = "dumbbell"\n{keys}'
+    return scene_text(debris, '["100 um", "80 um"]', solver='duration = "10 ns"', every="5 ns")
 
 
 GOOD = 'count = 5\nradius = "4 um"'
@@ -187,9 +170,8 @@ def installed(monkeypatch, dumbbell):
 
 def test_installed_kinds_are_found_and_broken_ones_reported(installed, command):
     assert Scene.parse(scene(GOOD)).debris[0].max_spheres() == 2
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"debris\[0\].kind: 'broken' \(nowhere:Broken\) did not load: ModuleNotFoundError"):
         Scene.parse(scene(GOOD).replace('kind = "dumbbell"', 'kind = "broken"'))
-    assert "debris[0].kind: 'broken' (nowhere:Broken) did not load: ModuleNotFoundError" in str(caught.value)
     report = command("shapes", "--list")
     assert report.code == 0 and "'broken' (nowhere:Broken) did not load" in report.out and "dumbbell:Dumbbell" in report.out
     schema = Scene.model_json_schema()

@@ -51,7 +51,7 @@ def parts(base=Part):
 
 @each(sorted(parts(), key=lambda part: f"{part.__module__}.{part.__name__}"))
 def test_every_key_has_a_meaning_and_an_example_that_can_be_read(part):
-    docs = key_docs(part)
+    docs, schemas = key_docs(part), part.model_json_schema()["properties"]
     for name, field in part.model_fields.items():
         if name in TABLES | PYTHON_ONLY and name not in docs:
             continue
@@ -59,7 +59,7 @@ def test_every_key_has_a_meaning_and_an_example_that_can_be_read(part):
         assert meaning[-1] in ".;" and example, name
         if name == "kind":
             continue  # of another kind
-        schema = part.model_json_schema()["properties"][name]
+        schema = schemas[name]
         if name != "every" and "const" not in json.dumps(schema):  # a time or a length: read by the table
             TypeAdapter(field.rebuild_annotation()).validate_python(schema["examples"][0], context={"file": True})
 

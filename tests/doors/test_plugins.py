@@ -3,11 +3,11 @@
 import os
 import subprocess
 import sys
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
+from steel import scene_text
 
 import thirdbody
 from thirdbody.errors import UsageError
@@ -27,20 +27,12 @@ def push(b, p):
     return Wrench({push} * p.scale, 0.0, 0.0, 0.0, 0.0, 0.0)
 PLUGIN = Plugin("push", effects=(BodyEffect("push", push, Numbers, lambda options: Numbers(1.0), "Newton 1687"),))
 """
-FLIGHT = """\
-scene = 1
-materials.steel = {youngs_modulus = "210 GPa", poisson_ratio = 0.30, density = "7850 kg/m3"}
-debris = [{material = "steel", kind = "spheres", radius = "5 um", positions = [["10 um", "10 um", "10 um"]]}]
-domain = {size = ["80 um", "60 um"]}
-effects = {push = true}
-solver = {duration = "1 us"}
-output = {every = "1 us"}
-"""
+BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\npositions = [["10 um", "10 um", "10 um"]]\n'
+FLIGHT = scene_text(f"{BALL}[effects]\npush = true", '["80 um", "60 um"]')
 
 
 def flown(folder, edits):
-    """Speed along x over time under the push, before and after each edit of files, {path: text}: each in a process of its own,
-    with a folder of packages."""
+    """Speed along x over time under the push after each edit of files, {path: text}, each in a process of its own."""
     (folder / "flight.toml").write_text(FLIGHT)
     found, paths = [], os.pathsep.join(filter(None, [str(folder / "site"), os.environ.get("PYTHONPATH")]))
     for k, texts in enumerate(edits):
@@ -58,20 +50,13 @@ def flown(folder, edits):
 # what a kernel reaches is part of the name of its module: tests/unit/test_dependencies.py
 @pytest.mark.full(kind="slow")
 def test_an_edited_neighbour_of_a_plug_in_is_noticed(tmp_path):
-    """The kernel's own file stays the same; what changes is a kernel that it takes from a file beside it."""
     beside = "import sys\nsys.path.insert(0, __file__.rpartition('/')[0])\nfrom push_strength import strength\n"
     source = "from thirdbody.plugin import kernel\n@kernel\ndef strength(b):\n    return {}\n"
     first = {"push.py": beside + PUSH.format(push="strength(b)"), "push_strength.py": source.format("1e-9")}
-    found = flown(tmp_path, [first, {"push_strength.py": source.format("3e-9")}])
+    found = flown(tmp_path, [first, {"push_strength.py": source.format("3e-9")}, {"push_strength.py": source.format("1e-9")}])
     mass = 7850.0 * 4.0 / 3.0 * np.pi * 5e-6**3
     # a constant force: velocity Verlet is exact, what is left is rounding over some thousand steps
-    assert found == pytest.approx([1e-9 / mass, 3e-9 / mass], rel=1e-10)
-
-
-@pytest.mark.full(kind="slow")
-def test_an_edited_plug_in_is_compiled_anew_also_as_it_was(tmp_path):
-    found = flown(tmp_path, [{"push.py": PUSH.format(push=push)} for push in ("1e-9", "2e-9", "1e-9")])
-    assert found[1] == pytest.approx(2.0 * found[0], rel=1e-10) and found[0] == found[2]
+    assert found == pytest.approx([1e-9 / mass, 3e-9 / mass, 1e-9 / mass], rel=1e-10)
 
 
 @pytest.mark.full(kind="slow")
@@ -87,8 +72,6 @@ def test_an_edited_part_of_an_installed_package_is_noticed(part, tmp_path):
 
 
 class Point:
-    """An installed entry point that gives what it is shown to."""
-
     def __init__(self, name, result):
         self.name, self.result, self.module = name, result, f"module_of_{name}"
 
@@ -167,24 +150,14 @@ def test_a_broken_command_is_reported(installed, command):
     assert "three_spot" in command("laws").out
 
 
-def test_entry_points_have_what_the_commands_use():
-    """The stand-in above must not hide a change of the real class."""
-    point = EntryPoint("weigh", "scales:weigh", "thirdbody.commands")
-    assert (point.name, point.module, point.attr) == ("weigh", "scales", "weigh")
-
-
 def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
     """DMT pulls each plate towards the ball by 2 pi w R, so the gap is that of the load plus the pull: d ~ N^(2/3).
 
     Pressed at rest, overlap at either plate; the comparison holds to what is left of the settling, well below the effect.
     """
     work, radius, load = 0.5, 5e-6, 1e-4
-    still = [
-        ('motion = {x = {velocity = "0.5 m/s"}}\n', ""),
-        ('distance = "0.1 um"\nsettle = "1 us"', 'duration = "40 us"'),
-        ('every = "0.05 um"', 'every = "40 us"'),
-        ('"7e-5 kg/s"', '"7e-4 kg/s"'),
-    ]
+    still = [('motion = {x = {velocity = "0.5 m/s"}}\n', ""), ('distance = "0.1 um"\nsettle = "1 us"', 'duration = "40 us"'),
+             ('every = "0.05 um"', 'every = "40 us"'), ('"7e-5 kg/s"', '"7e-4 kg/s"')]  # fmt: skip
     balls(*still)
     assert command("run", "scene.toml", "-o", "dry", "-q").code == 0
     balls(*still, ("[solver]", f'[effects.dmt_adhesion]\nwork_of_adhesion = "{work} J/m2"\n[solver]'))
@@ -201,7 +174,6 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
 TYPOS = [
     ("p.work_of_adhesion *", "p.work_of_adhesoin *", "'work_of_adhesoin'", '.py", line {line}'),
     ("Adhesion(-pull_off,", "Adhesion(-pull_of,", "NameError", "'pull_of'"),
-    ("math.pi *", "math.pie *", "'math'", "'pie'"),
     ("Adhesion(-pull_off, -pull_off * c.overlap)", "Adhesion(-pull_off)", "Adhesion", "'stored'"),
 ]
 

@@ -35,7 +35,6 @@ def steers(text):
 
 @pytest.fixture
 def hostile(balls):
-    """The scene of four balls whose title, material and population bear a hostile name; it is scene.toml."""
     path = balls(('title = "four balls"', f'title = "{TOML}"'), ("[[debris]]", f'[[debris]]\nname = "{TOML}"'))
     text = path.read_text(encoding="utf-8").replace("[materials.steel]", f'[materials."{TOML}"]')
     path.write_text(text.replace('"steel"', f'"{TOML}"'), encoding="utf-8")
@@ -43,12 +42,11 @@ def hostile(balls):
 
 
 def test_names_are_printed_letter_by_letter(hostile, command):
-    for words in (("check",), ("run", "-o", "run", "--threads", "1"), ("shapes",)):
+    for words in (("run", "-o", "run", "--threads", "1"), ("shapes",), ("check",)):
         report = command(*words, "scene.toml")
         assert report.code == 0 and not steers(report.out + report.err)
         assert "".join(SHOWN.split()) in "".join(report.out.split())  # folded in columns, and else as it is: no markup, no emoji
         assert "\nforged" not in report.out
-    report = command("check", "scene.toml")
     document = tomllib.loads(report.out[report.out.index("scene = 1") :])  # what is printed can be read back
     assert document["title"] == HOSTILE and list(document["materials"]) == [HOSTILE]
 
@@ -92,7 +90,6 @@ def test_messages_of_python_are_safe_too():
 
 @SLOW
 def test_on_a_terminal_only_the_bar_and_the_headings_steer(hostile, tmp_path):
-    """Rich draws there, with sequences of its own."""
     master, slave = pty.openpty()
     words = [sys.executable, "-m", "thirdbody", "run", "scene.toml", "-o", "run", "--threads", "1"]
     with subprocess.Popen(words, cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave) as process:
@@ -108,25 +105,15 @@ def test_on_a_terminal_only_the_bar_and_the_headings_steer(hostile, tmp_path):
     assert "\x1b[31m" not in text and "\x1b]" not in text and not steers(text) & {"\x07", "\x9b", "\u202e"}
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", pytest.param("ascii", marks=SLOW), pytest.param("latin-1", marks=SLOW)])
+@pytest.mark.parametrize("encoding", ["cp1252", pytest.param("ascii", marks=SLOW)])
 def test_letters_outside_the_locale_become_escapes(encoding, balls, command, monkeypatch):
     balls(('title = "four balls"', 'title = "\u4e2d\u6587 \u2212"'))
     stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
     monkeypatch.setattr(sys, "stdout", stream)
-    assert command("check", "scene.toml").code == 0 and command("run", "scene.toml", "-q", "--threads", "1").code == 0
+    assert command("check", "scene.toml").code == 0
     stream.flush()
-    said = stream.buffer.getvalue().decode(encoding)
-    assert "# \\u4e2d\\u6587 -: 4 bodies" in said and "friction coefficient" in said
+    assert "# \\u4e2d\\u6587 -: 4 bodies" in stream.buffer.getvalue().decode(encoding)
     assert stream.errors == "strict"  # as it was
-
-
-@SLOW
-def test_letters_that_the_font_of_pictures_lacks_are_one_warning(balls, command):
-    balls(('title = "four balls"', 'title = "\u4e2d\u6587\\u001b[31m"'))
-    assert command("run", "scene.toml", "-o", "run", "-q", "--threads", "1").code == 0
-    report = command("plot", "run", "-o", "p.png")
-    assert report.code == 0 and report.out == "p.png\n" and report.err.count("\n") == 1
-    assert report.err.startswith("warning: p.png: the font has no sign")
 
 
 def test_a_closed_stream_swallows_what_is_printed(balls, command, monkeypatch):
@@ -151,7 +138,7 @@ def test_nothing_writes_round_the_stream(monkeypatch):
     assert stream.buffer.getvalue() == b"\\u202e\\x07\n\\x1b\\r\n"
 
 
-@pytest.mark.parametrize("name", ["=1+1", *(pytest.param(name, marks=SLOW) for name in ("-,\\n=1", "+1", "-1", "@x", "=\\r=1"))])
+@pytest.mark.parametrize("name", ["=1+1", *(pytest.param(name, marks=SLOW) for name in ("-,\\n=1", "@x"))])
 def test_no_name_is_a_formula(name, balls, command, tmp_path):
     path = balls(("[[debris]]", f'[[debris]]\nname = "{name}"'))
     path.write_text(path.read_text().replace("materials.steel", f'materials."{name}"').replace('"steel"', f'"{name}"'))
@@ -172,7 +159,6 @@ needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 
 def program(*arguments, output=subprocess.PIPE, error=subprocess.PIPE):
-    """Exit code, standard output and standard error of `thirdbody ARGUMENTS` in a process of its own."""
     command = [*PROGRAM, *map(str, arguments)]
     done = subprocess.run(command, stdout=output, stderr=error, text=True, timeout=PATIENCE)
     return done.returncode, done.stdout or "", done.stderr or ""
@@ -199,11 +185,9 @@ def test_a_full_standard_output_is_reported_in_one_line(tmp_path):
     with FULL.open("w") as full:
         code, _, error = program("--help", output=full)
         assert code == 5 and error == "thirdbody: standard output: cannot be written (No space left on device)\n"
-        assert program("check", tmp_path / "missing.toml", output=full)[0] == 3  # the fault of the command comes first
-        assert program("--help", output=full, error=full)[0] == 5
+        assert program("check", tmp_path / "missing.toml", output=full, error=full)[0] == 3  # that of the command comes first
 
 
-@pytest.mark.skipif(os.name == "nt", reason="closes streams by the shell")
 def test_a_file_that_is_opened_never_takes_the_place_of_a_closed_stream(tmp_path):
     code = (
         "from thirdbody.system.standard_streams import guarded_streams\nwith guarded_streams():\n    print('lost', flush=True)\n"
@@ -211,13 +195,6 @@ def test_a_file_that_is_opened_never_takes_the_place_of_a_closed_stream(tmp_path
     code += "    open('y', 'w').write(str(open('x', 'w').fileno()))"
     done = subprocess.run(["sh", "-c", '"$@" >&- 2>&- <&-', "sh", sys.executable, "-c", code], cwd=tmp_path)
     assert done.returncode == 0 and int((tmp_path / "y").read_text()) > 2 and not (tmp_path / "x").read_text()
-
-
-@SLOW
-@pytest.mark.parametrize("arguments", [["states"], ["states", "--json"]], ids=str)
-def test_a_reader_of_results_that_has_read_enough_is_no_fault(shared_run, arguments):
-    with left() as pipe:
-        assert program(*arguments, shared_run("layer"), output=pipe) == (0, "", "")
 
 
 @SLOW
@@ -239,8 +216,7 @@ def test_a_run_whose_output_is_full_is_kept(balls, tmp_path):
 
 
 @SLOW
-@pytest.mark.skipif(os.name == "nt", reason="closes streams by the shell")
-@pytest.mark.parametrize("closed", [">&- 2>&- <&-", ">&-", "2>&-"])
+@pytest.mark.parametrize("closed", [">&- 2>&- <&-", "2>&-"])
 def test_a_run_with_closed_streams_writes_no_message_into_its_files(balls, tmp_path, closed):
     words = [*PROGRAM, "run", str(balls()), "-o", str(tmp_path / "run")]
     done = subprocess.run(["sh", "-c", f'"$@" {closed}', "sh", *words], capture_output=True, text=True, timeout=PATIENCE)
