@@ -28,7 +28,6 @@ BUG = "bug"
 
 
 def flip(data: bytes, rng: Random) -> bytes:
-    """Bytes flipped, mostly in the head, or a stretch of zeros, or others in its place."""
     out = bytearray(data)
     kind = rng.choice(("one", "few", "many", "zeros", "junk", "moved"))
     if kind in ("one", "few", "many"):
@@ -71,7 +70,6 @@ TEXTS = (
 
 
 def _other_data(file: h5py.File, name: str, kind: str, rng: Random) -> None:
-    """Another data set in place of this one, with the same attributes."""
     attrs, shape, dtype = dict(file[name].attrs), getattr(file[name], "shape", ()), getattr(file[name], "dtype", None)
     made = {"data": rng.choice(TEXTS)} if kind == "text" else {}
     if kind == "replace":
@@ -121,7 +119,6 @@ def _spoil_node(file: h5py.File, name: str, kind: str, rng: Random) -> None:
 
 
 def bomb(rng: Random) -> bytes:
-    """An archive whose arrays claim, or unpack to, far more than it holds."""
     out = io.BytesIO()
     shape = rng.choice(((HUGE,), (HUGE, 3), (2**40, 2**40), (-1,), (3, 10**9), (30_000_000,)))
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -134,8 +131,6 @@ def bomb(rng: Random) -> bytes:
 
 
 class Trap:
-    """What a pickle would call when it is loaded."""
-
     def __reduce__(self) -> tuple:
         return (Path.touch, (Path("sprung"),))
 
@@ -180,7 +175,6 @@ def spoil_folder(folder: Path, rng: Random) -> str:
 
 
 def _gone(path: Path, rng: Random) -> None:
-    """The file is not there, empty, a folder, or leads nowhere or in circles."""
     how = rng.choice(("missing", "empty", "folder", "dangling", "loop"))
     path.unlink()
     if how == "empty":
@@ -192,7 +186,6 @@ def _gone(path: Path, rng: Random) -> None:
 
 
 def _all_nan(path: Path, rng: Random) -> None:
-    """One array, or all of them, not a number: sound in form."""
     with h5py.File(path, "r+") as file:
         names: list[str] = []
         file.visit(names.append)

@@ -45,8 +45,7 @@ def die_at(last, places=PLACES):
         watched(owner, name)
 
 
-if __name__ == "__main__":
-    folder, scene, settings, last = Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4])
+def go_on(folder, scene, settings, last=0):
     if (folder / FILE).exists():
         simulation, kept = prepare_resume(folder)
     else:
@@ -54,3 +53,7 @@ if __name__ == "__main__":
     if last:
         die_at(last)
     execute(simulation, folder, overwrite=True, times=WallTimes(OFTEN), checkpoint=kept)
+
+
+if __name__ == "__main__":
+    go_on(Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4]))

@@ -19,7 +19,6 @@ from balls import BALLS as FOUR_BALLS
 from balls import PLATES, edited
 from hard import file_mutants as M
 from portable import PATIENCE
-from slow import slow
 from steel import STEEL
 
 import thirdbody
@@ -106,7 +105,6 @@ def spoilt_run(path, sound, rng):
 
 
 def spoilt_source(folder, number, rng):
-    """A spoilt table, mesh, path or balance file, and the scene that names it."""
     kind = rng.choice(("npz", "npz", "csv", "stl", "stl_ascii", "ply", "obj", "table", "balance"))
     data = {"npz": npz(), "csv": CSV, "table": TABLE, "balance": BALANCE}.get(kind) or MESHES[kind]
     data = data if isinstance(data, bytes) else data.encode()
@@ -131,12 +129,16 @@ def spoilt_source(folder, number, rng):
 
 
 def names(text, path):
-    """Whether every line names the file, or the key of the scene that does."""
     return all(str(path) in line and line.isprintable() for line in text.splitlines())
 
 
 @pytest.mark.parametrize("count", [BATCH, pytest.param(MANY, marks=pytest.mark.full(kind="fuzz"))])
 def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
+    sound = {"a.vtkhdf": run_bytes, "a.balance": BALANCE, "a.toml": scene('kind = "file"\nfile = "a.npz"').encode()}
+    for name, content in {"a.npz": npz(), **sound}.items():
+        (tmp_path / name).write_bytes(content)
+    for name in sound:  # else the worker might refuse everything
+        assert worker.request(tmp_path / name) == ("accepted", "")
     report, bugs = Counter(), []
     for number in range(count):
         rng = Random(number)
@@ -155,43 +157,26 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
     assert report["refused"] > count // 3  # else the mutations are too tame to mean anything
 
 
-def test_sound_files_are_accepted(worker, tmp_path, run_bytes):
-    """Else the worker might refuse everything."""
-    contents = {
-        "a.vtkhdf": run_bytes, "a.npz": npz(), "a.balance": BALANCE, "a.toml": scene('kind = "file"\nfile = "a.npz"').encode(),
-    }  # fmt: skip
-    for name, content in contents.items():
-        (tmp_path / name).write_bytes(content)
-    for name in ("a.vtkhdf", "a.balance", "a.toml"):
-        assert worker.request(tmp_path / name) == ("accepted", "")
-
-
 # folders of runs ---------------------------------------------------------------------------------------------------------------
 
-FEW_RUNS, MANY_RUNS = 5, int(os.environ.get("FUZZ_RUNS", "1000"))
+FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "1000"))
 CODES = {0, 2, 3, 4, 5}
 """Done, usage, input, guard, output; anything else is no answer to a spoilt file."""
 RUN = edited(
     FOUR_BALLS, ("count = 4", "count = 3"), ('"0.1 um"\nsettle = "1 us"', '"0.06 um"\nsettle = "20 ns"'), ("0.05 um", "0.01 um")
 )
-KINDS = ("explicit", "implicit")
-
-
-def stopped(kind, folder):
-    """The folder of a run that was stopped after some frames, with its checkpoint."""
-    frames, changes = [0], {"solver.integrator": kind, "contact.debris_contact": "none"}
-    simulation = prepare(thirdbody.Scene.parse(RUN).with_settings(changes))
-    with pytest.raises(Interrupted):
-        execute(simulation, folder, report=lambda progress: frames.append(progress.frame), stop=lambda: frames[-1] > 3)
-    with thirdbody.open(folder) as run:
-        assert run.frames > 2 and run.has_states
-    return folder
 
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    home = tmp_path_factory.mktemp("sound")
-    return {kind: stopped(kind, home / kind) for kind in KINDS}
+    """The folder of a run that was stopped after some frames, with its checkpoint."""
+    folder, frames = tmp_path_factory.mktemp("sound") / "run", [0]
+    with pytest.raises(Interrupted):
+        told = {"report": lambda progress: frames.append(progress.frame), "stop": lambda: frames[-1] > 3}
+        execute(prepare(thirdbody.Scene.parse(RUN).with_settings({"contact.debris_contact": "none"})), folder, **told)
+    with thirdbody.open(folder) as run:
+        assert run.frames > 2 and run.has_states
+    return folder
 
 
 def draws():
@@ -206,10 +191,9 @@ def asked(worker, *words):
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory, sound):
-    """A worker that has compiled what the sound runs need."""
+    """A worker that has compiled what the sound run needs."""
     home, made = tmp_path_factory.mktemp("first"), Worker(tmp_path_factory.mktemp("cwd"))
-    for kind, run in sound.items():
-        asked(made, shutil.copytree(run, home / kind), home, "resume")
+    asked(made, shutil.copytree(sound, home / "run"), home, "resume")
     yield made
     made.close()
 
@@ -227,7 +211,6 @@ def bytes_of(folder):
 
 
 def faults_of(worker, folder, target, command):
-    """Exit code, and what is wrong with the answer to a command on a spoilt run."""
     before = bytes_of(folder)
     target.mkdir()
     code, text = asked(worker, folder, target, command)
@@ -261,7 +244,7 @@ def test_spoilt_runs_are_reported(commands, sound, tmp_path, count):
     report, bugs = Counter(), []
     for number in range(count):
         rng = Random(number)
-        folder = shutil.copytree(sound[KINDS[number % 2]], tmp_path / str(number))
+        folder = shutil.copytree(sound, tmp_path / str(number))
         try:
             kind = M.spoil_folder(folder, rng)
         except (OSError, RuntimeError, KeyError):  # HDF5 refuses what a mutation asks of it
@@ -276,17 +259,11 @@ def test_spoilt_runs_are_reported(commands, sound, tmp_path, count):
     assert report[3] > count // 3  # else the mutations are too tame to mean anything
 
 
-QUICK = ("states json", "plot", "export csv", "resume")
-
-
-@pytest.mark.parametrize(
-    "kind, names", [("explicit", QUICK), slow("explicit", tuple(M.COMMANDS)), slow("implicit", tuple(M.COMMANDS))]
-)
-def test_sound_runs_pass_every_command(commands, sound, tmp_path, kind, names):
-    """Else the worker might refuse everything."""
-    folder = shutil.copytree(sound[kind], tmp_path / "run")
+@pytest.mark.full(kind="slow")  # in the default command tests/unit and tests/doors call each of them
+def test_a_sound_run_passes_every_command(commands, sound, tmp_path):
+    folder = shutil.copytree(sound, tmp_path / "run")
     (tmp_path / "out").mkdir()
-    for command in names:
+    for command in M.COMMANDS:
         if draws() or not command.startswith("render") or "page" in command:
             code, text = asked(commands, folder, tmp_path / "out", command)
             assert code == 0 or (command == "states picture" and "no body has a forecast" in text), f"{command}: {text}"

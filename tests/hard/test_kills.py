@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from balls import BALLS, edited
+from hard.killed_run import go_on
 from portable import PATIENCE
 from trajectories import contents
 
@@ -50,7 +51,6 @@ def report(child):
 
 
 def killed_at_random(folder, settings, rng):
-    """What a process returned that is killed some time after it began to write."""
     child = start(folder, settings)
     while child.poll() is None and not (folder / FILE).exists():
         time.sleep(0.01)
@@ -62,7 +62,6 @@ def killed_at_random(folder, settings, rng):
 
 
 def killed_between(folder, settings, rng):
-    """What a process returned that dies between two calls which touch the disk."""
     return report(start(folder, settings, rng.randint(1, 400)))
 
 
@@ -72,7 +71,6 @@ def killed_soon(folder, settings, rng):
 
 
 def opens(folder):
-    """The trajectory of a killed run reads, every frame that was committed."""
     try:
         with thirdbody.open(folder) as run:
             for frame in range(run.frames):
@@ -89,11 +87,13 @@ def survives(tmp_path, case, kill, kills):
     while done < kills:
         folder, code = tmp_path / f"cut{round_}", -1
         round_ += 1
-        while code != 0:
-            code = kill(folder, settings, rng) if done < kills else report(start(folder, settings))
+        while code != 0 and done < kills:
+            code = kill(folder, settings, rng)
             done += code != 0
             if folder.exists():
                 opens(folder)
+        if code != 0:
+            go_on(folder, SCENE, settings)
         found = contents(folder)
         assert found.keys() == wanted.keys() and [name for name in wanted if found[name] != wanted[name]] == []
 
@@ -164,7 +164,6 @@ def finish(process):
 
 
 def kill_sweep(folder, out, which, rng):
-    """Start or resume the sweep, and kill the main process or one worker some time after points run."""
     process, until = start_sweep(folder, out), time.monotonic() + PATIENCE
     while process.poll() is None and not children(process.pid) and time.monotonic() < until:
         time.sleep(0.02)
