@@ -76,7 +76,6 @@ def scene(level):
 
 
 def shear(layer, level, time_step):
-    """The layer between plates at the file's gap, the upper one moving along x, at time zero. SI."""
     family = LawFamily(name="peer", levels=LAWS, default_level="full")
     choice = compile_physics(scene(level), Registry((Plugin(name="peer", families=(family,)),)))
     n, one = len(layer["bm"]), np.ones(1)
@@ -135,7 +134,6 @@ def steady_run(layer, nudge):
 
 @pytest.mark.full(kind="slow")
 def test_the_sheared_layer_has_the_same_steady_state(layer):
-    """Three runs, as LAMMPS', at our own automatic time step."""
     runs = np.array([steady_run(layer, nudge) for nudge in (0.0, 1e-9, 2e-9)])
     errors = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
     # three standard errors of the difference, but no finer than 2 %: the two rules for dashpot and friction limit differ, and

@@ -24,7 +24,6 @@ FRICTIONS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 
 
 def runs(folder, integrator):
-    """Friction coefficient and run of a hundred clumps, one after the other."""
     for k, friction in enumerate(FRICTIONS):
         own = {"pairs.0.friction": friction, "debris.0.seed": k + 1, "solver.integrator": integrator}
         scene = thirdbody.Scene.parse(clumps(100, '["260 um", "260 um"]') + PLATES + PATH).with_settings(CHANGES | own)

@@ -42,10 +42,7 @@ LEGS = ", ".join(SPOT.format(side, x, y, z) for side, z in (("lower", -2), ("upp
 
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory):
-    """Displacement of the plate (m) and friction force (N) in every output interval of the second cycle.
-
-    The force of an output is the mean over its interval, so the displacement is that of the middle.
-    """
+    """Displacement of the plate (m) and friction force (N) in the middles of outputs of the second cycle."""
     scene = thirdbody.Scene.parse(WIDE.replace("SPOTS", LEGS))
     settle = prepare(scene).settle
     with thirdbody.run(scene, out=tmp_path_factory.mktemp("loop") / "run", progress=False) as run:

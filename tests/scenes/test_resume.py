@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from meetings import against_post
 from shared_runs import PATH, PLATES, clumps
+from slow import slow
 from steel import STEEL
 from trajectories import contents
 
@@ -91,7 +92,6 @@ def after(watches):
 
 
 def cut(scene, folder, watches):
-    """Start the scene and stop it after so many looks; whether it was stopped before its end."""
     try:
         execute(prepare(scene), folder, stop=after(watches))
     except Interrupted:
@@ -100,7 +100,6 @@ def cut(scene, folder, watches):
 
 
 def check_in_pieces(scene, folder):
-    """Run a scene at once and in pieces, compare them, and return the state at the end and the arrays of the file."""
     reference = prepare(scene)
     execute(reference, folder / "whole")
     schedule, state = reference.state.world.upper.schedule, reference.state
@@ -114,8 +113,8 @@ def check_in_pieces(scene, folder):
         simulation, kept = prepare_resume(folder / "cut")
         stopped = False
         try:
-            # each piece on another number of cores, and four times as long as the one before
-            execute(simulation, folder / "cut", threads=1 + pieces % 2, checkpoint=kept, stop=after(2 * 4**pieces))
+            # each piece on another number of cores, and eight times as long as the one before
+            execute(simulation, folder / "cut", threads=1 + pieces % 2, checkpoint=kept, stop=after(8**pieces))
         except Interrupted:
             stopped = True
     assert pieces > 0, "the scene is too short to be stopped"
@@ -145,7 +144,7 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
     assert bed <= whole.keys() or name != "dense_layer"
 
 
-@pytest.mark.parametrize("islands", [True, pytest.param(False, marks=pytest.mark.full(kind="slow"))])
+@pytest.mark.parametrize("islands", [True, slow(False)])
 def test_a_run_stopped_between_two_strides_is_the_whole_run(tmp_path, islands):
     """Bodies that meet are searched once a stride: one that is done is not begun again."""
     scene = of_driver("ImplicitIslands") if islands else of_file("close_spots")
@@ -157,7 +156,7 @@ def test_a_run_stopped_between_two_strides_is_the_whole_run(tmp_path, islands):
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
 
 
-@pytest.mark.parametrize("driver", ["Explicit", "Implicit"])
+@pytest.mark.parametrize("driver", ["Explicit", slow("Implicit")])
 def test_a_finished_run_goes_further(tmp_path, driver):
     whole = of_driver(driver, **{"output.every": "25 nm", "solver.distance": "0.1 um"})
     thirdbody.run(whole, tmp_path / "whole", progress=False)
@@ -230,23 +229,24 @@ def test_resume_reads_what_it_wrote_though_the_interrupted_run_is_still_open(tmp
         assert old.bodies(1)["position"].shape == (12, 3)  # read from the file only now
 
 
-def test_no_run_and_no_checkpoint_are_reported(tmp_path):
+def test_no_run_no_checkpoint_and_lost_frames_are_reported(copy, tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         prepare_resume(tmp_path / "none")
     with pytest.raises(InputError, match="no checkpoint"):
         prepare_resume(tmp_path)
+    with h5py.File(copy / "run.vtkhdf", "r+") as file:
+        file["series"].attrs.modify("NSteps", np.int64(0))
+    with pytest.raises(InputError, match="has 0 frames"):
+        prepare_resume(copy)
 
 
-def test_a_cut_checkpoint_is_refused(copy):
-    data = (copy / FILE).read_bytes()
+def test_a_cut_checkpoint_is_refused_and_a_flipped_byte_noticed_wherever_it_is(copy):
+    data = bytearray((copy / FILE).read_bytes())
     for share in (0.0, 0.1, 0.5, 0.9, 0.999):
         (copy / FILE).write_bytes(data[: int(share * len(data))])
         with pytest.raises(InputError, match="checkpoint.npz.*damaged"):
             prepare_resume(copy)
 
-
-def test_a_flipped_byte_is_noticed_wherever_it_is(copy):
-    data = bytearray((copy / FILE).read_bytes())
     for place in [0, len(data) - 1, *np.random.default_rng(5).integers(len(data), size=100)]:
         data[place] ^= 0x40
         (copy / FILE).write_bytes(data)
@@ -280,13 +280,6 @@ def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
     kept.snapshot.notes["integrator"]["waiting"] = [2e-9, 3e-9]
     restore(kept.snapshot, simulation.state, simulation.integrator, Ledger(simulation.state))
     assert simulation.integrator.export_state()[1] == kept.snapshot.notes["integrator"]
-
-
-def test_a_trajectory_that_lost_frames_is_refused(copy):
-    with h5py.File(copy / "run.vtkhdf", "r+") as file:
-        file["series"].attrs.modify("NSteps", np.int64(0))
-    with pytest.raises(InputError, match="has 0 frames"):
-        prepare_resume(copy)
 
 
 def test_time_between_checkpoints_does_not_change_the_run(tmp_path):

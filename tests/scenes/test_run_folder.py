@@ -13,8 +13,6 @@ from steel import STEEL
 
 import thirdbody
 from thirdbody.errors import InputError, Interrupted, OutputError
-from thirdbody.runner import resume as take_up
-from thirdbody.runner import run_folder
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_folder import FILES, REPLACEMENT
@@ -45,7 +43,6 @@ def scene(title):
 
 
 def start(folder, title="new", stop=False, **options):
-    """Run into a folder; with `stop` it is interrupted after its first frame."""
     try:
         execute(prepare(scene(title)), folder, 1, stop=lambda: stop, **options)
     except Interrupted:
@@ -131,7 +128,6 @@ def test_what_only_bears_the_name_of_a_file_of_ours_stays(finished, tmp_path, ki
 
 
 def test_a_folder_without_a_run_is_not_overwritten(tmp_path):
-    """A project of the user's, with a scene in it."""
     for k, names in enumerate((["scene.toml"], ["scene.toml", "notes.md"], ["notes.md"], [".git"])):
         folder = tmp_path / f"{k}"
         folder.mkdir()
@@ -148,12 +144,9 @@ def test_the_current_folder_is_replaced_in_place(old, monkeypatch):
     start(Path("."), overwrite=True)
     assert os.stat(".").st_ino == os.stat(old).st_ino == before
     check_whole(Path("."), "new")
-
-
-def test_a_folder_that_a_link_names_is_replaced_in_place(old, tmp_path):
-    (tmp_path / "link").symlink_to(old)
-    start(tmp_path / "link", overwrite=True)
-    assert (tmp_path / "link").is_symlink() and title_of(old) == "new"
+    (old.parent / "link").symlink_to(old)  # and one that a link names
+    start(old.parent / "link", "third", overwrite=True)
+    assert (old.parent / "link").is_symlink() and title_of(old) == "third"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux") or not shutil.which("mount"), reason="needs mount")
@@ -169,17 +162,6 @@ def test_a_folder_where_a_disk_is_mounted_is_replaced_in_place(finished, tmp_pat
         check_whole(disk, "new")
     finally:
         subprocess.run(["umount", disk], check=True)
-
-
-def test_an_empty_folder_that_could_not_be_used_stays(tmp_path, monkeypatch):
-    def full(*_):
-        raise OutputError("the disk is full")
-
-    monkeypatch.setattr(TrajectoryWriter, "append", full)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(OutputError, match="the disk is full"):
-        start(tmp_path / "empty", overwrite=True)
-    assert list((tmp_path / "empty").iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [OutputError("the disk is full"), KeyboardInterrupt()])
@@ -231,10 +213,8 @@ def test_two_runs_do_not_replace_one_folder_at_once(old, monkeypatch):
 
 # a folder that is moved -----------------------------------------------------------------------------------------------------
 
-MORE = (slow(0.0, "nothing"), slow(0.0, "removed"), slow(1e9, "another run"))
 
-
-@pytest.mark.parametrize("every, then", [(0.0, "another run"), (1e9, "nothing"), (1e9, "removed"), *MORE])
+@pytest.mark.parametrize("every, then", [(0.0, "another run"), (1e9, "removed"), slow(1e9, "nothing"), slow(0.0, "removed")])
 def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every, then):
     """One message; the run can be resumed where it is now, and what came to stand under the old name is left alone."""
     folder, moved = tmp_path / "run", tmp_path / "moved"
@@ -259,14 +239,6 @@ def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every
         goes_on(moved)
 
 
-def test_files_that_another_process_is_writing_come_and_go(old, monkeypatch):
-    """Between listing a folder and looking at what is in it."""
-    listed = os.listdir
-    gone = [f"{CHECKPOINT}.part", REPLACEMENT]
-    monkeypatch.setattr(run_folder.os, "listdir", lambda path: [*listed(path), *gone] if Path(path) == old else listed(path))
-    run_folder.refuse_existing(old, overwrite=True)
-
-
 KILLED = """\
 import os, sys
 from pathlib import Path
@@ -281,7 +253,6 @@ execute(simulation, Path(sys.argv[1]), 1, overwrite=True)
 
 
 def killed(folder, last, *calls):
-    """Replace the run in a folder in a process that is killed at its so-manieth call; whether it was."""
     command = [sys.executable, "-c", KILLED, str(folder), scene("new").to_toml(), str(last), *calls]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
@@ -290,7 +261,6 @@ def killed(folder, last, *calls):
 
 
 def check_after_a_kill(folder):
-    """Either run is there and whole, `resume` makes one of them complete, and the folder can be overwritten; who was there."""
     found = title_of(folder)
     with thirdbody.open(folder) as run:
         assert run.frames == 3 if found == "old" else run.frames >= 1
@@ -305,15 +275,6 @@ def check_after_a_kill(folder):
     start(folder, "third", overwrite=True)
     check_whole(folder, "third")
     return found
-
-
-def test_a_kill_before_the_first_frame_leaves_the_old_run(old):
-    """Its leftovers are removed by whoever writes there next."""
-    before = contents(old)
-    assert killed(old, 1)
-    assert {name: data for name, data in contents(old).items() if not name.startswith(REPLACEMENT)} == before
-    assert (old / REPLACEMENT / "run.vtkhdf").exists()
-    assert check_after_a_kill(old) == "old"
 
 
 @pytest.mark.full(kind="hard")
@@ -333,7 +294,6 @@ WRITTEN = (*FILES, f"{CHECKPOINT}.part", "run.vtkhdf.part", f".scene.toml.{os.ge
 
 
 def behind_a_link(folder, name, victim):
-    """Put a link in place of a file of the run; what was there, or something of somebody else's, lies where it leads."""
     if (folder / name).exists():
         (folder / name).rename(victim)
     else:
@@ -352,22 +312,6 @@ def test_a_link_in_a_folder_that_is_resumed_is_refused(interrupted, tmp_path):
         assert victim.read_bytes() == before and (cut / name).is_symlink()
 
 
-LATER = [name for name in WRITTEN if name != CHECKPOINT]
-SOME = ["run.vtkhdf", f"{CHECKPOINT}.part", f".scene.toml.{os.getpid()}.part"]
-
-
-@pytest.mark.parametrize("names", [SOME, slow([name for name in LATER if name not in SOME])], ids=["some", "others"])
-def test_nothing_is_written_through_a_link_that_appears_later(interrupted, tmp_path, monkeypatch, names):
-    """After the folder was looked at: files are made anew and renamed, never opened by a name that may be a link."""
-    monkeypatch.setattr(take_up, "refuse_links", lambda folder: None)
-    for k, name in enumerate(names):
-        cut, victim = shutil.copytree(interrupted, tmp_path / f"run{k}"), tmp_path / f"victim{k}"
-        before = behind_a_link(cut, name, victim)
-        goes_on(cut)
-        assert victim.read_bytes() == before
-        assert not (cut / name).is_symlink() and {path.name for path in cut.iterdir()} == set(FILES)
-
-
 def test_a_hard_link_is_not_written_through(cut, tmp_path):
     victims = {name: tmp_path / f"victim_{k}" for k, name in enumerate(FILES)}
     for name, victim in victims.items():
@@ -375,15 +319,3 @@ def test_a_hard_link_is_not_written_through(cut, tmp_path):
     before = {name: victim.read_bytes() for name, victim in victims.items()}
     thirdbody.resume(cut, progress=False, threads=1).close()
     assert {name: victim.read_bytes() for name, victim in victims.items()} == before
-
-
-def test_all_links_are_named_at_once(cut, tmp_path):
-    for name in ("run.spheres.vtkhdf", "open_in_paraview.py"):
-        (cut / name).unlink()
-        (cut / name).symlink_to(tmp_path / "victim")
-    (cut / "run.clumps.vtkhdf").unlink()
-    (cut / "run.clumps.vtkhdf").mkdir()
-    with pytest.raises(InputError) as report:
-        prepare_resume(cut)
-    assert len(report.value.faults) == 3 and "run.clumps.vtkhdf: is a folder" in str(report.value)
-    assert not (tmp_path / "victim").exists()

@@ -75,7 +75,7 @@ debris_contact = "none"
 [solver]
 duration = "40 ns"
 [output]
-every = "0.2 ns"
+every = "0.4 ns"
 """  # fmt: skip
 
 

@@ -13,7 +13,6 @@ pytest.importorskip("SALib")
 
 from each import each
 from pages import ROOT
-from slow import slow
 from tutorials import NOTEBOOKS, PNG, executed
 
 import thirdbody
@@ -78,11 +77,8 @@ def test_every_notebook_is_listed():
     assert all(f"(tutorials/{path.name})" in page for path in NOTEBOOKS)
 
 
-SHORT = ("5_my_own_law",)
-"""What the others show besides is shown by tests of meshes, levels, strokes and sweeps."""
-
-
-@pytest.mark.parametrize("name", [name if name in SHORT else slow(name) for name in CLAIMS])
+@pytest.mark.full(kind="slow")  # what they show is shown by tests of plug-ins, meshes, levels, strokes and sweeps
+@pytest.mark.parametrize("name", CLAIMS)
 def test_it_runs_and_shows_what_it_says(name, tmp_path):
     path = NOTEBOOKS[0].with_name(f"{name}.ipynb")
     claims = re.sub(r"^ {8}", "", CLAIMS[path.stem], flags=re.MULTILINE)
@@ -106,7 +102,6 @@ def test_its_pictures_are_stored_and_small(path):
 
 @each(NOTEBOOKS)
 def test_its_cells_are_python_of_public_names_and_its_links_exist(path):
-    """Also of those that are run outside the default command only."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     for node in ast.walk(ast.parse("\n".join(re.sub(r"^[!%].*", "", text, flags=re.MULTILINE) for text in code))):

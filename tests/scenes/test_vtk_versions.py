@@ -149,11 +149,7 @@ def test_vtk_reads_every_array_of_every_block_and_frame(version, which, request,
 
 @contextmanager
 def display() -> Iterator[str]:
-    """An X server of our own, without resets.
-
-    It resets when its last client leaves. ParaView leaves once while it looks for OpenGL, and aborts when it comes back
-    too soon: 2 of 24 calls with resets, 0 of 40 without.
-    """
+    """An X server of our own, without resets: ParaView leaves once to look for OpenGL, and aborts if it comes back in a reset."""
     read, write = os.pipe()
     server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-noreset"], pass_fds=(write,))
     os.close(write)
