@@ -55,13 +55,6 @@ def beyond_friction(c, load, p):
 
 
 @kernel
-def generous_limit(c, load, p):
-    """Full sliding within a limit that is not mu N."""
-    size, limit = max(length(c.slip_x, c.slip_y), 1e-300), 1.1 * p.mu * load.force
-    return plugin.Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, limit * size)
-
-
-@kernel
 def square_friction(c, load, p):
     """Each component cut on its own: the square that stands in the circle, but turned with the frame."""
     limit = p.mu * load.force
@@ -131,20 +124,6 @@ def of_spheres(c, load, p, h):
 
 
 @kernel
-def stuck(c, load, p, h):
-    """The stiffness of a contact that sticks, whether it does or not."""
-    k = 2.0 * p.g_star * load.contact_radius
-    return -k, 0.0, 0.0, -k, 0.0, 0.0
-
-
-@kernel
-def lasting_pull(c, n, p):
-    """A constant pull that does not look whether the bodies touch."""
-    pull = 1e-9 * p.scale * c.radius
-    return plugin.Adhesion(-pull, -pull * c.overlap)
-
-
-@kernel
 def far_pull(c, n, p):
     """A pull that says it begins at 1e-3 radii, and acts from 1.2e-3 on."""
     inside = min(max(c.overlap + 1.2e-3 * c.radius, 0.0), 1.2e-3 * c.radius)
@@ -156,14 +135,6 @@ def far_pull(c, n, p):
 def pushing_dashpot(c, n, p):
     """A dashpot with the wrong sign."""
     return p.scale * math.sqrt(c.mass * n.contact_radius) * c.v_n
-
-
-@kernel
-def heavy_roller(c, turn, load, p):
-    """Full moment, with more of it than it admits."""
-    size, limit = max(length(turn.x, turn.y), 1e-300), p.mu * c.radius * load.force
-    moment = 1.0001 * limit
-    return plugin.Rolling(-moment * turn.x / size, -moment * turn.y / size, limit, 0.0, size, 0.0, moment * size)
 
 
 @kernel
@@ -189,14 +160,12 @@ def mix_not_finite(pair, _options):
 
 
 def tangential(name, law_kernel, history=()):
-    """A tangential law around a kernel."""
     return Law(name, "tangential", law_kernel, Shear, mix_shear, source="nobody", history=history)
 
 
 LAWS = (
     tangential("stored_displacement", stored_displacement, ("x", "y")),
     tangential("beyond_friction", beyond_friction),
-    tangential("generous_limit", generous_limit),
     tangential("square_friction", square_friction),
     tangential("swirl", swirl),
     tangential("lossless_ledger", lossless_ledger, ("nothing",)),
@@ -205,16 +174,13 @@ LAWS = (
     dataclasses.replace(HERTZ, name="secant", tangent=secant),
     Law("faint", "normal", faint, Scale, mix_scale, source="nobody"),
     Law("fixed_area", "normal", fixed_area, Scale, mix_scale, source="nobody"),
-    Law("lasting_pull", "adhesion", lasting_pull, Scale, mix_scale, source="nobody"),
     Law("far_pull", "adhesion", far_pull, Scale, mix_scale, source="nobody", reach=lambda pair, options, radius: 1e-3 * radius),
     Law("pushing_dashpot", "damping", pushing_dashpot, Scale, mix_scale, source="nobody"),
     dataclasses.replace(HERTZ, name="one_sided", mix=mix_of_first),
     Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
     dataclasses.replace(MINDLIN, name="unsourced", source=" "),
     dataclasses.replace(MINDLIN, name="misnamed", history=("energy", "force_y", "force_x")),
-    dataclasses.replace(MINDLIN, name="stuck", tangent=stuck),
     dataclasses.replace(MINDLIN, name="of_spheres", tangent=of_spheres),
-    Law("heavy_roller", "rolling", heavy_roller, Shear, mix_shear, source="nobody"),
     Law("rocking_motor", "rolling", rocking_motor, Shear, mix_shear, source="nobody", history=("x", "y")),
     dataclasses.replace(HERTZ_DAMPING, name="misplaced", stage="dampening"),
 )

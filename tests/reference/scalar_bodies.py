@@ -196,9 +196,6 @@ def kick(B, force, torque, dt):
 # the upper plate: driven by a schedule, loaded, moved by velocity Verlet
 
 
-Schedule = list[list[float]]
-
-
 class Plan:
     """What is prescribed of the upper plate: rows of a schedule, `first[axis]` to `first[axis + 1]` belong to an axis."""
 

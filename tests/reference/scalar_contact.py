@@ -206,12 +206,8 @@ def write_record(S, i, j, done, world, rolling):
     R[record.TANGENTIAL_FORCE3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
     R[record.SPHERE_RADIUS], R[record.PARTNER_RADIUS] = S[i][sphere.RADIUS], S[j][sphere.RADIUS] if j >= 0 else 0.0
     R[record.CONTACT_RADIUS], R[record.PEAK_PRESSURE] = answer.radius, answer.pressure
-    R[record.OVERLAP] = frame.overlap
-    R[record.NORMAL_FORCE] = answer.normal
-    R[record.LOAD] = answer.load
-    R[record.FRICTION_LIMIT] = answer.limit
-    R[record.CRITICAL_SLIP] = answer.critical
-    R[record.EFFECTIVE_RADIUS] = frame.radius
+    R[record.OVERLAP], R[record.NORMAL_FORCE], R[record.LOAD] = frame.overlap, answer.normal, answer.load
+    R[record.FRICTION_LIMIT], R[record.CRITICAL_SLIP], R[record.EFFECTIVE_RADIUS] = answer.limit, answer.critical, frame.radius
     R[record.STORED_NORMAL], R[record.STORED_TANGENTIAL] = answer.stored_n, answer.stored_t
     R[record.SURFACE_VELOCITY3], R[record.PARTNER_VELOCITY3] = surfaces(
         S, i, j, frame, world, sphere.END_VELOCITY, sphere.END_SPIN
@@ -262,15 +258,8 @@ def contact_row(pair, sign, H, R):
     C[loaded_contact.NORMAL3] = [sign * n for n in R[record.NORMAL3]]
     C[loaded_contact.TANGENTIAL_FORCE3] = [sign * t for t in R[record.TANGENTIAL_FORCE3]]
     C[loaded_contact.SPHERE_RADIUS], C[loaded_contact.SLIP] = R[curvature], H[contact_state.SLIP] - contact_state.CLOSED
-    for to, column in (
-        (loaded_contact.CONTACT_RADIUS, record.CONTACT_RADIUS),
-        (loaded_contact.OVERLAP, record.OVERLAP),
-        (loaded_contact.NORMAL_FORCE, record.NORMAL_FORCE),
-        (loaded_contact.LOAD, record.LOAD),
-        (loaded_contact.FRICTION_LIMIT, record.FRICTION_LIMIT),
-        (loaded_contact.CRITICAL_SLIP, record.CRITICAL_SLIP),
-    ):
-        C[to] = R[column]
+    for name in ("CONTACT_RADIUS", "OVERLAP", "NORMAL_FORCE", "LOAD", "FRICTION_LIMIT", "CRITICAL_SLIP"):
+        C[getattr(loaded_contact, name)] = R[getattr(record, name)]
     here, there = (i, max(j, -1 - BASINS)) if owner else (j, i)
     C[loaded_contact.IDENTITY] = here * FAR + there + 1.0 + 2.0 * BASINS
     return np.array(C)
@@ -280,20 +269,15 @@ def body_row(B, A, drag, speed):
     O = [0.0] * observed_body.WIDTH  # noqa: E741
     O[observed_body.MASS] = B[body.MASS]
     for to, column in (
-        (observed_body.POSITION, body.POSITION),
-        (observed_body.VELOCITY, body.VELOCITY),
-        (observed_body.SPIN, body.SPIN),
-        (observed_body.FORCE, body.FORCE),
-        (observed_body.TORQUE, body.TORQUE),
-        (observed_body.EFFECT_FORCE, EFFECT_FORCE),
-        (observed_body.EFFECT_TORQUE, EFFECT_TORQUE),
-    ):
+        (observed_body.POSITION, body.POSITION), (observed_body.VELOCITY, body.VELOCITY), (observed_body.SPIN, body.SPIN),
+        (observed_body.FORCE, body.FORCE), (observed_body.TORQUE, body.TORQUE),
+        (observed_body.EFFECT_FORCE, EFFECT_FORCE), (observed_body.EFFECT_TORQUE, EFFECT_TORQUE),
+    ):  # fmt: skip
         O[to : to + 3] = B[column : column + 3] if column < len(B) else (0.0, 0.0, 0.0)
     ball = B[body.SPHERE_INERTIA] != 0.0
     O[observed_body.QUATERNION4] = rotated(quaternion(B), three(B, body.SPIN), A[run_totals.BEHIND] if ball else 0.0)
     O[observed_body.ELAPSED] = A[run_totals.ELAPSED]
-    O[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
-    O[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]
+    O[observed_body.PLATE_SHIFT : observed_body.PLATE_SHIFT + 2] = A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y]
     heading = A[run_totals.HEADING], A[run_totals.HEADING + 1]
     O[observed_body.DRAG2] = drag if heading == (0.0, 0.0) else heading
     O[observed_body.PLATE_SPEED] = speed

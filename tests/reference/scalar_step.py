@@ -117,10 +117,8 @@ class Reference:
         for k in self.order():
             if touches(self.S, *self.pairs[k], world):
                 done = self.meet(k, world)
-                total.work += done.answer.work
-                total.damped += done.damped
-                total.stored_n += done.answer.stored_n
-                total.stored_t += done.answer.stored_t
+                total.work, total.damped = total.work + done.answer.work, total.damped + done.damped
+                total.stored_n, total.stored_t = total.stored_n + done.answer.stored_n, total.stored_t + done.answer.stored_t
                 if k < self.plates:
                     total.press(done.force, lower=self.pairs[k][1] == -1)
                 self.push(k, done)
@@ -128,9 +126,7 @@ class Reference:
                 self.opened += 1
                 i, j = self.pairs[k]
                 lost, damped = let_go(self.S, i, j, self.memory[i, j], self.laws, self.physics.rolling > 0, world)
-                self.lost += lost
-                total.work += lost
-                total.damped += damped
+                self.lost, total.work, total.damped = self.lost + lost, total.work + lost, total.damped + damped
                 self.lose(k, lost)
         return total
 
@@ -211,13 +207,9 @@ class Reference:
         A[run_totals.STORED_NORMAL], A[run_totals.STORED_TANGENTIAL] = spent.stored_n, spent.stored_t
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
         for column, change in (
-            (run_totals.TIME, dt),
-            (run_totals.ELAPSED, dt),
-            (run_totals.SHIFT_X, v[0] * dt),
-            (run_totals.SHIFT_Y, v[1] * dt),
-            (run_totals.DISTANCE, speed * dt),
-            (run_totals.STEPS, 1.0),
-        ):
+            (run_totals.TIME, dt), (run_totals.ELAPSED, dt), (run_totals.SHIFT_X, v[0] * dt), (run_totals.SHIFT_Y, v[1] * dt),
+            (run_totals.DISTANCE, speed * dt), (run_totals.STEPS, 1.0),
+        ):  # fmt: skip
             A[column] += change
         A[run_totals.PLATE_SPEED] = speed
         steps = int(A[run_totals.STEPS]) % 16

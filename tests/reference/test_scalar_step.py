@@ -36,7 +36,7 @@ from thirdbody.rotations import rotation_matrices
 
 SLOW = pytest.mark.full(kind="slow")
 SCENES = {
-    "crowd": (400, 40), "torn": (400, 8), "layer": (150, 10), "foundation": (60, 24), "rolled": (100, 50), "swarm": (200, 8),
+    "crowd": (400, 40), "torn": (400, 8), "layer": (150, 6), "foundation": (60, 24), "rolled": (100, 50), "swarm": (200, 8),
     "springs": (16, 40),
 }  # fmt: skip
 """About how many steps the engine goes alone, and how many with the plain step beside it: contacts then open and close."""
@@ -140,7 +140,6 @@ def tolerances(name, table):
 
 
 def departures(engine, plain):
-    """Largest difference in each table, in tolerances; columns of the search are left out."""
     found = {}
     for name, a in engine.items():
         b = plain[name]
@@ -333,7 +332,7 @@ FAULTS = {
     "normal of pivoting": ("rolled", around(scalar_contact, "rolling", end_twist), "BHR"),
 }  # fmt: skip
 """Of the plain step: in which scene, what is changed, and in which tables that must be seen."""
-QUICK = [*FAULTS][:4]
+QUICK = [*FAULTS][1:4]
 ORDERS = {
     "contacts backwards": ("crowd", around(Reference, "order", lambda right, self: right(self)[::-1])),
     "every other first": ("swarm", around(Reference, "order", lambda right, self: [*right(self)[::2], *right(self)[1::2]])),
@@ -352,23 +351,17 @@ def test_a_fault_is_seen(fault, monkeypatch):
 @SLOW
 @pytest.mark.parametrize("order", ORDERS)
 def test_sums_in_another_order_agree(order, monkeypatch):
-    """Nothing is asked of the order of sums: any is right, and the tolerance is above what it changes."""
     assert max(changed(*ORDERS[order], monkeypatch).values()) <= 1.0
 
 
-HEAPS = [(0, 0.0, "coulomb", 0, ""), (2, -5.0, "mindlin", 300, ""), (5821, -0.31, "mindlin", 160, ""),
+SLOW_HEAPS = [(0, 0.0, "coulomb", 0, ""), (2, -5.0, "mindlin", 300, ""), (5821, -0.31, "mindlin", 160, ""),
          (7, 2.5, "coulomb", 17, ""), (9999, -2.17, "coulomb", 230, ""), (48, 3.7, "mindlin", 90, "pivoting = {}")]  # fmt: skip
+HEAPS = [(1, 1.0, "mindlin", 40, "pivoting = {}"), (3, 5.0, "coulomb", 300, "")]
 
 
-@pytest.mark.parametrize(
-    ("seed", "speed", "level", "steps", "effects"),
-    [
-        (1, 1.0, "mindlin", 40, "pivoting = {}"),
-        (3, 5.0, "coulomb", 300, ""),
-        *(pytest.param(*heap, marks=SLOW) for heap in HEAPS),
-    ],
-)
-def test_any_heap_agrees_with_the_plain_step(seed, speed, level, steps, effects):
+@pytest.mark.parametrize("heap", [*HEAPS, *(pytest.param(heap, marks=SLOW) for heap in SLOW_HEAPS)])
+def test_any_heap_agrees_with_the_plain_step(heap):
+    seed, speed, level, steps, effects = heap
     simulation = small_scenes.heap(seed, speed, level, effects)
     lead(simulation, steps)
     reference = Reference(simulation)
