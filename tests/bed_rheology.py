@@ -18,13 +18,8 @@ MARGIN, SKIPPED, SLOW = 3.5, 0.4, 0.05
 """Diameters that are left out at each plate; part of the distance at each speed that is left out; inertial number below which
 friction and solid fraction are fitted by straight lines."""
 REFERENCE = {0.0: (0.105, 0.636), 0.1: (0.268, 0.613), 0.3: (0.357, 0.596), 0.5: (0.382, 0.587), 1.0: (0.405, 0.581)}
-"""Quasi-static friction and critical solid fraction by contact friction: homogeneous shear of spheres of one size, no plates.
-
-Chialvo, Sun and Sundaresan 2012, Phys. Rev. E 85, 021305. There friction is shear stress over pressure, and pressure is a third
-of the trace of the stress tensor.
-"""
-
-
+"""Quasi-static friction and critical solid fraction by contact friction: homogeneous shear of spheres of one size, no plates
+(Chialvo, Sun and Sundaresan 2012, Phys. Rev. E 85, 021305). Pressure is a third of the trace of the stress tensor."""
 Shear = namedtuple(
     "Shear",
     "inertial_number plate_friction plate_friction_error bed_friction bed_friction_error solid_fraction solid_fraction_error "
@@ -35,7 +30,7 @@ the plates over pressure; mean overlap over mean radius."""
 
 
 def volume_below(height: float, z: np.ndarray, radius: np.ndarray) -> float:
-    """Return the volume [m3] of spheres at heights z (n,) that is below a height."""
+    """Volume [m3] of spheres at heights z (n,) that is below a height."""
     depth = np.clip(height - z, -radius, radius)
     return float(np.sum(np.pi * (radius**2 * depth - depth**3 / 3.0 + 2.0 * radius**3 / 3.0)))
 
@@ -59,7 +54,7 @@ def core(run: thirdbody.Run, frame: int, area: float) -> tuple[np.ndarray, float
 
 
 def error_of_mean(values: np.ndarray, blocks: int = 6) -> float:
-    """Return the standard error of a correlated series, from means over blocks."""
+    """Standard error of a correlated series, from means over blocks."""
     means = [block.mean() for block in np.array_split(values, blocks)]
     return float(np.std(means, ddof=1) / np.sqrt(blocks))
 
@@ -84,18 +79,12 @@ def shear(run: thirdbody.Run, frames: np.ndarray, area: float) -> Shear:
     pressure = force[:, 2].mean() / area
     stress, shares = stresses.mean(axis=0), (stresses[:, 2, 0] + stresses[:, 0, 2]) / 2.0
     mean = np.trace(stress) / 3.0
-    return Shear(
-        float(rates.mean() * diameter * np.sqrt(density / pressure)),
-        float(-force[:, 0].mean() / force[:, 2].mean()),
-        error_of_mean(-force[:, 0] / force[:, 2].mean()),
-        float(abs(shares.mean()) / mean),
-        error_of_mean(shares / mean),
-        float(fractions.mean()),
-        error_of_mean(fractions),
-        float(stress[2, 2] / mean),
-        float(coordination.mean()),
-        float(overlap.mean() / (0.5 * diameter)),
-    )
+    inertia, friction = rates.mean() * diameter * np.sqrt(density / pressure), -force[:, 0].mean() / force[:, 2].mean()
+    return Shear(*map(float, (
+        inertia, friction, error_of_mean(-force[:, 0] / force[:, 2].mean()), abs(shares.mean()) / mean,
+        error_of_mean(shares / mean), fractions.mean(), error_of_mean(fractions), stress[2, 2] / mean, coordination.mean(),
+        overlap.mean() / (0.5 * diameter),
+    )))  # fmt: skip
 
 
 def measure(run: thirdbody.Run) -> list[Shear]:
@@ -107,7 +96,7 @@ Limit = namedtuple("Limit", "bed_friction plate_friction solid_fraction")  # val
 
 
 def limit(states: list[Shear]) -> Limit:
-    """Return straight lines over the inertial number at 0, weighted by the errors of the slow states."""
+    """Straight lines over the inertial number at 0, weighted by the errors of the slow states."""
     slow = [state for state in states if state.inertial_number < SLOW]
     inertia = np.array([state.inertial_number for state in slow])
 
@@ -147,7 +136,6 @@ def draw(found: dict[float, list[Shear]], path: Path) -> None:
 
 
 def texts(found: dict[float, list[Shear]]) -> dict[str, str]:
-    """Return the limits of slow shear in words, by contact friction."""
     words = {}
     for friction, states in sorted(found.items()):
         zero, (theirs, fraction) = limit(states), REFERENCE[friction]

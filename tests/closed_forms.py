@@ -6,6 +6,7 @@ Plain floats in, plain floats out, SI units; signs and moduli as in `plugins/thr
 import math
 from collections.abc import Sequence
 
+from scipy.special import ellipk
 from thirdbody_three_spot.theory import contact_radius, hertz_force
 
 
@@ -13,20 +14,13 @@ def hertz_stiffness(e: float, radius: float, overlap: float) -> float:
     return 2.0 * e * contact_radius(radius, overlap)
 
 
-def hertz_energy(e: float, radius: float, overlap: float) -> float:
-    """Elastic energy (8/15) E* sqrt(R) d^2.5 [J]."""
-    return 8.0 / 15.0 * e * math.sqrt(radius) * max(overlap, 0.0) ** 2.5
-
-
 def mindlin_loading(s: float, limit: float, s_c: float) -> float:
-    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5] [N]; `limit` = mu N. For s >= 0; mu N beyond s_c. Source:
-    Cattaneo 1938, Mindlin 1949."""
+    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5] [N], `limit` = mu N beyond s_c (Cattaneo, Mindlin)."""
     return limit * (1.0 - max(1.0 - s / s_c, 0.0) ** 1.5)
 
 
 def mindlin_reversal(s: float, s_reversal: float, limit: float, s_c: float) -> float:
-    """T [N] after reversal at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5]. For s* - 2 s_c <= s <= s* <= s_c. Source:
-    Mindlin and Deresiewicz 1953."""
+    """T [N] after reversal at s*: T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5], s >= s* - 2 s_c (Mindlin, Deresiewicz 1953)."""
     return mindlin_loading(s_reversal, limit, s_c) - 2.0 * mindlin_loading((s_reversal - s) / 2.0, limit, s_c)
 
 
@@ -35,13 +29,6 @@ def mindlin_loop_work(force_ratio: float) -> float:
     (1-tau)^(2/3)]} (Mindlin and Deresiewicz 1953)."""
     tau, stick = force_ratio, 1.0 - force_ratio
     return 24.0 / 5.0 * (1.0 - stick ** (5.0 / 3.0) - 5.0 * tau / 6.0 * (1.0 + stick ** (2.0 / 3.0)))
-
-
-def closed_cycle_work(overlap_low: float, overlap_high: float) -> float:
-    """Work over k_1 U^2/2 lost by a contact in a rectangle of overlap and shear, no slip: 1 - sqrt(d_0/d_1). Press and lift
-    alternate with shear by U and back; k_1 = 2 G* a_1. The annulus between both contact areas carries (k_1 - k_0) U when it
-    loses contact (Elata and Berryman 1996)."""
-    return 1.0 - math.sqrt(overlap_low / overlap_high)
 
 
 def impact_overlap(mass: float, radius: float, e: float, speed: float) -> float:
@@ -61,8 +48,7 @@ def impact_duration(mass: float, radius: float, e: float, speed: float) -> float
 
 
 def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float:
-    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal. Source: Chung and Ooi
-    2011, test 4."""
+    """v_t'/v_t of a sphere on a plane: 1 - mu (1+e)/tan(angle), `angle` from the normal (Chung and Ooi 2011, test 4)."""
     return 1.0 - mu * (1.0 + restitution) / math.tan(angle)
 
 
@@ -82,10 +68,8 @@ def maw_chi(nu: float) -> float:
 
 
 def maw_gross_slip(psi: float, chi: float) -> float:
-    """Rebound angle psi_2 = psi_1 - 4 chi for psi_1 >= 4 chi - 1, where the whole impact slips. Raises ValueError below, where
-    there is no closed form."""
-    if psi < 4.0 * chi - 1.0:
-        raise ValueError(f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while")
+    """Rebound angle psi_2 = psi_1 - 4 chi for psi_1 >= 4 chi - 1, where the whole impact slips."""
+    assert psi >= 4.0 * chi - 1.0, "the contact sticks for a while: there is no closed form"
     return psi - 4.0 * chi
 
 
@@ -95,8 +79,7 @@ def slope_sphere_rolls(mu: float, g_t: float, g_n: float) -> bool:
 
 
 def sliding_sphere(mu: float, g_t: float, g_n: float, radius: float, time: float) -> tuple[float, float]:
-    """(speed [m/s], spin [rad/s]) of a sphere slipping down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R. Holds where
-    `slope_sphere_rolls` is false."""
+    """(speed [m/s], spin [rad/s]) of a sphere that slips down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R."""
     return (g_t - mu * g_n) * time, 2.5 * mu * g_n * time / radius
 
 
@@ -134,24 +117,14 @@ def sphere_turning_on_the_spot(mu_lower: float, mu_obstacle: float) -> float:
 
 
 def mounting_friction(low: float, high: float) -> float:
-    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`.
-
-    The top of the one, where they touch, and the foot of the other lie on a line that meets all surfaces at one angle, of tangent
-    sqrt(low/high)."""
+    """Friction at the upper plate and between them above which a sphere of radius `high` mounts one of radius `low`: the top of
+    the one, where they touch, and the foot of the other lie on a line that meets all surfaces at one angle."""
     return math.sqrt(low / high)
 
 
-def _arithmetic_geometric_mean(a: float, b: float) -> float:
-    """Common limit of the arithmetic and geometric means of a and b."""
-    while abs(a - b) > 4e-16 * a:
-        a, b = 0.5 * (a + b), math.sqrt(a * b)
-    return 0.5 * (a + b)
-
-
 def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
-    """Period of the body-frame angular velocity of a torque-free top [s] (Landau and Lifshitz I, section 37). `moments` I_1 <
-    I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by the arithmetic-geometric mean.
-    Raises ValueError on the separatrix (and for a top at rest), where the period is infinite."""
+    """Period of the body-frame angular velocity of a torque-free top [s], 4 K(k) over the rate (Landau and Lifshitz I, section
+    37). `moments` I_1 < I_2 < I_3, `spin` in the principal frame at some instant."""
     square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
     twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))
     i_1, i_2, i_3 = moments
@@ -159,13 +132,4 @@ def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
         i_1, i_3 = i_3, i_1
     fast = (i_3 - i_2) * (square - twice_energy * i_1)
     slow = (i_2 - i_1) * (twice_energy * i_3 - square)
-    if fast * slow < 0.0 or fast == slow:
-        raise ValueError("the top is at rest or on its separatrix: no finite period")
-    rate = math.sqrt(fast / (i_1 * i_2 * i_3))
-    quarter = math.pi / (2.0 * _arithmetic_geometric_mean(1.0, math.sqrt(1.0 - slow / fast)))
-    return 4.0 * quarter / rate
-
-
-def rayleigh_time_step(radius: float, density: float, g: float, nu: float) -> float:
-    """Rayleigh time of a sphere [s]: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
-    return math.pi * radius * math.sqrt(density / g) / (0.1631 * nu + 0.8766)
+    return 4.0 * float(ellipk(slow / fast)) / math.sqrt(fast / (i_1 * i_2 * i_3))

@@ -1,35 +1,12 @@
 """An ensemble of bodies that do not influence each other, and what two of its runs have in common."""
 
-from pathlib import Path
-
-from steel import STEEL
+from shared_runs import PATH, PLATES, clumps
 from trajectories import contents
 
 import thirdbody
 
-SCENE = f"""{STEEL}[[debris]]
-material = "steel"
-kind = "irregular"
-count = 7
-size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}}
-spheres = [4, 8]
-aspect = [1.0, 0.8, 0.6]
-[domain]
-size = ["300 um", "200 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {{x = {{velocity = "10 mm/s"}}}}
-[contact]
-debris_contact = "none"
-[solver]
-distance = "0.1 um"
-[output]
-every = "0.05 um"
-"""
+SCENE = clumps(7, '["300 um", "200 um"]') + PLATES + '[contact]\ndebris_contact = "none"\n'
+SCENE += PATH.replace("0.1 um", "0.05 um").replace("0.4 um", "0.1 um")
 
 SURFACE = {"rms": "20 nm", "hurst": 0.8, "long": "100 um", "short": "10 um", "seed": 3}
 ROUGH = {
@@ -41,10 +18,10 @@ ROUGH = {
 overlap: a small domain has few heights."""
 
 
-def scene(**changes: object) -> thirdbody.Scene:
+def scene(**changes):
     given = thirdbody.Scene.parse(SCENE)
     return given.with_settings(changes) if changes else given
 
 
-def arrays(run: Path) -> dict[str, bytes]:
+def arrays(run):
     return contents(run, scene=True)

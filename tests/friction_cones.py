@@ -14,10 +14,7 @@ import math
 from types import SimpleNamespace as Grasp
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
-
-Array = NDArray[np.float64]
 
 EDGES = 32
 LARGEST, ROUNDS = 1e3, 60  # scale of friction beyond which a wrench counts as out of reach; bisections
@@ -25,31 +22,15 @@ RESIDUAL = 1e-8  # unbalanced wrench that counts as zero, over the load (forces)
 PRECISE = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
-def grasp(
-    points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
-    force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
-) -> Grasp:  # fmt: skip
-    """Return spots that hold a particle against an external force (3,) [N] and moment (3,) [N m].
-
-    With `axis` (3,) friction acts along it only and the plane's cones are exact: no pyramids. Raises ValueError for inconsistent
-    shapes, normals not of unit length, or no positive load."""
-    positions, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
-    count = len(positions)
-    frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
-    chosen = np.asarray(pressed, dtype=bool)
-    if positions.shape != (count, 3) or outward.shape != (count, 3) or chosen.shape != (count,) or not count:
-        raise ValueError("points and normals must be (n, 3) and pressed (n,), n >= 1")
-    if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
-        raise ValueError("needs unit normals, a positive load and frictions that are not negative")
-    rest = (None if given is None else np.asarray(given, dtype=np.float64) for given in (force, moment, axis))
-    values = (positions, outward, frictions, chosen, load, *rest)
-    return Grasp(**dict(zip(("points", "normals", "mu", "pressed", "load", "force", "moment", "axis"), values, strict=True)))
+def grasp(points, normals, mu, pressed, load=1.0, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0), axis=None):
+    """Spots that hold a particle against an external force (3,) [N] and moment (3,) [N m]. With `axis` (3,) friction acts along
+    it only and the plane's cones are exact: no pyramids."""
+    force, moment, axis = (None if given is None else np.asarray(given, float) for given in (force, moment, axis))
+    mu = np.broadcast_to(np.asarray(mu, float), (len(points),))
+    return Grasp(points=points, normals=normals, mu=mu, pressed=pressed, load=load, force=force, moment=moment, axis=axis)
 
 
-def between_plates(
-    upper: ArrayLike, lower: ArrayLike, h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0,
-    axis: ArrayLike | None = None,
-) -> Grasp:  # fmt: skip
+def between_plates(upper, lower, h, mu_upper, mu_lower, weight_ratio=0.0, axis=None):
     """`Grasp` of a particle between horizontal plates, spots at (n, 2) [m] from the centre of mass, at +-h/2. `weight_ratio` = m
     g/N_1, N_1 = 1 the load of the upper side."""
     above, below = (np.asarray(side, dtype=np.float64).reshape(-1, 2) for side in (upper, lower))
@@ -60,13 +41,10 @@ def between_plates(
     return grasp(points, normals, mu, signs > 0.0, 1.0, (0.0, 0.0, -weight_ratio), axis=axis)
 
 
-def required_scale(grasp: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
+def required_scale(grasp, edges=EDGES, accuracy=1e-7):
     """(lower, upper) bracket of the smallest s for which cones of friction s mu_i balance the wrench. upper/lower = 1/cos(pi/K)
     up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) the bisection is the only error.
-    (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1. `RESIDUAL` matters where s is
-    that small. Raises ValueError for fewer than 3 edges."""
-    if edges < 3:
-        raise ValueError(f"{edges} edges are no pyramid")
+    (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1."""
     shrink = 1.0 if grasp.axis is not None else math.cos(math.pi / edges)
     if can_balance(grasp, 0.0, edges):
         return 0.0, 0.0
@@ -86,13 +64,12 @@ def required_scale(grasp: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> 
     return low * shrink, high
 
 
-def can_balance(grasp: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
-    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench. With `scale`/cos(pi/K) the pyramids are
-    circumscribed."""
+def can_balance(grasp, scale=1.0, edges=EDGES):
+    """Whether inscribed pyramids of friction `scale` mu_i balance the wrench; circumscribed ones with `scale`/cos(pi/K)."""
     return _feasible(grasp, _cone_rays(grasp, scale, edges))
 
 
-def can_slide(grasp: Grasp, friction_directions: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
+def can_slide(grasp, friction_directions, sliding=True, edges=EDGES):
     """Return whether spot forces balance the wrench if those of the spots `sliding` (n,), all by default, are at their limit.
     These are N_i (n_i + mu_i pull_i); `friction_directions` (n, 3): unit direction of the friction on the particle at each spot:
     along the drag above, against it below. The others lie anywhere inside pyramids of `edges` edges."""
@@ -103,7 +80,7 @@ def can_slide(grasp: Grasp, friction_directions: ArrayLike, sliding: ArrayLike =
     return _feasible(grasp, np.where(chosen[:, None, None], limits, _cone_rays(grasp, 1.0, edges)))
 
 
-def _cone_rays(grasp: Grasp, scale: float, edges: int) -> Array:
+def _cone_rays(grasp, scale, edges):
     """Edges (n, k, 3) of the pyramids of friction `scale` mu_i, of normal part 1; in the plane the two edges of the cone."""
     if grasp.axis is not None:
         line = grasp.axis / np.linalg.norm(grasp.axis)
@@ -117,7 +94,7 @@ def _cone_rays(grasp: Grasp, scale: float, edges: int) -> Array:
     return grasp.normals[:, None, :] + scale * grasp.mu[:, None, None] * directions
 
 
-def _feasible(grasp: Grasp, rays: Array) -> bool:
+def _feasible(grasp, rays):
     """Return whether non-negative multiples of the rays (n, k, 3), each of normal part 1, balance wrench and load."""
     count, edges = rays.shape[:2]
     arms = grasp.points - grasp.points.mean(axis=0)

@@ -189,7 +189,6 @@ def _section(name: str, measured: dict[str, Any]) -> str:
 
 
 def _why_not_run(command: str, seconds: float) -> str:
-    """Return why the tests of pages do not run a command; an empty text if they do."""
     return f"{seconds:.0f} s" if seconds > QUICK else "pictures need OpenGL" * (" render " in command)
 
 

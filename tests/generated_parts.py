@@ -50,21 +50,20 @@ def tables() -> str:
 def laws() -> str:
     from thirdbody.laws.contract import STAGES, STIFF
 
-    every = sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name))
-    lines = ["| law | stage | options | integrators | source |", "|---|---|---|---|---|"]
-    for law in every:
+    rows = []
+    for law in sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name)):
         integrators = "explicit" if law.tangent is None and (law.stage in STIFF or law.reach) else "both"
-        lines.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
-    return "\n".join(lines)
+        rows.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
+    return _table("law | stage | options | integrators | source", rows)
 
 
 def levels() -> str:
-    lines = ["| family | level | laws |", "|---|---|---|"]
+    rows = []
     for family in _registry().families.values():
         for level, chain in family.levels.items():
             default = ", the default" if level == family.default_level else ""
-            lines.append(f"| `{family.name}` | `{level}`{default} | {', '.join(f'`{law.name}`' for law in chain)} |")
-    return "\n".join(lines)
+            rows.append(f"| `{family.name}` | `{level}`{default} | {', '.join(f'`{law.name}`' for law in chain)} |")
+    return _table("family | level | laws", rows)
 
 
 def effects() -> str:
@@ -75,12 +74,12 @@ def effects() -> str:
 def measures() -> str:
     from thirdbody.laws.measures import layout_of
 
-    lines = ["| measure | options | arrays of bodies | maps | source |", "|---|---|---|---|---|"]
+    rows = []
     for measure in _registry().measures.values():
         layout = layout_of([measure])
         names, maps = (", ".join(f"`{entry.name}`" for entry in entries) for entries in (layout.bodies, layout.maps))
-        lines.append(f"| `{measure.name}` | {_options(measure)} | {names} | {maps or '-'} | {measure.source} |")
-    return "\n".join(lines)
+        rows.append(f"| `{measure.name}` | {_options(measure)} | {names} | {maps or '-'} | {measure.source} |")
+    return _table("measure | options | arrays of bodies | maps | source", rows)
 
 
 def kinds() -> str:
@@ -91,17 +90,17 @@ def kinds() -> str:
 
 
 def law_data() -> str:
-    """Return a table of what kernels receive and return: the fields of the contract's named tuples, from their docstrings."""
+    """What kernels receive and return: the fields of the contract's named tuples, from their docstrings."""
     from thirdbody import plugin
 
-    lines = ["| tuple | field | meaning |", "|---|---|---|"]
+    rows = []
     for name in "Contact Normal Adhesion Load Tangential Turn Rolling Twist Twisting Body Wrench ContactStep".split():
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
         fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
         for k, (names, meaning) in enumerate(fields):
             first = f"`{name}`: {_first_sentence(docstring).rstrip('.').lower()}" if k == 0 else ""
-            lines.append(f"| {first} | {', '.join(f'`{one}`' for one in names.split(', '))} | {meaning} |")
-    return "\n".join(lines)
+            rows.append(f"| {first} | {', '.join(f'`{one}`' for one in names.split(', '))} | {meaning} |")
+    return _table("tuple | field | meaning", rows)
 
 
 def _registry():
@@ -120,7 +119,7 @@ def _option(option) -> str:
     return f"`{option.name} = {default}`{words}".replace("'", '"')
 
 
-def _first_sentence(docstring: str | None) -> str:
+def _first_sentence(docstring):
     return re.split(r"(?<=\.)\s", " ".join((docstring or "").split()))[0]
 
 
@@ -128,24 +127,24 @@ def sweep_keys() -> str:
     from thirdbody.scene.keys import table_keys
     from thirdbody.studies.sweep.sweep_file import SweepFile
 
-    lines = ["| key | value | default | meaning | example |", "|---|---|---|---|---|"]
+    rows = []
     for key in table_keys(SweepFile.model_json_schema()):
         default = f"`{key.default}`" if key.default not in ("", "required") and len(key.default) < 40 else key.default
         shown = default if len(default) < 40 else "below"
-        lines.append(f"| `{key.path}` | {key.value} | {shown} | {key.meaning} | `{key.example}` |")
-    return "\n".join(lines)
+        rows.append(f"| `{key.path}` | {key.value} | {shown} | {key.meaning} | `{key.example}` |")
+    return _table("key | value | default | meaning | example", rows)
 
 
 def sweep_results() -> str:
     from thirdbody.studies.sweep.results import DEFAULT, RESULTS, result
 
     states = {f"{name}STATE": result(f"{name}STATE") for name in ("fraction_", "fraction_ever_")}
-    lines = ["| result | unit | default | meaning |", "|---|---|---|---|"]
+    rows = []
     for name, entry in sorted((RESULTS | states).items()):
         usual = name in DEFAULT or name == "fraction_STATE"
         usual_word = "rolling" if name == "fraction_ever_STATE" else "yes" if usual else ""
-        lines.append(f"| `{name}` | {'' if entry.unit == '1' else entry.unit} | {usual_word} | {entry.meaning} |")
-    return "\n".join(lines)
+        rows.append(f"| `{name}` | {'' if entry.unit == '1' else entry.unit} | {usual_word} | {entry.meaning} |")
+    return _table("result | unit | default | meaning", rows)
 
 
 # tables that are written otherwise than their keys' paths begin
@@ -162,11 +161,8 @@ def scene_keys() -> str:
 
 
 def run_names() -> str:
-    parts = []
-    for name, entries in all_names(discover()).items():
-        rows = [(f"`{first}`", *rest) for first, *rest in name_rows(entries)]
-        parts.append(f"### {name}\n\n{markdown(NAME_HEADINGS, rows)}")
-    return "\n\n".join(parts)
+    tables = {name: [(f"`{first}`", *rest) for first, *rest in name_rows(found)] for name, found in all_names(discover()).items()}
+    return "\n\n".join(f"### {name}\n\n{markdown(NAME_HEADINGS, rows)}" for name, rows in tables.items())
 
 
 def exit_codes() -> str:
@@ -186,7 +182,6 @@ PARTS: dict[str, Callable[[], str]] = {
 
 
 def regenerated(text: str) -> str:
-    """Return a page with its generated parts written anew. Raises KeyError for a part that nothing generates."""
     return PART.sub(lambda found: f"{found[1]}{PARTS[found[2]]()}\n{found[4]}", text)
 
 

@@ -7,43 +7,27 @@ the point mu h e itself, since every spot pulls the particle along e with mu N. 
 moment: see `conditions` in the plane and `friction_cones` in space. Generalises E. Willert's Eqs. 16, 19 and 20; nothing of
 thirdbody.
 
-Positions are (n, 2) arrays [m]; a direction needs no unit length; raises ValueError for no spots, h <= 0 or no direction.
+Positions are (n, 2) arrays [m]; a direction needs no unit length.
 """
 
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12  # of the largest |q - p|: positions nearer to a line than this lie on it
 NEVER = (math.inf, -math.inf)  # the empty interval (t_min, t_max)
 
 
-def _positions(spots: ArrayLike) -> Array:
-    positions = np.asarray(spots, dtype=np.float64)
-    if positions.ndim != 2 or positions.shape[1] != 2 or not len(positions):
-        raise ValueError(f"positions must be (n, 2) with n >= 1, not {positions.shape}")
-    return positions
-
-
-def _height(h: float) -> float:
-    if not h > 0.0:
-        raise ValueError(f"h = {h} must be positive")
-    return h
-
-
-def convex_hull(points: ArrayLike) -> Array:
+def convex_hull(points):
     """Corners (k, 2) of the convex hull, counter-clockwise; k = 2 for a segment, 1 for a point (A. M. Andrew 1979)."""
-    ordered = [(float(x), float(y)) for x, y in np.unique(_positions(points), axis=0)]
+    ordered = [(float(x), float(y)) for x, y in np.unique(np.asarray(points, float), axis=0)]
     if len(ordered) < 3:
         return np.array(ordered)
     return np.array(_half(ordered)[:-1] + _half(ordered[::-1])[:-1])
 
 
-def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    chain: list[tuple[float, float]] = []
+def _half(ordered):
+    chain = []
     for x, y in ordered:
         while len(chain) > 1:
             (ax, ay), (bx, by) = chain[-2], chain[-1]
@@ -54,13 +38,12 @@ def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return chain
 
 
-def difference_hull(upper: ArrayLike, lower: ArrayLike) -> Array:
-    """Corners (k, 2) of the set {q - p} [m], q in the hull of `lower` and p in that of `upper`."""
+def difference_hull(upper, lower):
     above, below = convex_hull(upper), convex_hull(lower)
     return convex_hull((below[:, None, :] - above[None, :, :]).reshape(-1, 2))
 
 
-def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
+def hull_distance(upper, lower):
     """Distance of the two hulls [m]; 0 where they meet."""
     corners = difference_hull(upper, lower)
     ends = np.roll(corners, -1, axis=0)
@@ -74,42 +57,35 @@ def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
     return float(np.min(np.hypot(*(corners + along[:, None] * side).T)))
 
 
-def required_friction(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
-    """Smallest mu for which the particle can stick: dist(P, Q)/h. The margin of static slip is 1 - `required_friction`/mu. Two
-    spots: |tan alpha| of Eq. 16."""
-    return hull_distance(upper, lower) / _height(h)
+def required_friction(upper, lower, h):
+    """Smallest mu for which the particle can stick: dist(P, Q)/h. Two spots: |tan alpha| of Eq. 16."""
+    return hull_distance(upper, lower) / h
 
 
-def sliding_interval(upper: ArrayLike, lower: ArrayLike, h: float, direction: ArrayLike) -> tuple[float, float]:
+def sliding_interval(upper, lower, h, direction):
     """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none. The
     particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or rotates about the vertical. In the plane (e
     toward -x) it is `conditions.planar_interval`."""
-    e = np.asarray(direction, dtype=np.float64)
-    size = math.hypot(*e)
-    if not size > 0.0:
-        raise ValueError("the direction of drag has no length")
-    corners = difference_hull(upper, lower)
-    along, across = corners @ e / size, (corners[:, 1] * e[0] - corners[:, 0] * e[1]) / size
+    e, corners = np.asarray(direction, float) / math.hypot(*direction), difference_hull(upper, lower)
+    along, across = corners @ e, corners[:, 1] * e[0] - corners[:, 0] * e[1]
     across[np.abs(across) <= TOLERANCE * np.max(np.hypot(*corners.T))] = 0.0
     crossings = list(along[across == 0.0])
     for a, c, b, d in zip(along, across, np.roll(along, -1), np.roll(across, -1), strict=True):
         if c * d < 0.0:
             crossings.append(a + (b - a) * (c / (c - d)))
-    return (min(crossings) / _height(h), max(crossings) / _height(h)) if crossings else NEVER
+    return (min(crossings) / h, max(crossings) / h) if crossings else NEVER
 
 
-def can_stick(upper: ArrayLike, lower: ArrayLike, h: float, mu: float) -> bool:
-    """Return whether static slip is possible: mu >= `required_friction`, up to round-off."""
+def can_stick(upper, lower, h, mu):
     return required_friction(upper, lower, h) <= mu + _slack(upper, lower, h)
 
 
-def can_slide(upper: ArrayLike, lower: ArrayLike, h: float, mu: float, direction: ArrayLike) -> bool:
-    """Return whether stationary sliding along `direction` is possible: mu in `sliding_interval`, up to round-off."""
+def can_slide(upper, lower, h, mu, direction):
     low, high = sliding_interval(upper, lower, h, direction)
     slack = _slack(upper, lower, h)
     return low - slack <= mu <= high + slack
 
 
-def _slack(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
+def _slack(upper, lower, h):
     """Friction equivalent to a round-off of the positions."""
-    return TOLERANCE * float(np.max(np.hypot(*difference_hull(upper, lower).T))) / _height(h)
+    return TOLERANCE * float(np.max(np.hypot(*difference_hull(upper, lower).T))) / h

@@ -14,10 +14,8 @@ R = 11e-6
 
 def clump_layer(count: int, per_clump: int = 6):
     """A jittered layer of clumps: sphere centres, radii, clump of each, body centres, states, domain."""
-    rng = np.random.default_rng(3)
-    nx = int(np.ceil(np.sqrt(count * 1.5)))
+    rng, nx, pitch = np.random.default_rng(3), int(np.ceil(np.sqrt(count * 1.5))), 2.6 * R
     ny = -(-count // nx)
-    pitch = 2.6 * R
     grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"), -1).reshape(-1, 2)[:count]
     flat = (grid + 0.5) * pitch + rng.normal(0.0, 0.1 * R, (count, 2))
     bodies = np.column_stack([flat, rng.uniform(1.05, 1.3, count) * R])
@@ -82,10 +80,8 @@ def skip_unless_drawable():
 
 def hue_share(pixels: np.ndarray, color: str) -> float:
     """Share of the pixels with the hue of `color`, at any brightness: light changes brightness only."""
-    flat = pixels.reshape(-1, 3).astype(float)
-    direction = flat - flat.mean(axis=1, keepdims=True)
-    aim = np.array(rgb(color), float)
-    aim -= aim.mean()
+    direction = pixels.reshape(-1, 3) - pixels.reshape(-1, 3).mean(axis=1, keepdims=True)
+    aim = np.array(rgb(color), float) - np.mean(rgb(color))
     strength = np.linalg.norm(direction, axis=1)
     cosine = direction @ aim / np.maximum(strength * np.linalg.norm(aim), 1e-9)
     # 25 grey steps of colour: the bluish plates have less; cosine 0.95 is 18 degrees, the hues lie 90 apart.

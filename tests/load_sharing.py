@@ -54,7 +54,7 @@ class Sharing(NamedTuple):
 
 
 def estimate(scene: thirdbody.Scene) -> Sharing:
-    """Return the estimate for a scene: heights are those of its bodies in their resting poses on a flat plate."""
+    """Heights are those of the bodies of a scene in their resting poses on a flat plate."""
     area = scene.domain.size[0] * scene.domain.size[1]
     direct = direct_contact(scene, compile_physics(scene, discover()), plate_surfaces(scene))
     upper, lower = scene.plates.upper, scene.plates.lower
@@ -93,10 +93,8 @@ def draw(found: Series, estimates: dict[tuple[float, int], Sharing], direct: flo
 
     figure, panels = plt.subplots(3, 1, figsize=(8.0, 9.0), sharex=True, layout="constrained")
     colors = dict(zip(sorted({key[0] for key in found}), ("blue", "green", "vermilion"), strict=False))
-    most, debris = (
-        max(key[1] for key in found),
-        float(np.mean([p.friction for points in found.values() for p in points if p.share > ALONE])),
-    )
+    most = max(key[1] for key in found)
+    debris = float(np.mean([p.friction for points in found.values() for p in points if p.share > ALONE]))
     for (rms, count), points in found.items():
         color, many = LINE_COLORS[colors[rms]], count == most
         pressure = np.geomspace(0.7 * points[0].pressure, 1.4 * points[-1].pressure, 60)
@@ -121,7 +119,6 @@ def draw(found: Series, estimates: dict[tuple[float, int], Sharing], direct: flo
 
 
 def texts(found: Series) -> dict[str, str]:
-    """Return friction and share from the lowest to the highest pressure in words, by roughness and number of bodies."""
     words = {}
     for (rms, count), points in found.items():
         first, last = points[0], points[-1]

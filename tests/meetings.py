@@ -60,14 +60,13 @@ def _debris(material: str, shape: Shape, x: float) -> str:
 
 
 def against_post(balls: int, gap: float = GAP, **frictions: float) -> Meeting:
-    """Return balls that roll one behind the other towards a post; frictions as `ball_lid=0.3`, others as by default."""
+    """Balls that roll one behind the other towards a post; frictions as `ball_lid=0.3`, others as by default."""
     row = tuple(("ball", BALL, START + k * (2.0 * R + gap)) for k in range(balls))
     post = ("post", POST, START + balls * (2.0 * R + gap) + HALF)
     return Meeting((*row, post), _pairs({"ball_lid": MU, "ball_base": GRIP, "post_base": STUCK} | frictions))
 
 
 def against_ridge(friction: float) -> Meeting:
-    """Return a ball that meets a ridge, with this friction at the upper plate and at the ridge."""
     reach = 2.0 * math.sqrt(R * RIDGE) + GAP + 3.0
     bodies = (("ball", BALL, START), ("ridge", LOW, START + reach))
     pairs = {"ball_lid": friction, "ball_ridge": friction, "ball_base": GRIP, "ridge_base": STUCK}
@@ -75,7 +74,6 @@ def against_ridge(friction: float) -> Meeting:
 
 
 def head_on(**frictions: float) -> Meeting:
-    """Return a rider, on a lower plate without friction, and the post that it meets."""
     return Meeting((("rider", POST, START), ("post", POST, START + 2.0 * (R + HALF) + GAP)), _pairs(frictions))
 
 

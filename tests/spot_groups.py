@@ -60,8 +60,8 @@ def solved(place, depth, radius, stiffness, c, swept=False, scratch=1000) -> Loa
 
 
 def closed_path(path, speed, depth, radius, stiffness, c):
-    """Return work along a closed path [J], by the trapezoid rule, the largest energy on it [J], and how often spots carry none.
-    `path` (t, n, 3): places and what is added to the overlaps `depth` (n,), at equal intervals; `speed`: its rate, per round."""
+    """Work along a closed path [J], by the trapezoid rule, the largest energy on it [J], and how often spots carry none. `path`
+    (t, n, 3): places and what is added to the overlaps `depth` (n,), at equal intervals; `speed`: its rate, per round."""
     rows, none = _rows(path[0, :, :2], depth, radius, stiffness), np.zeros(len(depth))
     spots = Spots(*np.zeros((4, len(depth))), rows)
     return *_work(path, speed, depth, c, rows, np.zeros(1000), spots, none), int(none.sum())

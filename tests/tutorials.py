@@ -24,7 +24,7 @@ WIDTH = 900
 
 
 def executed(path: Path, folder: Path, then: str = "") -> Any:
-    """Return a notebook after it ran in a copy of the scenes in `folder`, and after it a cell with the code `then`."""
+    """A notebook after it ran in a copy of the scenes in `folder`, and after it a cell with the code `then`."""
     place = folder / "scenes" / "tutorials"
     place.mkdir(parents=True)
     for file in (*SCENES.glob("*.toml"), *SCENES.glob("*.stl"), *SCENES.glob("sweeps/*.toml")):
@@ -42,7 +42,7 @@ def executed(path: Path, folder: Path, then: str = "") -> Any:
 
 
 def with_small_pictures(notebook: Any) -> Any:
-    """Return the notebook with its pictures at most WIDTH wide and of 256 colours, and without times of execution."""
+    """The notebook with its pictures at most WIDTH wide and of 256 colours, and without times of execution."""
     for cell in notebook.cells:
         cell.metadata = {}
         for output in cell.get("outputs", []):
