@@ -36,7 +36,6 @@ class Case:
         return self.action.__name__
 
     def settings(self, quick: bool) -> list[Setting]:
-        """All settings; of the short version one level, `mindlin` where it can be."""
         levels = ("mindlin",) if quick and "mindlin" in self.levels else self.levels
         return [Setting(kind, level, full=not quick) for kind in self.integrators for level in levels]
 
@@ -77,7 +76,6 @@ class Row:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The broken invariants, or that the largest stable step, if sought, is out of the required range."""
         if self.broken or self.factor is None or MIN_FACTOR <= self.factor <= MAX_FACTOR:
             return self.broken
         wanted = f"not {MIN_FACTOR:g} to {MAX_FACTOR:g}"

@@ -105,7 +105,6 @@ def thrown(trial, clearance, touches, restitution, opening=None):
 
 
 def check_whole(trial, run):
-    """The losses in touches, which must be a whole number."""
     lost = run.normal_loss() / LOST
     trial.check("lost over a touch's, to the next whole number", abs(lost - round(lost)), 1e-9)
     return lost

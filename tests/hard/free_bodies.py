@@ -128,7 +128,6 @@ def many_steps(trial: Trial) -> None:
 
 
 def _rolls_on(trial):
-    """A sphere that rolls between plates, ten thousand steps (a thousand in the short version)."""
     steps, solver = 10_000 if trial.setting.full else 1_000, trial.solver(largest_step=1e-8)
     run = trial.start(pressed(trial, clump([(0.0, 0.0, 0.0, 2.0)], x=1e-6), 0.3, solver=solver))
     run.follow([1e-8 * steps])

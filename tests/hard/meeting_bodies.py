@@ -27,7 +27,6 @@ STUCK = 10.0
 
 
 def at(shape, x, material):
-    """A clump of spheres [um] at x [um] that stands on the lower plate without overlap."""
     return clump(shape, x * MICRON, gap=0.0).model_copy(update={"material": material})
 
 
@@ -59,7 +58,6 @@ def closed(run, number, side):
 
 
 def force(run, number, side):
-    """The force (3,) on a body from a plate or from other bodies, over the load."""
     R = run.state.slots.R[closed(run, number, side)]
     return (R[:, [record.NORMAL_FORCE]] * R[:, record.NORMAL3] + R[:, record.TANGENTIAL_FORCE3]).sum(axis=0) / LOAD
 

@@ -69,7 +69,6 @@ def small(path: Path) -> dict[str, Any]:
 
 
 def places(node: Any, above: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Every key and list entry of a document, from the top down."""
     entries: Any = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for key, value in entries:
         yield (*above, key)
@@ -89,7 +88,6 @@ def misspelt(word: str, rng: Random) -> str:
 
 
 def spoilt_value(rng: Random) -> tuple[Any, bool]:
-    """A value, and whether it is wrong wherever it stands."""
     if rng.random() < 0.5:
         return copy.deepcopy(rng.choice(NEVER)), True
     return copy.deepcopy(rng.choice(SOMETIMES)), False
@@ -107,7 +105,6 @@ def tame(value: Any, rng: Random) -> Any:
 
 
 def spoil(document: dict[str, Any], rng: Random) -> bool:
-    """Changes one thing of a document; True when the outcome must be refused."""
     known = list(places(document))
     if not known:
         return False
@@ -163,7 +160,6 @@ def spoil(document: dict[str, Any], rng: Random) -> bool:
 
 
 def spoilt_text(text: str, rng: Random) -> bytes:
-    """The text with bytes flipped, lines dropped, doubled or moved, or torn."""
     kind = rng.choice(("flip", "drop", "double", "cut", "quote", "bracket", "insert", "swap", "bom", "crlf", "deep", "number"))
     data, lines = bytearray(text.encode()), text.split("\n")
     at, line = rng.randrange(len(data)), rng.randrange(len(lines))
@@ -198,7 +194,6 @@ def spoilt_text(text: str, rng: Random) -> bytes:
 
 
 def mutant(rng: Random) -> tuple[bytes, bool]:
-    """A spoilt scene as the bytes of its file, and whether it must be refused."""
     document = small(rng.choice(SCENES))
     if rng.random() < 0.35:
         return spoilt_text(toml_text(document), rng), False
@@ -232,7 +227,6 @@ def reported_keys(fault: Fault) -> list[str | int]:
 
 
 def names_a_key(fault: Fault, document: Any) -> bool:
-    """Whether the key is one of the document, or one that a table of the document lacks."""
     parts = reported_keys(fault)
     node = document
     for k, part in enumerate(parts):

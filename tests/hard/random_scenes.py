@@ -81,7 +81,6 @@ def _value(text: str) -> float:
 
 
 def _e_star(*pair: dict[str, Any]) -> float:
-    """E* of two materials, Pa: 1/E* is the sum of (1 - nu^2)/E."""
     return 1.0 / sum((1.0 - material["poisson_ratio"] ** 2) / _value(material["youngs_modulus"]) for material in pair)
 
 
@@ -163,7 +162,6 @@ def _upper_plate(rng: Random, scales: Scales, material: str, shape: str) -> dict
 
 
 def _motion(rng: Random, scales: Scales, planar: bool) -> dict[str, Any]:
-    """One of the motions: 0.3 to 30 contact radii in all."""
     kind = rng.choice(MOTIONS[:-1] if planar else MOTIONS)
     distance = scales.contact_radius * 10.0 ** rng.uniform(-0.5, 1.5)
     speed, time = f"{distance / scales.duration!r} m/s", f"{scales.duration / 4.0!r} s"

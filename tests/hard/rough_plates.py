@@ -37,13 +37,11 @@ def dragged(trial, surface, friction, gap, x=MIDDLE, speed=0.5):
 
 
 def several_contacts(run):
-    """Settle the run; whether `thirdbody check` tells that spheres touch at several points."""
     run.to(time=run.simulation.settle)
     return run.simulation.surface_scales["lower"].document()["several_contacts"]
 
 
 def profile_of(run):
-    """The heights of the lower plate along x [m] below the ball, where they do not depend on y."""
     heights = run.simulation.surfaces["lower"].heights
     row = heights[len(heights) // 2]
     return CubicSpline(np.linspace(0.0, SIZE * MICRON, len(row) + 1), np.append(row, row[0]), bc_type="periodic")
@@ -74,7 +72,6 @@ def normal_forces(run):
 
 
 def beside_chord(run):
-    """By how much the force of the upper plate leans away from the line through both contacts."""
     (top,), (low,) = (closed(run, side)[:, record.POINT3] for side in (UPPER, LOWER))
     return abs(run.friction() + (low[0] - top[0]) / (low[2] - top[2]))
 

@@ -12,10 +12,9 @@ from theory import builders as make
 from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_extra, contact_state, run_totals
-from thirdbody.runner.simulate import prepare, run
+from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Effects, Motion, Scene, UpperPlate
 from thirdbody.trajectory.reader import open_run
 
@@ -63,19 +62,17 @@ def test_without_friction_a_dragged_ball_stays_where_it_is():
     simulation.integrator.advance_to(time=simulation.settle + 1e-3)
     assert np.all(simulation.state.slots.records.tangential_force == 0.0)
     assert np.all(make.velocity(simulation)[:2] == 0.0)
-    # from the angular momentum and back: two roundings
-    assert make.spin(simulation) == pytest.approx([3.0, 4.0, 5.0], rel=1e-15)
+    # from the angular momentum and back in each of some tens of implicit steps: a few roundings each
+    assert make.spin(simulation) == pytest.approx([3.0, 4.0, 5.0], rel=1e-13)
     assert make.label(simulation) == "sliding"
 
 
 FEW = [(0.1, 20, "auto"), (1e9, 76, 5e-8)]  # others are those of the case `oblique_impact`
-ALL = [(mu, degrees, step) for mu in (0.1, 1.0, 1e3, 1e9) for degrees in (20, 36, 60, 76) for step in (5e-8, "auto")]
 
 
-@pytest.mark.parametrize("rows", [FEW, pytest.param(ALL, marks=pytest.mark.full(kind="slow"))], ids=["few", "all"])
 @pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", "exact"])
-def test_no_level_makes_energy(level, rows):
-    for friction, degrees, step in rows:
+def test_no_level_makes_energy(level):
+    for friction, degrees, step in FEW:
         angle, keys = math.radians(degrees), {"friction": friction, "time_step": step}
         start = (math.sin(angle), 0.0, -math.cos(angle))
         law = Contact(law="three_spot", level=level)
@@ -95,14 +92,6 @@ def test_a_contact_that_opened_remembers_nothing():
     assert np.all(simulation.state.slots.H == 0.0)
     # what the spring still held is booked as dissipated, not lost
     assert simulation.state.A[run_totals.FRICTION_WORK] > 0.0
-
-
-def test_head_on_impact_of_a_perfectly_symmetric_pair():
-    """0/0 in every tangential direction: no slip, no friction, no spin, nothing that is not a number."""
-    simulation = make.two_balls(make.STEEL, RADIUS, (1.0, 0.0, 0.0), friction=1e9, time_step=5e-8)
-    make.leave(simulation, 1e-5)
-    assert np.all(make.velocity(simulation)[1:] == 0.0) and np.all(make.spin(simulation) == 0.0)
-    assert make.velocity(simulation)[0] == -make.velocity(simulation, 1)[0]
 
 
 def test_forced_time_step_is_stopped_and_what_was_computed_is_kept(tmp_path):
@@ -141,7 +130,6 @@ LENGTH, WIDTH, COUNT = 8e-3, 6e-3, 14
 
 
 def balls(shifts):
-    """Fast balls on a jittered grid, each once per shift along x."""
     rng = np.random.default_rng(5)
     cells = np.array([(i, j, k) for i in range(3) for j in range(2) for k in range(3)])[:COUNT]
     places = (cells + 0.5) * [LENGTH / 3, WIDTH / 2, 2.7e-3] + rng.uniform(-0.3e-3, 0.3e-3, (COUNT, 3)) + [0.0, 0.0, RADIUS]
@@ -187,58 +175,3 @@ def test_a_doubled_box_moves_alike(name):
     for copy in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):
         # places differ by rounding (1e-16 of the box over 1e-3 of a radius of overlap), which collisions amplify
         assert np.all(np.abs(two.state.B[copy, columns] - one.state.B[:, columns]) < 1e-8 * scale)
-
-
-# nothing drifts in very many steps: `pytest -m full -s` prints the figures
-
-CHECKS = 20
-
-
-def drift(simulation, steps):
-    """Largest energy residual, fault of a quaternion's norm, and momentum over the sum of what the plates gave and took that came
-    from nowhere, at so many looks."""
-    state, ledger = simulation.state, Ledger(simulation.state)
-    start, gravity = momentum(simulation), np.array(simulation.scene.effects.gravity or (0.0, 0.0, 0.0))
-    mass = float(state.bodies.mass.sum())
-    worst = np.zeros(3)
-    exchanged, before = 0.0, np.zeros(6)
-    for check_number in range(1, CHECKS + 1):
-        while state.A[run_totals.STEPS] < steps * check_number / CHECKS:
-            simulation.integrator.advance_to(time=state.time + 500.0 * state.dt, watch=lambda: ledger.watch(state))
-        given = state.A[run_totals.UPPER_IMPULSE : run_totals.UPPER_IMPULSE + 6].copy()
-        exchanged += float(np.abs(given - before).sum())
-        before = given
-        gained = momentum(simulation) - start + given[:3] + given[3:] - mass * gravity * state.time
-        norms = np.linalg.norm(state.bodies.quaternion, axis=1)
-        residual = ledger.relative_residual(state, ledger.lines(state)["residual"])
-        worst = np.maximum(worst, [residual, np.abs(norms - 1.0).max(), np.abs(gained).max() / exchanged])
-        assert np.all(np.isfinite(state.B)) and np.all(np.isfinite(state.slots.H))
-    print(f"\n{steps:.0e} steps: energy residual, |q| - 1 and momentum over what was exchanged: {worst}")
-    return worst
-
-
-def momentum(simulation):
-    B = simulation.state.B
-    return np.asarray(B[:, [body.MASS]] * B[:, body.VELOCITY3]).sum(axis=0)
-
-
-@pytest.mark.full(kind="hard")
-def test_ten_million_steps_of_one_rolling_clump():
-    """Near round, so that it rolls on and on over the periodic faces; dragged at 1 m/s, loaded, with weight."""
-    balls = [((0.0, 0.0, 0.0), 5.0), ((0.6, 0.1, 0.0), 4.8), ((-0.5, 0.3, 0.2), 4.9)]
-    shape = [{"center": tuple(1e-6 * x for x in centre), "radius": 1e-6 * r} for centre, r in balls]
-    simulation = make.under_patches(
-        [make.clump(shape)], {"ball": make.STEEL}, 1e-4, Motion(x=[ConstantVelocity(velocity=1.0)]), friction=0.5,
-        restitution=0.5, size=2e-4, integrator="explicit", duration=1.0, effects=Effects(gravity=(0.0, 0.0, -9.81)),
-    )  # fmt: skip
-    residual, norm, lost = drift(simulation, 10_000_000)
-    assert make.label(simulation) == "rolling"
-    # truncation of the steps; rounding of a normalised product; rounding of 1e7 additions, which grows as their root
-    assert residual < 1e-3 and norm < 1e-14 and lost < 1e-11
-
-
-@pytest.mark.full(kind="hard")
-def test_a_million_steps_of_a_dense_bed():
-    scene = Scene.load(SCENES / "dense_layer.toml").with_settings({"solver.distance": "1 m", "output.every": "1 m"})
-    residual, norm, lost = drift(prepare(scene, force=True), 1_000_000)
-    assert residual < 1e-3 and norm < 1e-14 and lost < 1e-11

@@ -23,8 +23,8 @@ from thirdbody.scene.read import MAX_BYTES
 SECONDS = 90  # of the processor, with what a mutant may have to compile
 PATIENCE = 600  # s on the clock, for what waits without working
 ADDRESS_SPACE = 12 << 30  # an allocation of 10**12 anything fails here, in the test, and not for want of memory
-FEW, MANY = 120, int(os.environ.get("FUZZ_SCENES", "10000"))
-FEW_SETTINGS = 80
+FEW, MANY = 60, int(os.environ.get("FUZZ_SCENES", "10000"))
+FEW_SETTINGS = 40
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,6 @@ def verify(error: InputError, document: Any, file: str) -> None:
 
 
 def build(scene: Scene) -> None:
-    """What an accepted scene must stand: saving, the name of its folder, and building."""
     assert Scene.parse(scene.to_toml()) == scene
     kept = default_folder(scene)
     assert len(kept.parts) == 2 and kept.parts[0] == "runs" and ".." not in kept.parts
@@ -95,7 +94,6 @@ def build(scene: Scene) -> None:
 
 
 def try_scene(data: bytes, must_fail: bool) -> str:
-    """Accepted or refused; whatever else happens is a failure of the test."""
     before = set(os.listdir())
     Path("scene.toml").write_bytes(data)
     try:
@@ -115,7 +113,6 @@ def try_scene(data: bytes, must_fail: bool) -> str:
 
 
 def try_setting(seed: int) -> str:
-    """One value of a sound scene replaced as `--set` does."""
     rng = Random(seed)
     path = rng.choice(M.SCENES)
     document = M.small(path)
@@ -176,11 +173,3 @@ def test_a_scene_that_is_no_file_is_refused_at_once(folder):
             Scene.load(name)
         said = str(report.value)
         assert len(report.value.faults) == 1 and said.isprintable() and name[:50].replace("\0", "\\x00") in said
-
-
-def test_a_scene_named_by_dots_stays_in_the_folder_of_runs(folder):
-    Path("...toml").write_text(M.toml_text(M.small(M.SCENES[0])), encoding="utf-8")
-    try:
-        assert ".." not in default_folder(Scene.load("...toml")).parts
-    finally:
-        Path("...toml").unlink()

@@ -26,7 +26,6 @@ def steady(scene, speed, **settings):
 
 
 def strokes(scene, speed, **settings):
-    """Two strokes to and fro, with this largest speed."""
     frequency = speed / (math.pi * STROKE)
     drag = {
         "plates.upper.motion.x.stroke": f"{STROKE} m", "plates.upper.motion.x.frequency": f"{frequency} Hz",

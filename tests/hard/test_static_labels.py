@@ -1,12 +1,9 @@
 """`balance` presses all random particles that have a static state, and labels them at the end of their path as a slow run does.
 
 A run has inertia: a particle that snaps over may land in another seat than the one that it turns into without, so 5 % may differ.
-One that `balance` stops has no static state on its way: no label is left to compare there, and the run must roll. Level
-`mindlin`, whose patches renew in neither.
-
-A planar particle's static states are known apart from the engine: those postures of a rigid particle between rigid parallel
-plates in which friction can hold the spots that touch, searched over all tilts on the side to which the particle falls (3 of 140
-have one on the other side only, uphill: a load does not lead there). Clumps, in stable poses on the lower body, all find one.
+One that `balance` stops has no static state on its way: the run must roll. A planar particle's static states are known apart from
+the engine: postures of a rigid particle between rigid parallel plates in which friction can hold the spots that touch, over all
+tilts on the side to which it falls (3 of 140 have one on the other side only, uphill). Clumps, in stable poses, all find one.
 """
 
 import math
@@ -45,7 +42,6 @@ def balanced(particle, mu, level="mindlin", **path):
 
 
 def labels_of_run(debris, mu, folder):
-    """Label by the number of intervals `EVERY` of drag."""
     pairs = [{"between": ["solid", "solid"], "friction": mu, "restitution": 0.6}]
     scene = thirdbody.Scene(**SCENE, pairs=pairs, debris=[{"material": "solid"} | debris])
     with thirdbody.run(scene, out=folder / "run", overwrite=True, threads=1, progress=False) as run:

@@ -80,7 +80,6 @@ class Trial:
         self.check_true(f"{name}: refused ({message})", words in message)
 
     def broken(self) -> tuple[str, ...]:
-        """Return the invariants that do not hold, NaN included, the worst of each name."""
         found = sorted((row for row in self.findings if not row[1] <= row[2]), key=lambda row: row[1])
         return tuple({name: f"{name}: {value:.3g} (at most {limit:.3g})" for name, value, limit in found}.values())
 
@@ -116,7 +115,6 @@ class CaseRun:
             trial.check_true("every step solved", not self.integrator.summary()["unsolved"])
 
     def follow(self, stops: Sequence[float], *observed: Callable[[], Any], kind: str = "distance") -> list[list[Any]]:
-        """Settle, advance from stop to stop ([m] of drag, or [s] after settling); return what is observed there, list by list."""
         start = self.simulation.settle
         self.to(time=start)
         rows = []
@@ -167,7 +165,6 @@ class CaseRun:
         return self.state.slots.histories.slip > 0.0
 
     def memory(self) -> float:
-        """Return the largest entry of the history of open contacts, which must be zero."""
         return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
 
     def shear(self) -> float:
@@ -195,7 +192,6 @@ def every(step: float, count: int) -> list[float]:
 
 
 def clump(balls: Sequence[Sequence[float]], x: float = 0.5 * BOX, y: float = 0.5 * BOX, gap: float = 1e-8) -> Spheres:
-    """Return a clump of spheres (x, y, z, radius) [um], `gap` [m] above the lower plate at x, y [m], up to its centre of mass."""
     shape = [{"center": (MICRON * b[0], MICRON * b[1], MICRON * b[2]), "radius": MICRON * b[3]} for b in balls]
     return builders.clump(shape, x, y, gap)
 
@@ -206,7 +202,6 @@ def drag(speed: float = SPEED, axis: str = "x") -> Motion:
 
 def scene(trial: Trial, debris: Sequence[Any], materials: dict[str, Any], friction: float, *, restitution: float = 1.0,
           size: float = 10.0, upper: UpperPlate | None = None, **tables: Any) -> Scene:  # fmt: skip
-    """Return a scene for the integrator, the level and the time step of a trial; `tables` may replace whole tables."""
     contact = Contact(level=trial.setting.level, debris_contact="auto" if upper is None else "none")
     tables = {"contact": contact, "solver": trial.solver(settle=tables.pop("settle", "auto"))} | tables
     return builders.scene(debris, materials, friction, restitution, size=size, upper=upper, **tables)
@@ -220,7 +215,6 @@ def on_plane(trial: Trial, material: Any, radius: float, velocity: Sequence[floa
 
 def pressed(trial: Trial, debris: Any, friction: float, motion: Motion | None = None, restitution: float = 0.5,
             materials: dict[str, Any] | None = None, plate: dict[str, Any] | None = None, **tables: Any) -> Scene:  # fmt: skip
-    """Return a body under a separate, loaded patch, dragged; `plate` are further keys of the upper plate."""
     known = materials or {"ball": STEEL}
     last = list(known)[-1]
     keys = {"support": "load_per_particle", "load": LOAD, "motion": motion or drag()} | (plate or {})

@@ -1,7 +1,6 @@
 """Outputs as often as steps, and more often: stops are heard there too, no frame is written twice, and `check` prices frames."""
 
 import itertools
-import tempfile
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ import thirdbody
 from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
-from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
 END = 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
@@ -37,7 +35,6 @@ def differences(one, other):
 
 
 def run_in_pieces(wanted, folder, guard):
-    """Stop a run at the so-manieth question, take it up, stop it after three times as many, and so on; returns how often."""
     simulation, kept, pieces = prepare(wanted), None, 0
     while True:
         counter, last = itertools.count(1), guard * 3**pieces
@@ -49,7 +46,7 @@ def run_in_pieces(wanted, folder, guard):
             simulation, kept = prepare_resume(folder)
 
 
-@pytest.mark.parametrize("every, guard", [("4 nm", 6), slow("10 nm", 5), slow("0.3 nm", 30), slow("10 pm", 1000)])
+@pytest.mark.parametrize("every, guard", [("4 nm", 6), slow("0.3 nm", 30), slow("10 pm", 1000)])
 def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, guard):
     wanted = scene(output_every=every, solver_distance="20 nm")
     execute(prepare(wanted), tmp_path / "whole")
@@ -57,14 +54,8 @@ def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, gu
     assert differences(tmp_path / "whole", tmp_path / "cut") == []
 
 
-def test_the_limit_of_wall_time_holds_where_outputs_are_a_few_steps_apart(tmp_path):
-    with pytest.raises(Interrupted, match="limit of wall time"):
-        execute(prepare(scene(output_every="4 nm", solver_settle="10 ns")), tmp_path / "run", times=WallTimes(limit=0.0))
-
-
-@pytest.mark.parametrize("every", ["0.1 nm", slow("150 nm")])
-def test_bodies_that_step_together_hear_a_stop_after_every_step(tmp_path, every):
-    wanted = scene(output_every=every, solver_distance="150 nm" if every == "150 nm" else "1 nm").with_settings(TOGETHER)
+def test_bodies_that_step_together_hear_a_stop_after_every_step(tmp_path):
+    wanted = scene(output_every="0.1 nm", solver_distance="1 nm").with_settings(TOGETHER)
     simulation = prepare(wanted)
     assert simulation.integrator.together
     execute(simulation, tmp_path / "whole")
@@ -82,17 +73,15 @@ def test_calls_of_one_step_come_to_the_same_bits(tmp_path, monkeypatch):
     assert differences(tmp_path / "long", tmp_path / "short") == []
 
 
-@pytest.mark.parametrize("settings", [{"output_every": "0.1 ns"}, slow({"output_every": "10 pm"})], ids=str)
-def test_an_interval_below_a_step_writes_one_frame_after_every_step(tmp_path, settings):
-    simulation = prepare(scene(solver_distance="20 nm", **settings))
+def test_an_interval_below_a_step_writes_one_frame_after_every_step(tmp_path):
+    simulation = prepare(scene(solver_distance="20 nm", output_every="0.1 ns"))
     assert [text for text in simulation.warnings if "output.every" in text and "one frame after every step" in text]
     execute(simulation, tmp_path / "run")
     with thirdbody.open(tmp_path / "run") as run:
         assert np.all(np.diff(run.times) > 0.0)
         steps = run.summary()["steps"]
         assert steps > 100 and run.series["distance"][-1] >= 20e-9 * (1.0 - 1e-6)
-        # of sliding there are frames only in the drag
-        assert run.frames == steps + 1 if "ns" in settings["output_every"] else 20 < run.frames < steps
+        assert run.frames == steps + 1
 
 
 def test_check_prices_frames_as_the_run_has_them(tmp_path):
@@ -109,21 +98,13 @@ def test_check_prices_frames_as_the_run_has_them(tmp_path):
         assert report["disk"] == pytest.approx((tmp_path / "run" / "run.vtkhdf").stat().st_size, rel=0.2)
 
 
-def test_check_says_that_it_could_write_no_frame(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
-    report = thirdbody.check(scene())
-    assert report["estimated_wall_time"] == report["estimated_step_time"] > 0.0
-    assert [text for text in report["warnings"] if text.startswith("the time of frames is not in the estimate")]
-    assert "they take" not in str(report)
-
-
 def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
     """`resume` copies the trajectory, which takes minutes where it has a hundred thousand frames."""
-    wanted, cut = scene(output_every="1 nm", solver_distance="20 nm"), tmp_path / "cut"
+    wanted, cut = scene(output_every="2 nm", solver_distance="20 nm"), tmp_path / "cut"
     execute(prepare(wanted), tmp_path / "whole")
     counter = itertools.count()
     with pytest.raises(Interrupted):
-        execute(prepare(wanted), cut, stop=lambda: next(counter) > 100)
+        execute(prepare(wanted), cut, stop=lambda: next(counter) > 70)
     before = {path.name: path.read_bytes() for path in cut.iterdir()}
     for guard in (1, 8):  # at the first frame that is copied, and among them
         simulation, kept = prepare_resume(cut)
