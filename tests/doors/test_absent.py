@@ -94,18 +94,16 @@ def results(built, folder):
 
 
 def ends(names):
-    """What stands behind the last slash: an array and its offsets have the same name."""
     return {name.split("/")[-1] for name in names}
 
 
-QUICK = ("gravity", "local_damping", "rolling_resistance", "adhesion", "close_spots")
+QUICK = ("gravity", "rolling_resistance", "adhesion", "close_spots")
 SLOW = pytest.mark.full(kind="slow")
 effects = pytest.mark.parametrize("effect", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in EFFECTS])
 
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory):
-    """The scene without effects: as it is built, its modules and tables, and what its run gives."""
     built = build(scene(), engine())
     return built, modules(built), tables(built), *results(built, tmp_path_factory.mktemp("bare") / "run")
 
@@ -145,7 +143,6 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, bare, tmp
 
 
 def test_a_measure_that_is_not_named_never_was():
-    """No module, no column of a contact or a body, no array of a checkpoint; one that is named has them, and the same laws."""
     found = discover()
     bare, never = build(scene(), found), build(scene(), Registry(tuple(replace(p, measures=()) for p in found.plugins)))
     named = build(scene(measures__wear={"plates": "1e-15 m3/J"}), found)
@@ -198,7 +195,6 @@ def test_without_a_labeller_no_body_has_labels(bare, tmp_path):
 
 
 def test_bodies_that_do_not_meet_are_not_searched_for_and_a_load_that_changes_is_no_other_law(bare):
-    """How the load changes is data of the plate: the generated code is that of a constant load, and so are all columns."""
     varied = build(scene(plates__upper__loading={"load": "0.2 mN", "duration": "20 ns"}), engine())
     assert modules(varied) == bare[1] and tables(varied) == bare[2]
     assert modules(build(scene(contact__debris_contact="none"), engine())) == bare[1], "debris meets debris by the same laws"
