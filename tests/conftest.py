@@ -16,6 +16,15 @@ from shared_runs import SHARED
 
 import thirdbody
 
+APPROX = pytest.approx
+
+
+def approx(expected, rel=None, abs=None, nan_ok=False):
+    """`pytest.approx` without its absolute tolerance of 1e-12, which accepts any energy of a particle of micrometres."""
+    return APPROX(expected, rel if rel is not None or abs is not None else 1e-6, 0.0 if abs is None else abs, nan_ok)
+
+
+pytest.approx = approx
 settings.register_profile("any_machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any_machine")
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from each import each
 from hard.free_bodies import turned_pair
+from slow import slow
 from theory import builders as make
 from thirdbody_three_spot import theory
 
@@ -70,7 +71,7 @@ def test_without_friction_a_dragged_ball_stays_where_it_is():
 FEW = [(0.1, 20, "auto"), (1e9, 76, 5e-8)]  # others are those of the case `oblique_impact`
 
 
-@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", "exact"])
+@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", slow("exact")])
 def test_no_level_makes_energy(level):
     for friction, degrees, step in FEW:
         angle, keys = math.radians(degrees), {"friction": friction, "time_step": step}

@@ -81,6 +81,7 @@ def check_residual(run: thirdbody.Run) -> None:
         assert summary["energy_verdict"], f"a residual of {summary['energy_residual']:.2g} without a word"
 
 
+@pytest.mark.full(kind="fuzz")
 def test_a_few_random_scenes_end_well(tmp_path):
     for seed in (1, 24):
         assert run_scene(random_scene(seed), tmp_path / f"{seed}") == "finished", seed

@@ -129,6 +129,7 @@ def test_thirty_signals_are_heard(tmp_path, integrator):
     heard(tmp_path, integrator, 30, EVERY[integrator])
 
 
+@pytest.mark.full(kind="hard")
 @needs_proc
 def test_a_signal_is_heard_where_outputs_are_a_few_steps_apart(tmp_path):
     execute(prepare(thirdbody.Scene.load(SCENE).with_settings(SETTINGS["short"])), tmp_path / "4 nm whole")

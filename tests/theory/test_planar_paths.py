@@ -84,7 +84,7 @@ class Verifier:
 OTHERS = [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 1.0)]
 
 
-@pytest.mark.parametrize(("spots", "mu"), [(UNEVEN, 0.3), *(slow(*case) for case in OTHERS)])
+@pytest.mark.parametrize(("spots", "mu"), [slow(*case) for case in ((UNEVEN, 0.3), *OTHERS)])
 def test_paths_agree_with_memory_diagrams(spots, mu):
     verify = Verifier(spots, mu)
     for k in range(1, PRESSES + 1):

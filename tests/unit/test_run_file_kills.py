@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slow import slow
 from trial_run import HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks
 
 from thirdbody.trajectory import crash_safe_file
@@ -95,19 +96,20 @@ def fault_of(path: Path, message: int, frame: Callable[[int], Frame]) -> str:
     return ""
 
 
-def test_a_kill_at_any_single_write_leaves_the_committed_frames(tmp_path, notes_of):
+@pytest.mark.parametrize(("frames", "apart"), [((2, 21, 256), 499), slow((1, 2, 20, 21, 255, 256), 97)])
+def test_a_kill_at_any_single_write_leaves_the_committed_frames(tmp_path, notes_of, frames, apart):
     """The file as it is after the first n writes: around every header and change of size, now and then between, and torn."""
     notes = notes_of(258, STATIC, make_frame)  # counts and times begin their second chunk at 256, arrays at 21 and later
     edges = {n + k for n, (_, place, data) in enumerate(notes) if data is None or place == 0 for k in (0, 1)}
     torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
     for n, report, cut in states(torn, notes):
         # Before the first frame stands there is none to lose. In between all is as in the first frames.
-        if report not in (1, 2, 20, 21, 255, 256) or not (cut or n in edges or n % 97 == 0):
+        if report not in frames or not (cut or n in edges or n % apart == 0):
             continue
         checked += 1
         if fault := fault_of(torn, report, make_frame):
             faults.append((n, report, cut, fault))
-    assert checked > 60
+    assert checked > 8 * len(frames)
     assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
 
 
@@ -147,6 +149,7 @@ WRITE_FOR_EVER = """
 import sys
 sys.path[:0] = [{tests!r}]
 from thirdbody.trajectory.writer import TrajectoryWriter
+from slow import slow
 from trial_run import HEADER, STATIC, make_frame
 writer = TrajectoryWriter(sys.argv[1], HEADER, STATIC)
 for number in range(100000):
