@@ -5,6 +5,7 @@ The default runs the tests that need minutes in all, `--full` runs every test (`
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -18,13 +19,16 @@ BEFORE = (
     # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
     ("kernels", ["-c", "from thirdbody.engine.precompile import UNITS, warm_up; warm_up(tuple(UNITS))"]),
 )
+QUICK = {"NUMBA_OPT": "1"}
+"""Of LLVM, for the default: the same bits (`bench/reference_runs.py`) from two thirds of the time to compile; --full has level 3."""
+
 TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile"]
 
 
-def before() -> list[str]:
+def before(env: dict[str, str]) -> list[str]:
     """Run what comes before the tests, all at once; returns the names of those that failed."""
     running = [
-        (name, subprocess.Popen([sys.executable, *command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
+        (name, subprocess.Popen([sys.executable, *command], cwd=ROOT, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
         for name, command in BEFORE
     ]
     failed = []
@@ -38,13 +42,14 @@ def before() -> list[str]:
 
 def main() -> int:
     """Run all steps, also after a failure; returns the number that failed."""
-    arguments = sys.argv[1:]
+    arguments, env = sys.argv[1:], QUICK | os.environ
     if "--full" in arguments:
+        env = dict(os.environ)
         arguments.remove("--full")
         arguments += ["-m", ""]  # an empty expression selects all tests
-    failed = before()
+    failed = before(env)
     print("== pytest", flush=True)
-    if subprocess.run([sys.executable, *TESTS, *arguments], cwd=ROOT).returncode:
+    if subprocess.run([sys.executable, *TESTS, *arguments], cwd=ROOT, env=env).returncode:
         failed.append("pytest")
     print(f"== failed: {', '.join(failed)}" if failed else "== all passed")
     return len(failed)
