@@ -20,7 +20,7 @@ BEFORE = (
     ("kernels", ["-c", "from thirdbody.engine.precompile import UNITS, warm_up; warm_up(tuple(UNITS))"]),
 )
 QUICK = {"NUMBA_OPT": "1"}
-"""Of LLVM, for the default: the same bits (`bench/reference_runs.py`) from two thirds of the time to compile; --full has level 3."""
+"""LLVM's level for the default: the same bits (`bench/reference_runs.py`), compiled in two thirds of the time; --full has 3."""
 
 TESTS = ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile"]
 

@@ -239,7 +239,8 @@ def faults_of(worker, folder, target, command):
     return code, [f"{command}: {line}" for line in wrong]
 
 
-@pytest.mark.parametrize("count", [FEW_RUNS, pytest.param(MANY_RUNS, marks=pytest.mark.full(kind="fuzz"))])
+@pytest.mark.full(kind="fuzz")
+@pytest.mark.parametrize("count", [FEW_RUNS, MANY_RUNS])
 def test_spoilt_runs_are_reported(commands, sound, tmp_path, count):
     report, bugs = Counter(), []
     for number in range(count):

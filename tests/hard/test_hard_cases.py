@@ -11,6 +11,7 @@ LONG = {
     "tiny_lump_rolls explicit", "tiny_lump_rolls implicit", "both_plates_pull explicit", "both_plates_pull implicit",
     "step_of_a_file explicit", "stiff_ratio explicit", "light_on_heavy explicit", "turning_pair explicit",
     "sharp_valleys explicit", "rides_onto explicit", "chain_of_ten explicit", "meets_again explicit", "crowded_spots explicit",
+    "relaxed_start explicit", "bounces_until_it_sticks explicit", "lost_contact explicit",
 }  # fmt: skip
 HARD = pytest.mark.full(kind="hard")
 QUICK = {

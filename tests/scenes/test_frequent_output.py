@@ -54,6 +54,7 @@ def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, gu
     assert differences(tmp_path / "whole", tmp_path / "cut") == []
 
 
+@pytest.mark.full(kind="slow")
 def test_bodies_that_step_together_hear_a_stop_after_every_step(tmp_path):
     wanted = scene(output_every="0.1 nm", solver_distance="1 nm").with_settings(TOGETHER)
     simulation = prepare(wanted)
@@ -98,6 +99,7 @@ def test_check_prices_frames_as_the_run_has_them(tmp_path):
         assert report["disk"] == pytest.approx((tmp_path / "run" / "run.vtkhdf").stat().st_size, rel=0.2)
 
 
+@pytest.mark.full(kind="slow")
 def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
     """`resume` copies the trajectory, which takes minutes where it has a hundred thousand frames."""
     wanted, cut = scene(output_every="2 nm", solver_distance="20 nm"), tmp_path / "cut"

@@ -173,6 +173,7 @@ assert len(contents[0]) > 1000 and len(set(contents)) == 1, "threads differ"
 """
 
 
+@pytest.mark.full(kind="slow")
 def test_first_runs_in_threads_of_one_process_give_the_same_bits(tmp_path):
     process = subprocess.run([sys.executable, "-c", FIRST_RUNS, FLAKES, tmp_path], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr

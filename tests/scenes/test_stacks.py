@@ -232,7 +232,7 @@ MORE = {"order-ball": ORDER, "order-trestles": ORDER, "mirror-hugged": MIRROR, "
         "unit-trestles": UNIT}  # fmt: skip
 
 
-@pytest.mark.parametrize("case", [*VIEWS, *map(slow, MORE)])
+@pytest.mark.parametrize("case", [*map(slow, [*VIEWS, *MORE])])
 def test_labels_do_not_depend_on_how_it_is_reported(case, seen, tmp_path):
     """Every frame from the end of settling; in the first one bodies touch to rounding, and `free` is as right as `sticking`."""
     name = case.partition("-")[2]

@@ -86,6 +86,7 @@ def bounced(request, tmp_path_factory):
         yield run
 
 
+@pytest.mark.full(kind="slow")
 def test_a_contact_without_force_is_no_loaded_spot(bounced):
     """While the ball leaves, its dashpot cancels the elastic force although the surfaces still overlap: rule 1, `free`."""
     force = [bounced.contacts(frame)["normal_force"] for frame in range(len(bounced.times))]

@@ -47,6 +47,7 @@ def test_frames_are_named_as_python_slices():
             frame_numbers(text, 7)
 
 
+@pytest.mark.full(kind="slow")
 def test_an_mp4_and_a_gif_keep_count_order_size_and_rate_and_pyav_may_be_missing(monkeypatch):
     av = pytest.importorskip("av")
     content = mp4(flat_pictures(5), 10)

@@ -84,6 +84,7 @@ def recalled(numbers):
     return found
 
 
+@pytest.mark.full(kind="slow")
 def test_three_numbers_in_one_come_back_to_a_part_in_65536_of_the_largest():
     # from 1e-150 to 1e150, most of them of unlike size
     rng = np.random.default_rng(5)

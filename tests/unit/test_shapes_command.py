@@ -109,6 +109,7 @@ def test_a_folder_of_meshes_is_reported_mesh_by_mesh(call, scene, tmp_path, rock
     assert code == 3 and "no mesh file" in err
 
 
+@pytest.mark.full(kind="slow")
 def test_tables_and_a_picture_of_the_bodies_are_made(call, scene, tmp_path):
     code, out, err = call(scene, "--set", "debris.0.count=3", "-o", "shapes.png")
     assert code == 0 and not err and out.rstrip().endswith("shapes.png")
