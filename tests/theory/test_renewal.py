@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from each import each
+from theory.plain import plain
 from theory.spots import Spot
 from thirdbody_three_spot import exact, mdr, theory
 
@@ -13,7 +14,7 @@ from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
-from thirdbody.laws.patch_renewal import RENEWAL
+from thirdbody.laws.patch_renewal import RENEWAL, moved_ground
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
@@ -170,6 +171,22 @@ def test_the_rate_is_a_word_or_a_number():
     assert COULOMB.sized({"renewal": 0.5}) is COULOMB_ROLLING
     for options in ({}, {"renewal": 0.0}, {"renewal": "kalker", "memory": "rescaled"}):
         assert MINDLIN.sized(options) is MINDLIN and COULOMB.sized(options) is COULOMB
+
+
+def test_ground_is_fresh_after_the_diameter_of_the_patch_and_never_where_it_shrinks():
+    ground, step = plain(moved_ground)(0.0, 0.0, A, 0.0, 0.0, 0.0), plain(moved_ground)
+    for _ in range(50):
+        ground = step(0.1 * A, 0.0, A, *ground[1:])
+    assert ground.path == pytest.approx(0.1 * A)
+    paths = []
+    for _ in range(30):
+        ground = step(-0.1 * A, 0.0, A, *ground[1:])
+        paths.append(ground.path)
+    assert sum(paths) == pytest.approx(1.0 * A)
+    assert paths[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
+    ground = step(0.0, 0.0, 0.5 * A, *step(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)[1:])
+    assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
+    assert step(0.0, 0.0, A, *ground[1:]).path == 0.0
 
 
 def test_heat_takes_the_work_of_steady_rolling():
