@@ -1,4 +1,4 @@
-"""The hard cases, each once per integrator at one level, in full with `-m hard`; their table: `tests/bench/hard_cases.py`."""
+"""The hard cases, each once per integrator at one level, in full with `-m full`; their table: `tests/bench/hard_cases.py`."""
 
 import math
 
