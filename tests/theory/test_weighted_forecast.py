@@ -104,6 +104,11 @@ def test_a_negligible_weight_leaves_the_closed_form_of_no_weight():
     upper, lower = [(1.2, 0.4)], [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)]
     requested = [label(upper, lower, (1.0, -1.0), (0, 0, -w, 0, 0, 0), (0.5, 0.5), (-3.0, 1.0)) for w in (0.0, 1e-5, 1e-3, 2e-3)]
     assert requested[0] == requested[1]
+    # both sides must hold: a body sticks where the smaller friction is enough
+    for weaker, sticks in ((0.99, 0), (1.01, 1)):
+        for factors in ((weaker, 1.5), (1.5, weaker)):
+            mu = requested[0]["mu_required"] * np.array(factors)
+            assert int(label(upper, lower, (1.0, -1.0), (0.0,) * 6, mu, (-3.0, 1.0))["forecast"]) & 1 == sticks
     # beyond that programmes take over, and the ends move with the weight: by w times a length of the body over its height
     slopes = [(found["t_max"] - requested[0]["t_max"]) / w for found, w in zip(requested[2:], (1e-3, 2e-3), strict=True)]
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-2) and 0.1 < abs(slopes[0]) < 2.0

@@ -102,6 +102,7 @@ def test_few_frames_or_cycles_are_no_verdict():
     assert str(friction(0.0 * u, np.full(5, np.nan))) == "no sliding"
     assert str(friction(u, np.full(5, np.nan))) == "unloaded"
     two, one, none = (friction(*square_loop(cycles)) for cycles in (2.0, 1.0, 0.75))
+    assert two.value == pytest.approx(0.2)  # the last cycle's, not the mean of both
     assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
     assert one.value == pytest.approx(0.1) and one.stationary is None
     assert math.isnan(none.value) and none.verdict == "no whole cycle yet"

@@ -111,6 +111,12 @@ def test_contacts_are_those_of_the_bodies_in_the_file(runs):
     parts = mine["normal_force"][:, None] * mine["normal"] + mine["tangential_force"]
     assert np.any(mine["tangential_force"][from_partner] != 0.0)
     assert mine["force"] == pytest.approx(parts, rel=1e-12, abs=1e-12 * np.abs(parts).max())  # rounding of a sum
+    bodies = whole.bodies(-1)
+    for name in ("utilisation", "peak_pressure"):  # of a body: the largest of its contacts, from either side
+        largest = np.zeros(len(bodies["id"]))
+        for ends in (every["body"], every["partner"]):
+            np.maximum.at(largest, rows_of(bodies, ends[ends >= 0]), every[name][ends >= 0])
+        assert np.array_equal(bodies[name], largest), name
 
 
 def test_what_reads_a_run_reads_a_sampled_one(runs, tmp_path, command):

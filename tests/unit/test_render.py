@@ -14,7 +14,7 @@ from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.quantity import with_unit
 from thirdbody.render import render as render_module
-from thirdbody.render.coloring import LegendScale, compute_coloring
+from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
 from thirdbody.render.force_tubes import TUBE
 from thirdbody.render.picture_data import close_up_window, read_picture_data
 from thirdbody.render.render import render
@@ -156,6 +156,8 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
         lengths = np.linalg.norm(run.bodies(0)["velocity"], axis=1)
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
+    ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
+    assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()
     # A body takes the larger of its two contacts; the scale holds for the tubes of both.
     assert utilisation.legend.limits == (0.75, 0.75)
     # categories with those that occur
