@@ -119,10 +119,11 @@ def test_a_spoilt_file_gives_one_clear_message(tmp_path):
 
 def test_bodies_between_rough_plates_are_not_pushed_apart():
     waves = '{rms = "0.1 um", hurst = 0.8, long = "20 um", short = "5 um", seed = 1}'
-    text = edited(BALLS, (LOWER, f"{LOWER}\nsurface = {waves}"))
-    Scene.parse(text)
-    with pytest.raises(InputError, match="solver.initial_overlap: 'relax' pushes bodies apart between flat plates only"):
-        Scene.parse(text.replace("[solver]", '[solver]\ninitial_overlap = "relax"'))
+    for plate in (LOWER, LOWER.replace("lower", "upper")):
+        text = edited(BALLS, (plate, f"{plate}\nsurface = {waves}"))
+        Scene.parse(text)
+        with pytest.raises(InputError, match="solver.initial_overlap: 'relax' pushes bodies apart between flat plates only"):
+            Scene.parse(text.replace("[solver]", '[solver]\ninitial_overlap = "relax"'))
 
 
 def test_all_faults_of_one_file_come_at_once(tmp_path):

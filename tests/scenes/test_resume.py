@@ -183,6 +183,8 @@ def copy(stopped, tmp_path):
 def test_a_changed_scene_is_refused_with_the_difference(copy):
     with pytest.raises(InputError, match=r"pairs\[0\].friction: was 0.3, is 0.4"):
         prepare_resume(copy, {"pairs.0.friction": "0.4"})
+    with pytest.raises(InputError, match="output.every: was"):
+        prepare_resume(copy, {"output.every": "0.03 um"})
     text = (copy / "scene.toml").read_text()
     (copy / "scene.toml").write_text(text.replace('level = "mindlin"', 'level = "mdr"'))
     with pytest.raises(InputError, match="contact.level: was mindlin, is mdr"):

@@ -14,6 +14,7 @@ import thirdbody
 from thirdbody.errors import InputError, Interrupted, OutputError, UsageError
 from thirdbody.studies.sweep import plan as plans
 from thirdbody.studies.sweep import point as point_files
+from thirdbody.studies.sweep.code_version import point_name
 from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.local_workers import LocalWorkers
 from thirdbody.studies.sweep.plan import make_plan
@@ -199,6 +200,12 @@ def test_a_full_disk_ends_the_sweep_with_one_message(tmp_path, monkeypatch):
 def test_another_version_of_the_source_computes_its_own_points(tmp_path, monkeypatch):
     names = [point.folder for point in plan_in(tmp_path).points]
     assert names == [point.folder for point in plan_in(tmp_path).points] and len(set(names)) == 4
+    # so does another content of a file that the scene names
+    scene, contents = thirdbody.Scene.parse(BALLS, "scene.toml", tmp_path), set()
+    for key, load in (("table", 1), ("table", 2), ("file", 3)):
+        (tmp_path / "load.csv").write_text(f"time [us],load [mN]\n1,{load}\n")
+        contents.add(point_name("", {"plates": [{key: "load.csv"}]}, scene, ""))
+    assert len(contents) == 3
     monkeypatch.setattr(plans, "code_version", lambda files: "another")
     assert not set(names) & {point.folder for point in plan_in(tmp_path).points}
 
@@ -216,4 +223,12 @@ def test_the_command_prints_the_table_and_its_dry_run_writes_nothing(command, tm
     report = command("sweep", "out", "--resume")
     assert report.code == 0 and report.out == "2 of 2 points done: out/points.csv\n"
     assert command("plot", "out", "-o", "curve.svg").code == 0 and (tmp_path / "curve.svg").stat().st_size > 5000
-    assert "measured" in command("sweep", "out", "--dry-run", "--json").out
+    costs = []
+    for values in ("0.1,0.2", "0.1,0.2,0.3", "0.1,0.2,0.3,0.4"):
+        costs.append(
+            json.loads(command("sweep", "balls.toml", "--vary", f"{MU}={values}", "-o", "out", "--dry-run", "--json").out)
+        )
+    assert [cost["measured"] for cost in costs] == [cost["done"] for cost in costs] == [2, 2, 2]
+    none, one, two = (cost["core_seconds"] for cost in costs)  # of those that are missing
+    assert none == 0.0 < one and two == pytest.approx(2.0 * one)
+    assert command("sweep", "out", "--retry", "failed").code == 0  # goes on, as with --resume

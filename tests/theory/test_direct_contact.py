@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from thirdbody.assembly.direct_contact import persson_parameters
+from thirdbody.assembly.direct_contact import GAMMA, persson_parameters
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import run_totals
@@ -113,6 +114,12 @@ def test_parameters_of_a_self_affine_surface():
     assert persson_parameters([3.0 * z], size) == pytest.approx((3.0 * beta, 3.0 * length), rel=1e-12)
     assert persson_parameters([z], (2.0 * size[0], 2.0 * size[1])) == pytest.approx((0.5 * beta, length), rel=1e-12)
     assert persson_parameters([z, z], size) == pytest.approx((math.sqrt(2.0) * beta, math.sqrt(2.0) * length), rel=1e-12)
+    # of one wave with the amplitude A, w = sqrt(8)/(A q), and the last term as in the formula
+    z = np.tile(1e-8 * np.cos(2.0 * np.pi * 4.0 * np.arange(64) / 64), (64, 1))
+    term = quad(lambda x: math.erf(x) ** 2 * math.exp(-x * x) / x, 0.0, 10.0)[0]
+    ln_ratio = -np.euler_gamma / 2.0 + 3.0 * (1.0 - GAMMA) / GAMMA * term
+    wave = 1e-8 * 2.0 * np.pi * 4.0 / size[0] / math.sqrt(8.0)
+    assert persson_parameters([z], size)[0] == pytest.approx(wave * math.exp(ln_ratio), rel=1e-6)
     with pytest.raises(ValueError, match="flat"):
         persson_parameters([np.zeros((4, 4))], size)
 

@@ -50,7 +50,6 @@ def test_cheap_variants_are_repeated_more_often_and_a_copy_is_as_large_as_the_bu
     assert fitting(variants, EXPLICIT, costs, 3, 0.0) == pytest.approx(0.01, rel=0.03)  # and not for ever
 
 
-@pytest.mark.full(kind="slow")
 def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     """So what contact between bodies costs and changes is measured: by variants from displaced starts, and without it."""
     text = SCENE.replace("count = 2", "count = 200").replace('radius = "5 um"', 'radius = "5 um"\nplacement = "layer"')

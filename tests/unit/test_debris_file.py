@@ -105,6 +105,15 @@ def test_a_quaternion_turns_the_body_about_its_centre_of_mass(placed):
     assert np.diff(y[body == 1], axis=0)[0] == pytest.approx([-2e-6, 6e-6, 0.0], abs=1e-18)
 
 
+def test_an_orientation_turns_a_shape_about_its_centre_of_mass():
+    shape = '[{radius = "5 um"}, {center = ["4 um", "3 um", "0 m"], radius = "3 um"}]'  # oblique principal axes
+    text = f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nshape = {shape}\npositions = [["9 um", "9 um", "9 um"]]\n'
+    q = turn((1, 2, 3), 0.4)
+    scenes = [Scene.parse(scene_text(text + more, '["50 um", "50 um"]')) for more in ("", f"orientation = {[*map(float, q)]}\n")]
+    plain, turned = (np.diff(sphere_centres(populate(scene, []))[0], axis=0)[0] for scene in scenes)
+    assert plain == pytest.approx([4e-6, 3e-6, 0.0], abs=1e-18) and turned == pytest.approx(matrix_from_quaternion(q) @ plain)
+
+
 def test_csv_and_npz_say_the_same(placed):
     extra = {1: "1,0,0,0,1,2,3,-1,0,5", 3: "0.6,0,0.8,0,4,5,6,7,8,9", 9: "0,1,0,0,0,0,0,0,0,2"}
     head = PLAIN.splitlines()[0] + ",qw,qx,qy,qz,vx [mm/s],vy [mm/s],vz [mm/s],wx [1/s],wy [rad/s],wz [1/s]\n"

@@ -91,6 +91,8 @@ def test_csv_of_one_frame_also_without_contacts(path, tmp_path):
     assert [row["frame"] for row in rows_of(tmp_path / "csv" / "bodies.csv")] == ["2"] * 3
     assert (tmp_path / "csv" / "contacts.csv").read_text().startswith("frame,time [s],side,side_name,position_x [m]")
     assert rows_of(tmp_path / "csv" / "contacts.csv") == []
+    export(path, csv=tmp_path / "first", frame=0)
+    assert {row["frame"] for row in rows_of(tmp_path / "first" / "bodies.csv")} == {"0"}
     assert len(rows_of(tmp_path / "csv" / "series.csv")) == 4
 
 

@@ -86,6 +86,7 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path):
     film = render(layer, tmp_path / "a.gif", **options, progress=lambda done, total: told.append((done, total)))
     assert told == [(1, 3), (2, 3), (3, 3)]  # each picture when it is drawn
     image = pytest.importorskip("PIL.Image")
+    assert image.open(film).info["duration"] == 200  # ms, of five pictures a second
     pictures = gif_pictures(image.open(film))
     assert len(pictures) == 3 and pictures[0].shape == (270, 480, 3)
     for state in ("sticking", "sliding", "rolling"):

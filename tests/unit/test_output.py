@@ -111,7 +111,9 @@ def test_contacts_are_those_of_the_bodies_in_the_file(runs):
     parts = mine["normal_force"][:, None] * mine["normal"] + mine["tangential_force"]
     assert np.any(mine["tangential_force"][from_partner] != 0.0)
     assert mine["force"] == pytest.approx(parts, rel=1e-12, abs=1e-12 * np.abs(parts).max())  # rounding of a sum
-    bodies = whole.bodies(-1)
+    bodies, steel = whole.bodies(-1), (2.0 - 0.3) / (2.0 * (1.0 - 0.3))  # E*/G* of like materials
+    friction = np.where(every["partner"] >= 0, 0.3, 0.8)
+    assert every["critical_slip"] == pytest.approx(friction * steel * every["overlap"], rel=1e-12)
     for name in ("utilisation", "peak_pressure"):  # of a body: the largest of its contacts, from either side
         largest = np.zeros(len(bodies["id"]))
         for ends in (every["body"], every["partner"]):

@@ -70,6 +70,12 @@ def test_layer_keeps_clear(bodies, periodic):
     # the clearance promised, to rounding
     assert (gaps(S, ids, size, periodic) / (S[:, None, 3] + S[:, 3])).min() >= 1e-3 * (1.0 - 1e-9)
     if not periodic:
+        # lopsided ones that hardly fit
+        lopsided = clump([[4.5e-6, 0.0, 0.0], [0.0, 0.0, 0.0]], [1e-6, 4e-6])
+        for seed in range(10):
+            place = place_layer([lopsided], UPRIGHT[None], (12e-6, 12e-6), False, np.random.default_rng(seed))
+            spheres, _ = world([lopsided], UPRIGHT[None], place)
+            assert (spheres[:, :2] > spheres[:, 3:]).all() and (spheres[:, :2] + spheres[:, 3:] < 12e-6).all()
         assert (S[:, :2] - S[:, 3:] > 0.0).all() and (S[:, :2] + S[:, 3:] < size).all()
     assert overlaps(S[:, :3], S[:, 3], ids, size, periodic) == []
     same, other = (place_layer(*bodies, size, periodic, np.random.default_rng(seed)) for seed in (3, 2))

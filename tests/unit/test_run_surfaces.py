@@ -17,6 +17,7 @@ from portable import PATIENCE
 
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS
+from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
 from thirdbody.render.surface_mesh import SHADE, skirt, window_mesh
@@ -183,6 +184,11 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
     assert np.array_equal(colors, picture.colors)
     for words, tone in picture.legend.entries:
         assert f'<i style="background:{tone}"></i>{html.escape(words)}' in text
+    # marks of a scale stand at their values
+    scale = replace(picture, legend=Legend("speed", limits=(2e-3, 6e-3), unit="m/s"))
+    text = write_page(scale, tmp_path / "b.html").read_text(encoding="utf-8")
+    marks = np.array(re.findall(r'left:([\d.]+)%">([\d.]+)<', text), float)
+    assert len(marks) > 2 and marks[:, 0] == pytest.approx((marks[:, 1] - 2.0) / 4.0 * 100.0) and "speed, mm/s" in text
     # Nothing is fetched: the page opens from a disk without network.
     assert not re.search(r"https?://|src=|@import|<link", text)
     assert "@" not in re.sub(r"@media", "", text.split("<script>")[0])  # no mark of the template is left

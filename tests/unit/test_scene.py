@@ -2,6 +2,7 @@
 
 import copy
 import tomllib
+from itertools import permutations
 from pathlib import Path
 
 import jsonschema
@@ -123,6 +124,18 @@ def test_settings_replace_values_and_their_alternatives():
     assert scene.domain.size == (600e-6, 1e-3)
     assert scene.contact.options == {"springs": 64}
     assert str(scene.fault(("contact", "springs"), "too many")) == "with_settings: contact.springs: too many"
+    # a key takes the place of those that exclude it
+    for table, *rivals in (
+        ("plates.upper", ("load", "1 mN"), ("pressure", "1 kPa"), ("gap", "9 um")),
+        ("solver", ("distance", "1 um"), ("duration", "1 s")),
+        ("materials.steel", ("youngs_modulus", "200 GPa"), ("shear_modulus", "80 GPa")),
+    ):
+        for (one, value), (other, instead) in permutations(rivals, 2):
+            before = Scene.parse(GOOD).with_settings({"plates.upper.support": "rigid", f"{table}.{one}": value})
+            now = before.with_settings({f"{table}.{other}": instead}).document()
+            for part in table.split("."):
+                now = now[part]
+            assert other in now and one not in now
     assert str(scene.fault(("contact", "law"), "odd")) == "x.toml:30:1: contact.law: odd"
 
 

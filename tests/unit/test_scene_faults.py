@@ -97,6 +97,7 @@ ONE_FAULT = [
     ('load = "0.1 mN"', 'load = "0.1 mN"\ngap = "5 um"',
      "28:1: plates.upper.gap: give only one of load, pressure, gap: load is given too"),
     ('load = "0.1 mN"', 'gap = "5 um"', "27:1: plates.upper.gap: support = 'load_per_particle' takes a load, not a gap"),
+    ('load = "0.1 mN"', 'load = "0.1 mN"\npreload = "1 uN"', "28:1: plates.upper.preload: belongs to support = 'foundation'"),
     ('distance = "20 um"', 'distance = "20 um"\nduration = "1 s"',
      "40:1: solver.duration: give only one of distance, duration: distance is given too"),
     ('[plates.lower]\nmaterial = "steel"\n', "", "22:1: plates.upper: an upper plate needs a lower one: add [plates.lower]"),
@@ -140,6 +141,12 @@ def test_all_faults_are_reported_at_once_in_the_order_of_the_file():
         "debris[0].size.median",
         "effects.gravity[0]",
     ]
+    # what drives planar spots out of their plane
+    spots = Scene.load(Path(__file__).parents[2] / "scenes" / "three_spot.toml")
+    across = {"effects.gravity": ["0 m/s2", "-9.81 m/s2", "0 m/s2"], "plates.upper.motion.y": {"velocity": "1 m/s"}}
+    with pytest.raises(InputError) as caught:
+        spots.with_settings(across)
+    assert {fault.key for fault in caught.value.faults} == {"effects.gravity[1]", "plates.upper.motion.y"}
     # no debris and an empty file
     for text in ("debris = []", ""):
         found = faults_of(text + "\n" + BEFORE_DEBRIS + AFTER_DEBRIS)
@@ -150,6 +157,15 @@ def test_all_faults_are_reported_at_once_in_the_order_of_the_file():
 
 def balls(lines: str) -> str:
     return f'{BEFORE_DEBRIS}[[debris]]\nkind = "spheres"\nmaterial = "steel"\n{lines}\n{AFTER_DEBRIS}'
+
+
+def test_every_two_tables_whose_bodies_can_meet_need_a_pair():
+    debris = '[[debris]]\nkind = "spheres"\nradius = "5 um"\ncount = 1\nmaterial = '
+    more = '[materials.{}]\nyoungs_modulus = "1 GPa"\npoisson_ratio = 0.3\ndensity = "8000 kg/m3"\n'
+    tables = "".join(f'{debris}"{name}"\n' for name in ("brass", "steel", "iron"))
+    found = faults_of(BEFORE_DEBRIS + more.format("brass") + more.format("iron") + tables + AFTER_DEBRIS)
+    first, last, both = "debris[0] and plates.lower", "debris[2] and plates.lower", "debris[0] and debris[2]"
+    assert sorted(fault.split("(")[1].split(")")[0] for fault in found) == sorted((first, last, both))
 
 
 def test_spheres_at_positions_and_of_one_shape_in_a_layer():

@@ -182,6 +182,15 @@ def test_no_pair_that_met_is_missed(state):
         assert number > 20
 
 
+def test_a_straight_path_over_a_ball_meets_it(state):
+    starts = state.S[:, :3].copy()
+    starts[0, 2] += 9e-6
+    steps = np.zeros((MOVES, len(starts), 3))
+    steps[:, 0, 0] = 24e-6 / MOVES
+    paths, places = walk(state, starts, steps)
+    assert {(0, 1), (0, 2)} == met(places) <= found(state, starts, paths)
+
+
 def test_a_ball_that_chatters_meets_only_what_it_can_reach(state):
     """It goes to and fro by 0.5 um, and 100 um in all; its neighbours are 2 um from it, and one 0.4 um."""
     starts = state.S[:, :3].copy()

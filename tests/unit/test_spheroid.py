@@ -57,6 +57,7 @@ def test_moments_of_bodies_converge_with_the_square_of_the_number(r):
 
 def test_principal_axes_and_the_surface_are_those_of_the_spheroid():
     for form in ("prolate", "oblate"):
+        assert number_of_spheres(form, 0.6, 37) == 37
         body = clump(*layout(form, 0.6, number_of_spheres(form, 0.6, 40))[:2])
         first, second, third = body.inertia
         # rounding of the exact moments of the union, stated as `error`

@@ -193,6 +193,10 @@ def test_missing_points_are_filled_or_refused():
     assert "had no height and were filled" in notes[0]
     with pytest.raises(InputError, match="of the points have no height; at most 0.5"):
         periodic_scan(part, (100e-6, 100e-6), ScanOptions(short=4e-6, missing=0.005))
+    holes[:90, :90] = whole.heights[:90, :90]  # of a part without holes none are missing
+    options = ScanOptions(short=4e-6, missing=0.0, crop=((0.0, 40e-6), (0.0, 40e-6)))
+    notes = periodic_scan(HeightMap(holes, whole.spacing, ""), (40e-6, 40e-6), options).notes
+    assert not any("no height" in note for note in notes)
     # levelling takes away what it says
     y, x = np.mgrid[0:30, 0:40] * 1e-6
     plane, curved = 2e-6 + 0.3 * x - 0.1 * y, 100.0 * x**2 - 50.0 * x * y
@@ -227,11 +231,14 @@ def test_all_faults_of_both_plates_come_at_once(tmp_path):
     keys = {fault.key for fault in faults_of({"rms": -1e-7, "long": 9e-6, "shrt": 4e-6}, upper).faults}
     assert keys == {"plates.lower.surface.rms", "plates.lower.surface.shrt", "plates.upper.surface.wave[1].wavelength"}
     # a scene with surfaces is saved and read again
-    groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(45), "wavelength": 20e-6}
+    groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(30), "wavelength": 20e-6}
     wave = [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]
     given = scene({"wave": wave}, {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}})
     given.save(tmp_path / "scene.toml")
     assert Scene.load(tmp_path / "scene.toml") == given
+    assert given.plates.lower.surface.wave[0].corner() == pytest.approx(
+        0.2e-6 * math.sqrt(3.0), rel=1e-12
+    )  # by default a fifth of the flank
 
 
 def test_a_scan_that_changed_stops_a_resumed_run():

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from steel import scene_text
+from theory.plain import plain
 
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import run_totals
-from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
+from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check
@@ -55,6 +56,9 @@ def test_schedules_are_those_of_the_closed_forms():
     sine = moved('{stroke = "2 um", frequency = "1 MHz"}')
     triangle = moved('{stroke = "2 um", frequency = "1 MHz", shape = "triangle"}')
     for made in (sine, triangle):
+        table, first = made.tables()
+        corners = [plain(next_corner)(table, first, 0, t) for t in (0.0, 0.4e-6, 0.6e-6)]
+        assert corners == pytest.approx([0.5e-6, 0.5e-6, 1e-6], rel=1e-12)
         assert made.displacement_at(0.0)[0] == 0.0
         assert made.displacement_at(0.5e-6)[0] == pytest.approx(2e-6, rel=1e-12)
         assert made.displacement_at(1e-6)[0] == pytest.approx(0.0, abs=1e-18)
@@ -163,6 +167,7 @@ def test_a_stiff_foundation_is_a_rigid_plate():
     assert rigid == pytest.approx([0.0, 0.0, 10e-6], rel=1e-3)
     assert stiff == pytest.approx(rigid, rel=0.01, abs=1e-9)
     assert built.state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(10e-6, rel=0.01)
+    assert built.upper.plate.mass == pytest.approx(built.state.bodies.mass.sum(), rel=1e-12)  # where the scene gives none
     assert built.upper.loaded == 1 and built.state.A[run_totals.PLATE_WORK] > 0.0
     assert not any("rests on about 1 of 3" in warning for warning in built.warnings)  # three bodies are no larger layer
 
