@@ -1,7 +1,6 @@
 """What does slow sliding cost? Our explicit and implicit engines and the fastest C++ peer, side by side.
 
     python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
-    python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
     python tests/bench/slow_sliding.py --layers [--json FILE] [--bodies N] [--seeds N] [--quick]
 
 How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
@@ -14,9 +13,6 @@ smallest, over the median) and the peer's time over ours.
 - peer: not run here. Its measured cost per sphere and step (`PEER` says what differs) times spheres per particle times steps:
   with the time step that it is usually given, a fraction of the Rayleigh time of the smallest sphere, and with that of our
   explicit engine. A figure of your machine is given by --peer-name, --peer-ns and --peer-fraction.
-
-With --scale: ensembles of 1e3, 1e4 and 1e5 particles slide 30 um at 1 mm/s on all cores, a process each. Told are the seconds per
-particle (wall time), where the time goes outside the stepping, peak memory and bytes per particle.
 
 With --layers: the bodies meet, and cover 0.05 to 0.5 of the lower plate, seen from above; 1 mm/s, one thread. Told are the
 processor seconds per particle and um by the implicit engine, from the first 2 um, and by the explicit one, extrapolated: median,
@@ -37,18 +33,16 @@ from ensemble import EXPLICIT, PATH, Case, scene_of, time_explicit, time_implici
 from machine import head, machine, screen
 from rich.console import Console
 from rich.table import Table
-from scale import in_process_of_its_own
 
 from thirdbody.engine.rayleigh_time import rayleigh_time
 from thirdbody.runner.simulate import prepare
 
 SPEEDS = [1.0, 10e-3, 1e-3]
 LEVELS = ["mindlin", "mdr"]
-SIZES, SCALE_PATH, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
 FRACTIONS, LAYER_PATH, LAYER_EVERY = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5], 2e-6, 0.5e-6
 QUICK_FRACTIONS = [0.05, 0.3]
 LAYER_UM = 1e-6 / PATH  # what was counted per PATH, per um
-QUICK_SIZES, QUICK_PATH = [100, 1_000], 1e-6
+QUICK_PATH = 1e-6
 
 PEER, PEER_NS, PEER_FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18
 """The fastest peer. The next one, LAMMPS (22 Jul 2025, pair style granular), took 83 ns on that scene and machine, YADE 2023.02a
@@ -69,8 +63,7 @@ def main() -> None:
     requested = arguments()
     console = screen()
     report: dict[str, Any] = {"machine": head(console)}
-    part = part_scale if requested.scale else part_layers if requested.layers else part_speeds
-    report |= part(requested, console)
+    report |= (part_layers if requested.layers else part_speeds)(requested, console)
     report["load_at_end"] = machine()["load"]
     if requested.json:
         Path(requested.json).write_text(json.dumps(report, indent=1), encoding="utf-8")
@@ -88,16 +81,12 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--peer-fraction", type=float, default=PEER_FRACTION, help="time step in Rayleigh times (default %(default)s)"
     )
-    parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
-    parser.add_argument("--layers", action="store_true", help="the third part: layers whose bodies meet, by area fraction")
+    parser.add_argument("--layers", action="store_true", help="the second part: layers whose bodies meet, by area fraction")
     parser.add_argument("--seeds", type=int, default=3, help="layers of each area fraction (default %(default)s)")
-    parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
-    parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
     requested = parser.parse_args()
     if requested.quick:
         requested.bodies, requested.repeats, requested.patience = min(requested.bodies, 60), min(requested.repeats, 2), 0.5
         requested.seeds = min(requested.seeds, 2)
-    requested.sizes = requested.sizes or (QUICK_SIZES if requested.quick else SIZES)
     return requested
 
 
@@ -184,42 +173,6 @@ def print_implicit(rows: Rows, console: Console) -> None:
         table.add_row(row["engine"], _speed(row["speed"]), f"{row['steps_per_particle']:.0f}", steps,
                       f"{1e6 * row['seconds_per_step']:.1f}", str(row["unsolved"]), f"{row['settle_s']:.2g} s",
                       f"{row['busy']['median']:.0%}")  # fmt: skip
-    console.print(table)
-
-
-def part_scale(requested: argparse.Namespace, console: Console) -> dict[str, Any]:
-    path, every = (QUICK_PATH, QUICK_PATH) if requested.quick else (SCALE_PATH, SCALE_EVERY)
-    rows = []
-    for bodies in requested.sizes:
-        for level in LEVELS:
-            rows.append(in_process_of_its_own(Case("implicit", level, SPEEDS[-1], bodies, path, every), requested.threads))
-            stopped = f"; {rows[-1]['stopped']}" if rows[-1]["stopped"] else ""
-            console.print(f"{rows[-1]['engine']}, {bodies} particles: slid in {rows[-1]['seconds']['slide']:.3g} s{stopped}")
-    print_scale(rows, path, console)
-    print_memory(rows, console)
-    return {"way": path, "rows": rows}
-
-
-def print_scale(rows: Rows, path: float, console: Console) -> None:
-    parts = ["shapes", "poses", "places", "build", "settle", "slide", "output"]
-    title = f"wall seconds, {1e6 * path:g} um at {_speed(SPEEDS[-1])} on all cores (build holds shapes, poses and places)"
-    table = Table("engine", "particles", "slide, s each", "steps", "largest", *parts, "unsolved", title=title)
-    for row in rows:
-        times = (f"{row['seconds'][part]:.3g}" for part in parts)
-        steps = f"{row['steps_per_particle']:.0f}", f"{row['steps']['largest']:.0f}"
-        cells = f"{row['bodies']}", f"{row['seconds_per_particle']:.3g}", *steps, *times, str(row["unsolved"])
-        table.add_row(row["engine"], *cells)
-    console.print(table)
-
-
-def print_memory(rows: Rows, console: Console) -> None:
-    kinds = ["process", "bodies", "contacts", "integrator"]
-    table = Table("engine", "particles", "peak, MB", "built, MB", "imported, MB", *(f"{kind}, B" for kind in kinds), "disk, MB",
-                  title="memory: peak of the process; bytes per particle: growth of the process, and arrays")  # fmt: skip
-    for row in rows:
-        peak = row["peak_memory"]
-        table.add_row(row["engine"], f"{row['bodies']}", *(f"{peak[k] / 1e6:.0f}" for k in ("end", "built", "imported")),
-                      *(f"{row['bytes_per_particle'][kind]:.0f}" for kind in kinds), f"{row['disk'] / 1e6:.1f}")  # fmt: skip
     console.print(table)
 
 
