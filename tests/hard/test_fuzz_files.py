@@ -25,7 +25,7 @@ import thirdbody
 from thirdbody.errors import Interrupted
 from thirdbody.runner.simulate import execute, prepare
 
-BATCH, MANY = 30, int(os.environ.get("FUZZ_FILES", "1000"))
+BATCH, MANY = 30, int(os.environ.get("FUZZ_FILES", "300"))
 DEBRIS = '[[debris]]\nmaterial = "steel"\n{debris}\n[domain]\nsize = ["80 um", "60 um"]\n'
 END = '[solver]\n{end} = "{length}"\nsettle = "20 ns"\n[output]\nevery = "{every}"\n'
 BALLS = 'kind = "spheres"\nradius = "5 um"\ncount = 3'
@@ -159,7 +159,7 @@ def test_spoilt_files_are_refused(worker, tmp_path, run_bytes, count):
 
 # folders of runs ---------------------------------------------------------------------------------------------------------------
 
-FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "1000"))
+FEW_RUNS, MANY_RUNS = 4, int(os.environ.get("FUZZ_RUNS", "150"))
 CODES = {0, 2, 3, 4, 5}
 """Done, usage, input, guard, output; anything else is no answer to a spoilt file."""
 RUN = edited(

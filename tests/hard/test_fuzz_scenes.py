@@ -23,7 +23,7 @@ from thirdbody.scene.read import MAX_BYTES
 SECONDS = 90  # of the processor, with what a mutant may have to compile
 PATIENCE = 600  # s on the clock, for what waits without working
 ADDRESS_SPACE = 12 << 30  # an allocation of 10**12 anything fails here, in the test, and not for want of memory
-FEW, MANY = 60, int(os.environ.get("FUZZ_SCENES", "10000"))
+FEW, MANY = 60, int(os.environ.get("FUZZ_SCENES", "3000"))
 FEW_SETTINGS = 40
 
 

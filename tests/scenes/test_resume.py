@@ -152,6 +152,9 @@ def test_a_run_stopped_between_two_strides_is_the_whole_run(tmp_path, islands):
     simulation, ends = prepare(scene), itertools.count()
     with pytest.raises(Interrupted):  # `earlier` is empty where a stride is done
         execute(simulation, tmp_path / "cut", stop=lambda: not simulation.integrator.earlier and next(ends) >= 3)
+    again, kept = prepare_resume(tmp_path / "cut")
+    with pytest.raises(Interrupted):  # at once, before its first search
+        execute(again, tmp_path / "cut", times=WallTimes(limit=0.0), checkpoint=kept, overwrite=True)
     thirdbody.resume(tmp_path / "cut", progress=False).close()
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
 

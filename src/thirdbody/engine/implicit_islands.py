@@ -79,6 +79,7 @@ class ImplicitIslands(Implicit):
         """As `Implicit.restore`."""
         super().restore(arrays, notes)
         self.counts[:] = arrays["counts"]
+        self.earlier = {}  # those of the start of the run
 
     def summary(self) -> dict[str, Any]:
         """As `Implicit.summary`, with the number of searches, the largest island, and the mean fraction of bodies in islands."""
@@ -212,12 +213,12 @@ class ImplicitIslands(Implicit):
         self._saved |= {"H": state.slots.H, "R": state.slots.R}
         state.slots, old.rows = old, now
         replace_pairs(state, *pairs)
+        self._name_saved()
         self._connect()
         number = self.islands.number
         back = np.isin(number, number[state.body[own]])
         self._recent[3] += len(np.unique(number[back]))
         self._put_back(back)
-        self._name_saved()
 
     # -- copies of the state --
 

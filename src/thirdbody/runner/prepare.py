@@ -50,7 +50,7 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
         return "islands", "bodies", "labels"
-    return "ensemble" if sum(getattr(debris, "count", 1) for debris in scene.debris) > MANY else "bodies", "labels"
+    return "ensemble" if sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY else "bodies", "labels"
 
 
 def check_threads(threads: int | None) -> list[str]:
