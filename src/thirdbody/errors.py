@@ -64,8 +64,8 @@ class Fault:
         return self._text("--set" if self.file == SETTINGS else self.file, self.command)
 
     def _text(self, file: str | None, remedy: str) -> str:
-        position = ":".join(str(part) for part in (_short(file), self.line, self.column) if part is not None)
-        return printable(": ".join(part for part in (position, _short(self.key), self.message + remedy) if part))
+        position = ":".join(str(part) for part in (short(file), self.line, self.column) if part is not None)
+        return printable(": ".join(part for part in (position, short(self.key), self.message + remedy) if part))
 
 
 def printable(text: str) -> str:
@@ -78,7 +78,7 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or category(c) == "Zs" else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
-def _short(name: str | None) -> str | None:
+def short(name: str | None) -> str | None:
     """Return a name shortened to 250 characters: one in a malicious file may fill pages."""
     return name if name is None or len(name) <= 250 else f"{name[:247]}..."
 

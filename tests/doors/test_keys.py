@@ -88,6 +88,10 @@ def test_names_are_those_of_runs(registry, shared_run):
     for name in ("stroke", "plate"):
         with thirdbody.open(shared_run(name)) as run:
             assert all(names["series"][name].unit == run.units[name] for name in run.series)
+            if name == "plate":  # plates that rub on each other drag too
+                debris, direct = run.series["upper_force"], run.series["direct_force"]
+                mu, both = run.series["friction_coefficient"][-1], (debris + direct)[-1]
+                assert direct[-1, 0] != 0.0 and abs(mu) == pytest.approx(abs(both[0] / both[2]), rel=1e-12)
             found = {"series": run.series, "cycles": run.cycles or (), "transitions": run.transitions()}
             for table, there in (found | {block: getattr(run, block)(-1) for block in ("bodies", "spheres", "contacts")}).items():
                 seen[table] = seen.get(table, set()) | set(there)

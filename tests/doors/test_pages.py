@@ -74,7 +74,7 @@ def test_blocks_run(page, tmp_path, monkeypatch, command):
         if block.language == "python" and not block.not_run:
             exec(compile(block.text, page.name, "exec"), names)
         if block.language == "sh" and not block.not_run:
-            lines = [shlex.split(line, comments=True) for line in block.text.splitlines()]
+            lines = [shlex.split(line, comments=True) for line in block.text.replace("\\\n", "").splitlines()]
             if page is README and all(words[0] == "thirdbody" for words in lines):
                 one = {"run": ("--threads", "1")}
                 assert not any(command(*words[1:], *one.get(words[1], ())).code for words in lines), block.text

@@ -209,10 +209,18 @@ def test_another_law_of_the_same_name_is_refused(tmp_path):
         prepare_resume(tmp_path / "run", plugins=[other])
 
 
+def test_the_largest_pressure_before_the_stop_is_remembered(copy):
+    simulation, kept = prepare_resume(copy)
+    kept.pressure.update(ratio=1e3, pressure=1e12)
+    execute(simulation, copy, checkpoint=kept, overwrite=True)
+    with thirdbody.open(copy) as run:
+        assert run.summary()["peak_pressure"] == 1e12
+
+
 def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):
     with pytest.raises(Interrupted, match=r"limit of wall time.*thirdbody\.resume\("):
         execute(prepare(of_driver("Explicit")), tmp_path / "run", times=WallTimes(limit=0.0))
-    thirdbody.resume(tmp_path / "run", progress=False).close()
+    thirdbody.resume(str(tmp_path / "run" / "run.vtkhdf"), progress=False).close()
 
 
 def test_resume_reads_what_it_wrote_though_the_interrupted_run_is_still_open(tmp_path):

@@ -136,10 +136,15 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
     with thirdbody.run(column, out=tmp_path / "run", progress=False) as run:
         series = {name: run.series[name][-1] for name in BED}
         bed, summary = run.bed, run.summary()
+        assert run.series["active"][-1] == 1.0  # all are pressed from above and from below
     e_star = 210e9 / (2.0 * (1.0 - 0.3**2))
     between, plate = ((9.0 * LOAD**2 / (16.0 * e_star**2 * radius)) ** (1.0 / 3.0) for radius in (0.5 * R, R))
     # what is left of the oscillations after six microseconds is far below a thousandth
     assert series["overlap_ratio"] == pytest.approx((3.0 * between + 2.0 * plate) / 5.0 / R, rel=1e-3)
+    rows = np.zeros((2, record.WIDTH))  # two balls, and one on a plate
+    rows[:, record.OVERLAP], rows[:, record.SPHERE_RADIUS], rows[:, record.PARTNER_RADIUS] = 1e-9, 1e-6, (5e-7, 0.0)
+    by_hand = SimpleNamespace(state=SimpleNamespace(slots=SimpleNamespace(R=rows)), _loaded=lambda: slice(None))
+    assert BedMeasures._overlap_ratio(by_hand) == pytest.approx(1.5e-3, rel=1e-12)
     assert series["softness"] == pytest.approx((e_star * SIDE**2 / LOAD) ** (2.0 / 3.0), rel=1e-3)
     assert series["coordination_number"] == 2.0  # three contacts of two balls, two of one
     assert series["unbalanced_force"] < 1e-3 and series["kinetic_energy_ratio"] < 1e-6
@@ -156,6 +161,8 @@ def test_what_is_no_bed_has_no_measures(column, tmp_path):
     loop = RunLoop(build(alone), RunFolder(tmp_path))
     assert loop.means is None and loop.maker.bed is None
     assert not set(BED) & set(loop.maker.frame(None).series)
+    sliced = RunLoop(build(column.with_settings({"output.profiles": 5})), RunFolder(tmp_path))
+    assert "profiles" in sliced.means.samplers  # means over the output interval
     with thirdbody.open(write_layer(tmp_path / "run.vtkhdf", 3, 4)) as run:
         assert run.bed is None and "bed_verdict" not in run.summary()
 
@@ -195,6 +202,11 @@ def test_every_output_has_the_mean_over_the_steady_part(folder, capsys):
     assert "the bed is not quasi-static" in printed.err
     run_report(folder, json=True)
     assert json.loads(capsys.readouterr().out)["bed_verdict"] == bed.verdict
+    for number, slow in ((1.1e-3, False), (0.9e-3, True)):  # up to 1e-3
+        with h5py.File(folder / "run.vtkhdf", "r+") as file:
+            file["series/inertial_number"][...] = number
+        with thirdbody.open(folder) as run:
+            assert run.bed.quasi_static is slow
 
 
 DRAGS = [

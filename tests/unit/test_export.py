@@ -29,7 +29,7 @@ STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np
 def make_frame(number: int, states: bool = True) -> Frame:
     rng = np.random.default_rng(number)
     count = CONTACTS[number]
-    report = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, 1, 0], np.uint8)}
+    report = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, number in (0, 3), 0], np.uint8)}
     side = np.arange(count, dtype=np.uint8) % 3
     return Frame(
         time=number / 3.0,

@@ -245,7 +245,7 @@ def test_a_scene_that_names_none_is_written_as_before(whole):
 def test_settling_by_itself_does_not_drown_the_drag_in_frames():
     # a drag of 1 us, every 0.1 us; of a settling time of the scene and of a short one all frames are kept
     for settle, wish, thinned in (
-        (8e-3, "auto", True), (1.001e-5, "auto", True), (8e-5, 8e-5, False), (9e-6, "auto", False),
+        (8e-3, "auto", True), (1.001e-5, "auto", True), (1.99e-5, "auto", True), (8e-5, 8e-5, False), (9e-6, "auto", False),
     ):  # fmt: skip
         output, solver = SimpleNamespace(every_kind="time", every=1e-7), SimpleNamespace(settle=wish)
         scene, end = SimpleNamespace(output=output, solver=solver), settle + 1e-6

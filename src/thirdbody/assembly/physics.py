@@ -12,7 +12,7 @@ from thirdbody.assembly.pull_off import pull_off_forces
 from thirdbody.assembly.spot_interaction import interaction_table
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
-from thirdbody.errors import Fault, InputError, UsageError, nearest
+from thirdbody.errors import Fault, InputError, UsageError, nearest, short
 from thirdbody.laws.codegen.compile_errors import compile_error, foreign
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
 from thirdbody.laws.codegen.laws import Chain, compose
@@ -226,7 +226,7 @@ def _effects(
     for name in sorted(named):
         location = ("effects", name)
         if name not in known:
-            faults.append(scene.fault(location, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
+            faults.append(scene.fault(location, f"no effect '{short(name)}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
             continue
         effect, given = known[name], named[name]
         values[name] = effect_values(scene, effect, given, location, faults)
@@ -247,7 +247,8 @@ def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tu
     for name, given in sorted(scene.measures.named.items()):
         location = ("measures", name)
         if name not in known:
-            faults.append(scene.fault(location, f"no measure '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
+            text = f"no measure '{short(name)}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"
+            faults.append(scene.fault(location, text))
             continue
         chosen.append(known[name])
         values[name] = effect_values(scene, known[name], given, location, faults)

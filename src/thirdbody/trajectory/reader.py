@@ -168,7 +168,8 @@ class Run(RunArrays):
         """
         from thirdbody.trajectory.run_summary import run_summary
 
-        return run_summary(self, self._steady("", self._stored_summary))
+        with damage_as_fault(self.path, "its summary"):
+            return run_summary(self, self._steady("", self._stored_summary))
 
     def _stored_summary(self) -> dict[str, Any] | None:
         """Return what the run stored at its end; None where it did not get there."""

@@ -25,6 +25,9 @@ UNASKED = 1 << 26
 WIDEST = 64
 """Largest number of values in one row of an array: vectors and quaternions have 3 and 4."""
 
+NUMBERED = ("id", "body", "partner", "side", "state", "state_reason", "population", "material", "sliding_side", "forecast")
+"""Arrays of codes and numbers of bodies."""
+
 _FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 _HEADER: dict[str, type] = {
@@ -109,7 +112,9 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
 
 def _refuse_block(block: h5py.Group, static: tuple[str, ...], frames: int) -> None:
     steps, data = block["Steps"], block["PointData"]
-    sound(steps["Values"], frames, "f", 1)
+    times = sound(steps["Values"], frames, "f", 1)[:frames]
+    if not (np.diff(times) > 0.0).all():
+        raise ValueError(f"{steps.name}/Values: its times do not grow")
     parts = _whole(steps["PartOffsets"], frames)
     counts = sound(block["NumberOfPoints"], 0, "iu", 1)
     if frames and not parts.max() < len(counts):
@@ -127,7 +132,8 @@ def _refuse_block(block: h5py.Group, static: tuple[str, ...], frames: int) -> No
         starts = _whole(steps["PointDataOffsets"][name], frames)
         if name not in static and frames and block.name.endswith("clumps") and (starts != np.arange(frames) * rows).any():
             raise ValueError(f"{block.name}/PointData/{name}: its frames do not follow each other")
-        sound(data[name], int((starts + rows).max(initial=0)))
+        kinds, axes = ("iu", 1) if name in NUMBERED else ("fiu", 0)
+        sound(data[name], int((starts + rows).max(initial=0)), kinds, axes)
     missing = set(static) - set(data)
     if missing:
         raise KeyError(f"{block.name} has no {', '.join(sorted(missing))}")
@@ -150,7 +156,9 @@ def sound(dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -
         raise ValueError(f"{dataset.name} has the shape {dataset.shape}")
     if len(dataset) < rows:
         raise ValueError(f"{dataset.name} has {len(dataset)} rows, {rows} are needed")
-    size = rows * width * dataset.dtype.itemsize
+    size, whole = rows * width * dataset.dtype.itemsize, len(dataset) * width * dataset.dtype.itemsize
+    if whole > UNASKED and whole > DENSEST * (there := dataset.file.id.get_filesize()):
+        raise ValueError(f"{dataset.name} claims {whole:.3g} bytes, and the whole file has {there}")
     # checked only for large data sets: for a run killed within a write the storage size is not always known
     if size > UNASKED and size > DENSEST * (there := dataset.id.get_storage_size()):
         raise ValueError(f"{dataset.name} claims {size:.3g} bytes and has {there}")
