@@ -5,6 +5,7 @@ import functools
 import itertools
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -181,6 +182,11 @@ def test_picture_of_a_map(runs, tmp_path: Path):
         assert image.size == (400, 300) and len(image.convert("RGB").getcolors(400 * 300)) > 20
     values, words = plate_map(run, "upper", "wear_depth", 1, None)
     assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("after ")
+    # of cycles: the rate of the second and the third, 2 each
+    depth, ends = (0.0, 5.0, 7.0, 9.0), {"end_time": np.array([1.0, 2.0, 3.0])}
+    known = {"map_units": {"wear_depth": "m"}, "cycles": ends, "times": np.arange(4.0)}
+    loops = SimpleNamespace(**known, maps=lambda plate, number: {"wear_depth": np.full((2, 2), depth[number])})
+    assert (plate_map(loops, "lower", "wear_depth", None, 10.0)[0] == 20.0).all()
     for wrong, message in (
         ({"plate": "uper", "color": "wear_depth"}, "did you mean 'upper'"),
         ({"plate": "upper", "color": "wear_dept"}, "did you mean 'wear_depth'"),

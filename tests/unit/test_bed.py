@@ -339,7 +339,14 @@ def test_balls_only_roll_and_flakes_only_slip(tmp_path):
         check_sum(run)
         fractions = accommodation_fractions(run)
         assert fractions["upper_slip"] + fractions["lower_slip"] == pytest.approx(1.0, abs=0.01)
-        assert "slip" in run.plot(panels=["accommodation"]).axes[0].get_title(loc="left")
+        axes = run.plot(panels=["accommodation"]).axes[0]
+        assert "slip" in axes.get_title(loc="left")
+        # areas reach up to the line of the plate, whose steps end at their frames
+        x, y = axes.lines[0].get_data()
+        for factor, inside in ((0.98, True), (1.02, False)):
+            points = np.column_stack((0.5 * (x[:-1] + x[1:]), factor * y[1:]))
+            within = [area.get_paths()[0].contains_points(points) for area in axes.collections]
+            assert (np.any(within, axis=0) == inside).all()
 
 
 def test_a_plate_at_rest_has_no_parts(tmp_path):

@@ -3,6 +3,7 @@ particle and what friction could hold at each of its spots."""
 
 import io
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from layer import R, hue_share, skip_unless_drawable, write_layer
 
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
-from thirdbody.render.closeup_data import read_close_up
+from thirdbody.render.closeup_data import _spots, read_close_up
 from thirdbody.render.coloring import Coloring, Legend
 from thirdbody.render.film import frame_numbers, gif, mp4
 from thirdbody.render.force_tubes import force_tubes, nearest_image
@@ -143,6 +144,10 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_ima
                 "force": np.array([[3.0, 0.0, 4.0]])}  # fmt: skip
     bodies = {"position": np.array([[9.9, 5.0, 0.0], [0.1, 5.0, 0.0]]), "id": np.array([0, 1])}
     paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
+    one = {"normal": np.array([[0.6, 0.0, 0.8]]), "normal_force": [5.0], "utilisation": [0.0], "contact_radius": [1.0]}
+    run = SimpleNamespace(contacts=lambda frame: contacts | {name: np.array(values) for name, values in one.items()})
+    owner, partner = (_spots(run, 0, body, bodies, body, None) for body in (1, 0))
+    assert owner.force.tolist() == [[3.0, 0.0, 4.0]] and partner.force.tolist() == [[-3.0, 0.0, -4.0]]
     tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
     assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)
     # One tube from each centre to the contact between them, across the edge of the domain: 0.1 each, not 9.9.

@@ -158,6 +158,9 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
     ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()
+    with open_run(layer) as run:
+        film = read_picture_data(run, 0, "speed", scale=LegendScale((0.0, 9.0)))
+    assert film.legend.limits == (0.0, 9.0)  # common to all frames
     # A body takes the larger of its two contacts; the scale holds for the tubes of both.
     assert utilisation.legend.limits == (0.75, 0.75)
     # categories with those that occur
