@@ -74,6 +74,7 @@ FAULTS = [
     (given("40 um", "4 um"), "15:42: debris[0].positions[1]", "body 1 starts 1 um deep in the lower plate"),
     ([given("-10 um"), ('"60 um"]', '"60 um"]\nperiodic = false')], "15:42: debris[0].positions[1]",
      "body 1 starts at x, y = -10 um, 10 um", "0 to 80 um"),
+    ([given("90 um"), ('"60 um"]', '"60 um"]\nperiodic = false')], "15:42: debris[0].positions[1]", "x, y = 90 um, 10 um"),
     ([('"load_per_particle"', '"rigid"'), ('load = "0.1 mN"', 'gap = "9 um"')], "24:1: plates.upper.gap",
      "9 um is smaller than body 0, which is 10 um tall"),
     ([(DOMAIN, '["22 um", "22 um"]'), ("count = 4", "count = 5")], "18:1: domain.size", "no space for body",

@@ -3,6 +3,7 @@
 import gc
 import json
 import math
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -81,6 +82,18 @@ def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(name):
     changes, words = WARNINGS[name]
     found = [warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]
     assert len(found) == 1
+
+
+def test_a_pair_that_is_not_elastically_similar_is_warned_of():
+    glass = '[materials.glass]\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.2\ndensity = "2500 kg/m3"\n'
+    betas = []
+    for names in ('"steel", "glass"', '"glass", "steel"'):
+        pair = f"{glass}[[pairs]]\nbetween = [{names}]\nfriction = 0.3\nrestitution = 0.6\n[[pairs]]"
+        built = build(scene(("[[pairs]]", pair), ('[plates.lower]\nmaterial = "steel"', '[plates.lower]\nmaterial = "glass"')))
+        betas += [float(re.search(r"Dundurs beta ([-+.\d]+)", text)[1]) for text in built.warnings if "Dundurs" in text]
+    g, h = 210.0 / 2.6, 70.0 / 2.4  # shear moduli
+    beta = (0.4 / g - 0.6 / h) / (2.0 * (0.7 / g + 0.8 / h))
+    assert sorted(betas) == pytest.approx([-abs(beta), abs(beta)], abs=6e-4)  # three digits
 
 
 def test_a_foundation_is_warned_of_every_pair_that_it_presses():

@@ -41,8 +41,10 @@ def command(command, tmp_path):
     return call
 
 
-SLOW, SLOWER, FAST = (('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s"))
-"""Explicit runs of the slow ones take a third of a second, and minutes; with 50 m/s the inertial number of these balls is 5."""
+SLOW, SLOWER, FAST, QUICK = (
+    ('velocity = "0.5 m/s"', f'velocity = "{speed}"') for speed in ("1 mm/s", "1 um/s", "50 m/s", "5 m/s")
+)
+"""Explicit runs of the slow ones take a third of a second, and minutes; the inertial number of these balls is 5 at 50 m/s."""
 
 ONE_PLATE = ("load_per_particle", "rigid")
 CHOICES = {
@@ -50,6 +52,7 @@ CHOICES = {
     "two that meet slowly": ((SLOWER,), "implicit", "few bodies meet at a time"),
     "two that soon have slid": ((SLOW,), "explicit", "its steps are few: 2e+05"),
     "two that meet fast": ((FAST,), "explicit", "it resolves impacts"),
+    "two that meet less fast": ((QUICK,), "explicit", "it resolves impacts"),
     "two under one plate": ((SLOWER, ONE_PLATE), "explicit", "carry one plate together"),
     "two whose steps have a tolerance": ((asks("auto", "tolerance = 1e-3"),), "implicit", "the scene gives solver.tolerance"),
     "two that meet, explicit by name": ((SLOWER, asks("explicit")), "explicit", "required by the scene"),

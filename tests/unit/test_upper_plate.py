@@ -255,15 +255,17 @@ def test_largest_load_between_two_times():
         assert schedule(read(STAGES), 0.0).largest_load(start, end) == pytest.approx(largest, rel=1e-9, abs=1e-9)
 
 
-def table_scene(folder, rows):
+def table_scene(folder, rows, more=""):
     (folder / "load.csv").write_text(rows)
-    read('{table = "load.csv"}').save(folder / "scene.toml")
+    read(f'{{table = "load.csv"{more}}}').save(folder / "scene.toml")
     return Scene.load(folder / "scene.toml")
 
 
 def test_a_table_of_loads_right_and_wrong(tmp_path):
     given = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n3, 0\n")
     assert factors(given, 0.0, [0.5e-6, 1e-6, 2e-6, 5e-6]) == pytest.approx([1.5, 2.0, 1.0, 0.0], rel=1e-9, abs=1e-12)
+    fast = table_scene(tmp_path, "time (us), load (mN)\n0, 2\n1, 4\n", ", speed = 10")
+    assert factors(fast, 0.0, [0.05e-6, 0.1e-6]) == pytest.approx([1.5, 2.0], rel=1e-9)
     for rows, message in (
         ("time (us), displacement (um)\n0, 0\n1, 1\n", "expected 'load (unit)'"),
         ("time (us), load (um)\n0, 0\n1, 1\n", "expected a force"),
