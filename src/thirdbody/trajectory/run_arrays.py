@@ -115,8 +115,8 @@ class RunArrays:
 
     @property
     def has_states(self) -> bool:
-        """Whether the run recorded states."""
-        return "state" in self._names("clumps")
+        """Whether the run recorded states, with their reasons."""
+        return {"state", "state_reason"} <= set(self._names("clumps"))
 
     @property
     def has_contacts(self) -> bool:
