@@ -83,7 +83,8 @@ def entry(node: Any, place: tuple[str | int, ...]) -> Any:
 
 def misspelt(word: str, rng: Random) -> str:
     at = rng.randrange(len(word))
-    less, more, other = word[:at] + word[at + 1 :], word[:at] + "q" + word[at:], word[:at] + "z" + word[at + 1 :]
+    less, more = word[:at] + word[at + 1 :], word[:at] + "q" + word[at:]
+    other = word[:at] + ("z" if word[at] != "z" else "s") + word[at + 1 :]
     return rng.choice((less, more, other, word + "\x1b[1m"))
 
 
