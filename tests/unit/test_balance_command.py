@@ -4,14 +4,17 @@ import json
 import math
 
 import pytest
-from portable import drawn
-from thirdbody_three_spot.balance import balance
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from portable import drawn as inked
+from thirdbody_three_spot.balance import Forecast, Point, Result, balance
 from thirdbody_three_spot.balance_command import balance_command, table
 from thirdbody_three_spot.balance_file import BalanceFile
 from thirdbody_three_spot.balance_plot import plot
 
 import thirdbody
 from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.palette import STATE_COLORS
 
 FILE = """\
 balance = 1
@@ -55,9 +58,11 @@ def write(tmp_path):
     return make
 
 
-def test_json_has_the_promised_keys(write, capsys):
-    balance_command(write(), json=True, level="mindlin")
-    report = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(word))
+def test_json_has_the_promised_keys(write, capsys, tmp_path):
+    balance_command(write(), json=True, level="mindlin", out=tmp_path / "a.png")
+    seen = capsys.readouterr()
+    report = json.loads(seen.out, parse_constant=lambda word: pytest.fail(word))
+    assert seen.err == f"{tmp_path / 'a.png'}\n" and (tmp_path / "a.png").exists()  # warnings are in the JSON
     assert {"points", "forecast", "moduli"} <= report.keys() and len(report["points"]) == 25
     keys = {"indentation", "drag", "N", "T", "w", "u", "phi", "spots", "label", "reason", "margins"}
     assert all(point.keys() == keys for point in report["points"])
@@ -66,6 +71,7 @@ def test_json_has_the_promised_keys(write, capsys):
     assert (first["drag"], first["indentation"]) == (0.0, 10e-9) and last["drag"] == pytest.approx(12e-9, rel=1e-12)
     assert len(first["N"]) == 3 and isinstance(first["T"][0], float) and isinstance(first["phi"], float)
     assert report["moduli"]["upper"]["e_star"] == pytest.approx(129729729729.730, rel=1e-13)  # Eq. 4
+    assert report["moduli"]["lower"]["g_star"] == pytest.approx(94117647058.8235, rel=1e-13)  # Eq. 14
 
 
 def test_in_space_tangential_forces_are_vectors(write):
@@ -84,7 +90,8 @@ def test_the_table_reports_what_changes_stops_and_cannot_be_compared(write, caps
     lines = table(balance(write(('  {side = "lower", x = "1.5 um", z = "-2 um", radius = "1.5 um"},\n', "")), "mindlin"))
     assert "no static state exists while it is pressed" in lines[-1]
     balance_command(write(('shear_modulus = "80 GPa"', 'youngs_modulus = "5 GPa"')), level="mindlin")
-    assert "upper side: not elastically similar" in capsys.readouterr().err
+    # by hand with G = 5/2.6 GPa: beta = (.6/120 - .4/G)/(1.6/120 + 1.4/G), particle first (Eq. 3)
+    assert "upper side: not elastically similar (Dundurs' beta -0.274)" in capsys.readouterr().err
 
 
 def test_all_faults_at_once_with_line_and_nearest_name(write):
@@ -129,11 +136,37 @@ def test_the_picture(write, tmp_path):
         result = balance(write(change), "mindlin")
         picture = tmp_path / f"{number}.png"
         plot(result, picture, "particle")
-        assert picture.read_bytes().startswith(b"\x89PNG") and drawn(picture) > 0.02
+        assert picture.read_bytes().startswith(b"\x89PNG") and inked(picture) > 0.02
     with pytest.raises(UsageError, match="a picture ends in"):
         plot(result, tmp_path / "picture.doc")
     with pytest.raises(OutputError, match="cannot be written"):
         plot(result, tmp_path / "none" / "picture.png")
+
+
+def test_table_and_picture_of_a_path_by_hand(monkeypatch, tmp_path):
+    """The first spot slides from point 8 on, the particle from 15, and the third spot opens at the last, 29."""
+    points = [
+        Point(10e-9, k * 1e-9, [2e-3, 0.0, 1e-3 * (k < 29)], [3e-4, 0.0, -1e-4], 4e-9, 5e-9, -2e-3,
+              ["slide" if k > 7 else "stick", "open", "partial" if k < 29 else "open"], "sliding" if k > 14 else "sticking",
+              "friction_limit", {"friction_spots": [0.0, 1.0, 0.4]}) for k in range(30)
+    ]  # fmt: skip
+    result = Result(points, Forecast(0.5, None, None, []), {}, "mdr", True, None, [])
+    lines = table(result)
+    assert lines[0] == "forecast: sticks for mu from 0.5, never slides; possible: none"
+    assert [int(line.split()[0]) for line in lines[2:]] == [0, 2, 5, 7, 8, 10, 12, 14, 15, 17, 19, 22, 24, 27, 29]  # nm
+    assert lines[1].split() == ["drag", "indentation", "N1", "N2", "N3", "w", "spots", "label", "reason"]
+    assert lines[6].split()[:3] == ["8", "nm", "10"] and "slide open partial  sticking  friction_limit" in lines[6]
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    plot(result, tmp_path / "picture.png")
+    force, friction, tilt, bars = drawn[0].axes
+    assert [(c.get_label(), *c.get_xydata()[28]) for c in force.lines] == [("spot 1", 28.0, 2.0), ("spot 3", 28.0, 1.0)]
+    assert [c.get_ydata()[28] for c in (*friction.lines[:2], *tilt.lines)] == pytest.approx([1.0, -0.6, -2.0])
+    assert math.isnan(friction.lines[1].get_ydata()[29])  # open
+    assert ["(mN)" in force.get_ylabel(), "(mrad)" in tilt.get_ylabel(), "(nm)" in bars.get_xlabel()] == [True] * 3
+    assert [text.get_text() for text in bars.get_yticklabels()] == ["particle", "spot 1", "spot 3"]
+    whole = [(to_hex(bar.get_facecolor()).upper(), *bar.get_center()) for bar in bars.patches if bar.get_center()[1] == 0.0]
+    assert whole == [(STATE_COLORS["sticking"], 7.0, 0.0), (STATE_COLORS["sliding"], 22.0, 0.0)]
 
 
 def test_the_package_and_the_command_line_have_the_function(write, monkeypatch, capsys):

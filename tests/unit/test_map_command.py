@@ -61,6 +61,15 @@ def test_areas_and_points_are_drawn_where_they_are():
     for x, mu in zip(random.uniform(-1.05, 1.55, 100), random.uniform(0.0, 1.0, 100), strict=True):
         painted = [name for name, (area,) in areas.items() if any(p.contains_point((x, mu)) for p in area.get_paths())]
         assert painted == [regime(x, 0.5, mu)]
+    middle = {line.get_linestyle(): float(np.interp(0.1, *line.get_data())) for line in axes.lines[:3]}
+    assert middle == pytest.approx({"-": 0.6, "--": -0.4, ":": -0.6})  # t_max, t_min, -t_max, in the order of the legend
+    assert [style for _, style in regime_map.LINES] == ["-", "--", ":"] and "max" in regime_map.LINES[0][0]
+    assert [(text.get_text(), text.xy[0]) for text in axes.texts] == [("spot 2", -0.5), ("spot 3", 0.5)]
+    fig2 = Figure().subplots()
+    regime_map._draw_fig2(fig2, 1.2)
+    for lines, level in zip(fig2.collections, regime_map.LEVELS, strict=True):  # n_2 zeta_2 + 1 - H = (1 - n_2) zeta_3
+        n, z = np.concatenate([path.vertices for path in lines.get_paths()]).T
+        assert np.abs(n * z - 0.2 - (1.0 - n) * level).max() < 1e-3 and lines.get_linewidth()[0] == (2.0 if level == 0.0 else 1.1)
     axes = Figure().subplots()
     regime_map._draw_points(axes, [MapPoint("regimes", 0.3, 0.4, "sliding", "body 7")], COLORS)
     assert axes.lines[0].get_xydata().tolist() == [[0.3, 0.4]] and axes.texts[0].get_text() == "body 7"
