@@ -72,8 +72,7 @@ def test_the_numbers_of_a_steel_ball():
     chosen, _, values = law()
     assert PULL_OFF == pytest.approx(2.35619e-7, rel=2e-6)
     a = (4.5 * math.pi * WORK * RADIUS**2 / E_STAR) ** (1.0 / 3.0)  # without load: sqrt(8 pi w E* a^3) = (4/3) E* a^3/R
-    assert a == pytest.approx(1.82976e-8, rel=3e-6)
-    assert overlap(a) == pytest.approx(1.11601e-10, rel=3e-6)
+    assert a == pytest.approx(1.82976e-8, rel=3e-6) and overlap(a) == pytest.approx(1.11601e-10, rel=3e-6)
     answer, _ = at(overlap(a))
     assert abs(answer.force) < 1e-11 * PULL_OFF  # round-off of the overlap, times the stiffness
     assert -0.5 * chosen.reach(PAIR, values, RADIUS) == pytest.approx(-9.21247e-11, rel=3e-6)  # twice the neck that breaks
@@ -85,9 +84,10 @@ def test_the_curve(ratio):
     a = ratio * A_BREAKS
     answer, memory = at(overlap(a))
     noise = 1e-15 / (ratio - 1.0)
-    assert memory == (1.0, 0.0, overlap(a))
-    assert answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
+    assert memory == (1.0, 0.0, overlap(a)) and answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
     assert answer.force == pytest.approx(force(a), rel=1e-12 + 10.0 * noise, abs=1e-14 * PULL_OFF)
+    middle = 2.0 * E_STAR * a / (math.pi * RADIUS) - math.sqrt(2.0 * WORK * E_STAR / (math.pi * a))  # Hertz' and the punch's
+    assert answer.peak_pressure == pytest.approx(max(middle, 0.0), rel=1e-9, abs=1e-9 * E_STAR * a / RADIUS)
 
 
 def test_the_least_force_is_the_pull_off_and_where_necks_form_and_break():
@@ -129,8 +129,7 @@ def test_the_work_of_a_step_with_a_jump(integrator):
 def test_the_energy_of_pressing_and_pulling():
     """The neck gives back what it took, less the loop; the stored energy is the integral of the force, zero where it breaks."""
     answer, _ = at(1e-12, 0.0)
-    assert answer.dissipated == pytest.approx(LOST, rel=1e-8)  # that of the quadrature
-    assert at(1e-12, 1.0)[0].dissipated == 0.0
+    assert answer.dissipated == pytest.approx(LOST, rel=1e-8) and at(1e-12, 1.0)[0].dissipated == 0.0  # that of the quadrature
     deep = 40.0 * A_BREAKS
     work = quad(power, A_BREAKS, deep)[0]
     assert at(overlap(deep))[0].stored == pytest.approx(work, rel=1e-9)
@@ -146,13 +145,25 @@ def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_chooses():
     hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     answer = plain(chosen.kernel)(contact(1e-10), hertz, p)
     assert answer.force == pytest.approx(-2.0 * math.pi * WORK * RADIUS, rel=1e-15)
-    assert plain(chosen.kernel)(contact(0.0), hertz, p).force == 0.0
+    assert answer.stored == 1e-10 * answer.force and plain(chosen.kernel)(contact(0.0), hertz, p).force == 0.0
     # R = mu^3 E*^2 z_0^3/w^2 at mu = 0.1: 43 nm
     divide = 1e-3 * E_STAR**2 * 2e-10**3 / WORK**2
     assert 42e-9 < divide < 43e-9
     for radius, factor in ((0.99 * divide, 2.0), (1.01 * divide, 8.0 / 9.0 * 1.5)):
         pull = -at(1e-18, 0.0, radius, model="auto")[0].force
         assert pull == pytest.approx(factor * math.pi * WORK * radius, rel=1e-4)  # 1e-18 over the neck, 1e-11
+    chosen, p, values = law("auto")
+    assert chosen.reach(PAIR, values, 42e-9) == 0.0 < chosen.reach(PAIR, values, 43e-9)
+    assert chosen.pull_off(PAIR, values, np.array([42e-9, 43e-9])) / (math.pi * WORK) == pytest.approx([84e-9, 64.5e-9])
+    small, loaded = at(1e-10, radius=40e-9, model="auto")[0], 4.0 / 3.0 * E_STAR * math.sqrt(40e-9 * 1e-10**3)
+    pull, a = 2.0 * math.pi * WORK * 40e-9, math.sqrt(40e-9 * 1e-10)
+    assert small[:3] == pytest.approx((loaded - pull, a, (0.4 * loaded - pull) * 1e-10), rel=1e-12, abs=0.0)
+    assert small[-2:] == pytest.approx((2.0 * E_STAR * 1e-10 / (math.pi * a), 40e-9))  # p_0; d(a^2)/dd = R
+    assert plain(chosen.tangent)(contact(1e-10, 40e-9), p, (1.0, 0.0, 0.0)) == pytest.approx(2.0 * E_STAR * a)
+    for model, low, high, words in (("auto", 20e-9, 40e-9, ""), ("auto", 6e-3, 7e-3, ""), ("auto", 20e-9, 1e-6, "too weakly"),
+                                    ("dmt", 20e-9, 1e-6, "strongly")):  # fmt: skip
+        text, warns = ADHESION.remark(PAIR, law(model)[2], low, high)
+        assert warns == bool(words) and words in text and ("dmt below R = 42.6 nm, jkr above" in text) == (words == "too weakly")
 
 
 @each([("jkr", 3.0), ("dmt", 0.0)])
@@ -232,7 +243,6 @@ def test_the_rebound_above_it(make, ratio, bound):
     expected = math.sqrt(1.0 - ratio**-2)
     miss = lambda n, start: abs(impact(make, ratio, 2.1e-10 / n, start)[0] / expected - 1.0)  # noqa: E731
     coarse, fine = (max(miss(n, start) for start in starts) for n in (1, 4))
-    assert coarse < bound
-    assert fine < coarse / 4.0
+    assert coarse < bound and fine < coarse / 4.0
     _, ledger, simulation = impact(make, ratio)
     assert ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"]) < 2.0 * bound

@@ -76,8 +76,7 @@ def test_spots_solve_their_equations_in_both_integrators(make):
         relief = ((1.0 - nu) / (2.0 * math.pi * g) / distances) @ force
         # the dashpot's force in what is left of the swing on landing
         assert rows[:, record.OVERLAP] == pytest.approx((force / stiffness) ** (2.0 / 3.0) + relief, rel=1e-5)
-        assert relief.min() > 0.02 * rows[:, record.OVERLAP].max()
-        assert force.sum() == pytest.approx(3e-4, rel=1e-5)
+        assert relief.min() > 0.02 * rows[:, record.OVERLAP].max() and force.sum() == pytest.approx(3e-4, rel=1e-5)
         results.append(np.sort(force))
     assert results[0] == pytest.approx(results[1], rel=1e-4)
 
@@ -98,8 +97,7 @@ def test_no_energy_is_made_as_a_clump_bounces_and_turns(make):
         together = max(together, int(make.touching(simulation).sum()))
     assert together == 3 and not make.touching(simulation).any()
     # velocity Verlet swings by a fraction of second order in the step while they touch (3e-5 at twice the step), and comes back
-    assert worst < 1e-5 * before
-    assert abs(ledger.lines(simulation.state)["residual"]) < 1e-7 * before
+    assert worst < 1e-5 * before and abs(ledger.lines(simulation.state)["residual"]) < 1e-7 * before
     assert make.momenta(simulation)[0][:2] == pytest.approx(momentum[:2], rel=1e-12)  # the forces along the plate cancel
     with pytest.raises(InputError, match="elastic_plastic"):  # they press as Hertz has it
         build(simulation.scene.with_settings({"effects.elastic_plastic": {}}))
@@ -171,8 +169,7 @@ def test_loads_and_approach_of_close_spots(group):
     """Relief within 1 % of itself, loads within 0.2 %: measured 0.7 % (where it is small, the grid) and 0.09 %."""
     tm = pytest.importorskip("tamaas")
     (approach, loads), (expected, others) = changes(group), pressed_elements(tm, group)
-    assert 1.0 + loads == pytest.approx(1.0 + others, rel=2e-3)
-    assert approach == pytest.approx(expected, rel=1e-2)
+    assert 1.0 + loads == pytest.approx(1.0 + others, rel=2e-3) and approach == pytest.approx(expected, rel=1e-2)
 
 
 @pytest.mark.full(kind="slow")  # compiles the solver of spots; at 3 and 40 radii two spots are above

@@ -42,8 +42,7 @@ def test_hulls_that_judge_the_forecast_do_not_contradict_linear_programs(seed):
         width = 1e-4 * (high - low)
         if high > 0.0 and width > 0.0:
             met += 1
-            assert slides(high - width) and slides(max(low, 0.0) + width)
-            assert not slides(high + 1e-3)
+            assert slides(high - width) and slides(max(low, 0.0) + width) and not slides(high + 1e-3)
             assert low < 2e-3 or not slides(low - 1e-3)
         elif high < low:
             mu = random.uniform(0.0, 2.0)
@@ -230,8 +229,7 @@ def test_samples():
 
 
 def test_what_hulls_refuse_has_an_answer():
-    assert forecast_of([], [(0, 0)], 1.0, (1, 0)) == NOTHING
-    assert forecast_of([(0, 0)], [], 1.0, (1, 0)) == NOTHING
+    assert forecast_of([], [(0, 0)], 1.0, (1, 0)) == NOTHING and forecast_of([(0, 0)], [], 1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(1, 0)], 0.0, (1, 0)) == forecast_of([(0, 0)], [(1, 0)], -1.0, (1, 0)) == NOTHING
     assert forecast_of([(0, 0)], [(3, 4)], 2.0, (0, 0)) == (2.5, math.inf, -math.inf)
     assert forecast_of([(0.1, 0.1)], [(0, 0), (1, 0), (0, 1)], 2.0, (0, 0)) == (0.0, math.inf, -math.inf)

@@ -49,8 +49,7 @@ def test_friction_work_of_bodies_that_roll(level):
     assert len(errors) >= 12
     # wanted of default settings (mindlin 1.2 and 9 %, mdr 0.5 and 6 %); a tenfold tolerance of the fine steps changes those of
     # mindlin by 0.14 and 1 %
-    assert np.median(errors) < 0.03
-    assert np.max(errors) < 0.1
+    assert np.median(errors) < 0.03 and np.max(errors) < 0.1
 
 
 @full
@@ -58,9 +57,7 @@ def test_friction_work_of_bodies_that_roll(level):
 def test_friction_work_of_many_bodies_that_roll(path):
     """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""
     errors = errors_of_rolling(path, **{"debris.0.count": "400"})
-    assert len(errors) > 300
-    assert np.median(errors) < 0.03
-    assert np.quantile(errors, 0.8) < 0.1
+    assert len(errors) > 300 and np.median(errors) < 0.03 and np.quantile(errors, 0.8) < 0.1
 
 
 @full

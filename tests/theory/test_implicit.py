@@ -105,10 +105,8 @@ def test_ball_rolls_at_half_the_speed_at_any_speed(make, level):
     assert simulation.state.bodies.position[0, 0] - start == pytest.approx(4e-6, rel=1e-5)
     assert make.velocity(simulation)[0] == pytest.approx(0.5 * speed, rel=1e-5)
     arm = MICRO - 0.5 * simulation.state.slots.records.overlap[0]
-    assert make.spin(simulation)[1] == pytest.approx(0.5 * speed / arm, rel=1e-5)
-    assert abs(force[0]) < 1e-6 * LOAD
-    assert make.label(simulation) == "rolling"
-    assert simulation.integrator.summary()["steps"] < 1000
+    assert make.spin(simulation)[1] == pytest.approx(0.5 * speed / arm, rel=1e-5) and abs(force[0]) < 1e-6 * LOAD
+    assert make.label(simulation) == "rolling" and simulation.integrator.summary()["steps"] < 1000
 
 
 def test_rolling_resistance_is_what_the_plate_feels(make):
@@ -120,8 +118,7 @@ def test_rolling_resistance_is_what_the_plate_feels(make):
     simulation.integrator.advance_to(distance=2e-6)
     force = make.mean_force(simulation, 2e-6)
     # the arm is R - d/2, and d/R is 1e-3
-    assert force[0] / LOAD == pytest.approx(-mu_r, rel=2e-3)
-    assert make.velocity(simulation)[0] == pytest.approx(5e-4, rel=1e-3)
+    assert force[0] / LOAD == pytest.approx(-mu_r, rel=2e-3) and make.velocity(simulation)[0] == pytest.approx(5e-4, rel=1e-3)
     assert make.label(simulation) == "rolling"
 
 
@@ -137,10 +134,8 @@ def test_flake_slides_with_mu(make, level):
     simulation.integrator.advance_to(distance=2e-7)
     force = make.mean_force(simulation, 2e-7)
     # both sides have one mu, so either slides; what the patch's dashpot carries as the flake tilts is 1e-6 of the load
-    assert -force[0] == pytest.approx(mu * LOAD, rel=1e-5)
-    assert force[1] == pytest.approx(0.0, abs=1e-5 * mu * LOAD)
-    assert force[2] == pytest.approx(LOAD, rel=1e-5)
-    assert make.label(simulation) == "sliding"
+    assert -force[0] == pytest.approx(mu * LOAD, rel=1e-5) and force[1] == pytest.approx(0.0, abs=1e-5 * mu * LOAD)
+    assert force[2] == pytest.approx(LOAD, rel=1e-5) and make.label(simulation) == "sliding"
 
 
 def three_spot(level, **settings):
@@ -203,8 +198,7 @@ def slid(make, level, **keys):
 @pytest.mark.parametrize("level", LEVELS[1:])
 def test_ledger_closes_and_nothing_is_lost_where_nothing_tips(make, level):
     lines, residual = slid(make, level)
-    assert residual < CLOSED
-    assert abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
+    assert residual < CLOSED and abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
     # what goes in leaves as friction: mu N times the way, but for the elastic way of the start, 2 s_c = 10 nm
     assert lines["friction"] == pytest.approx(0.3 * LOAD * 3e-6, rel=5e-3)
 

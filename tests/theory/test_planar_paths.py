@@ -3,12 +3,14 @@
 The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import root
 from slow import slow
 from theory.memory_diagrams import MemoryDiagram
-from thirdbody_three_spot import theory
+from thirdbody_three_spot import regime_points, theory
 from thirdbody_three_spot.balance import balance
 from thirdbody_three_spot.regime_map import regime
 from thirdbody_three_spot.regime_points import FRICTIONS, POSITIONS, computed_points
@@ -95,11 +97,24 @@ def test_paths_agree_with_memory_diagrams(spots, mu):
     assert len(result.points) == DRAGS + 1 and not any("bends" in text for text in result.warnings)
     for point, (n, t) in zip(result.points, expected, strict=True):
         # Newton's tolerance of 1e-12 of all forces, over the least stiff direction
-        assert np.abs(np.array(point.N) - n).max() < 1e-9 * n.max()
-        assert np.abs(np.array(point.T) - t).max() < 1e-9 * n.max()
+        assert np.abs(np.array(point.N) - n).max() < 1e-9 * n.max() and np.abs(np.array(point.T) - t).max() < 1e-9 * n.max()
 
 
 HALF = 0.5
+
+
+def test_a_computed_particle_has_the_place_and_the_state_of_its_path(monkeypatch):
+    monkeypatch.setattr(regime_points, "balance", lambda tables: tables)
+    tables = regime_points._dragged(0.7, 0.25, 0.4)
+    places = [tuple(float(s[key].split()[0]) / 4.0 for key in ("x", "z")) for s in tables["particle"]["spots"]]
+    assert places == [(0.7, 0.5), (-0.25, -0.5), (0.25, -0.5)]  # over h
+    assert tables["friction"] == {"upper": 0.4, "lower": 0.4} and "direction" not in tables["path"]  # toward -x
+    for words, stopped, state in (
+        ("rolling sliding", None, "rolling"), ("sticking sliding", None, "sliding"), ("sticking rolling", None, "sticking"),
+        ("sticking sticking", "rolling", "sticking"), ("sticking sliding", "undecided", None), ("sticking sticking", None, None),
+    ):  # fmt: skip
+        points = [SimpleNamespace(label=label, spots=["stick"]) for label in words.split()]
+        assert regime_points._regime(SimpleNamespace(points=points, stopped=stopped and SimpleNamespace(label=stopped))) == state
 
 
 @pytest.mark.full(kind="slow")

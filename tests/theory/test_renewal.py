@@ -93,8 +93,7 @@ def test_creep_curve_beside_carter_and_kalker(level):
     slope is Kalker's; full sliding comes early, at x = 1.5, against 2 of Carter's cylinder and 3 of the ball. At most
     (of the places looked at, x = 1.3) the curve is 0.07 above Carter's and 0.13 above that of the ball.
     """
-    nu = 0.25
-    far = [0.0, 0.0]
+    nu, far = 0.25, [0.0, 0.0]
     for share in (0.1, 0.6, 1.0, 1.3, 1.5, 3.0):
         spot = RollingSpot(level, pair(nu))
         limit = 0.3 * theory.hertz_force(spot.e_star, RADIUS, OVERLAP)
@@ -130,8 +129,7 @@ def test_a_spot_that_sways_keeps_its_force(level):
     forces = [spot.shear(0.5).x]
     for _ in range(40):
         forces += [spot.move(roll=path).x for path in (5e-10, -1e-9, 5e-10)][-1:]
-    assert forces[-1] == pytest.approx(forces[1], rel=1e-12)
-    assert forces[-1] == pytest.approx(forces[0], rel=0.01)
+    assert forces[-1] == pytest.approx(forces[1], rel=1e-12) and forces[-1] == pytest.approx(forces[0], rel=0.01)
 
 
 @each(EVERY)
@@ -161,14 +159,12 @@ def test_a_value_of_the_scene_overrides_the_rate():
 
 
 def test_the_rate_is_a_word_or_a_number():
-    assert option_value(RENEWAL, "kalker", True) == "kalker"
-    assert option_value(RENEWAL, 0.3, True) == 0.3
+    assert option_value(RENEWAL, "kalker", True) == "kalker" and option_value(RENEWAL, 0.3, True) == 0.3
     with pytest.raises(ValueError, match="expected 'kalker' or a number from 0 to 100, got 'hertz'"):
         option_value(RENEWAL, "hertz", True)
     with pytest.raises(ValueError, match="between 0 and 100"):
         option_value(RENEWAL, -1.0, True)
-    assert MINDLIN.sized({"renewal": "kalker"}) is MINDLIN_ROLLING
-    assert COULOMB.sized({"renewal": 0.5}) is COULOMB_ROLLING
+    assert MINDLIN.sized({"renewal": "kalker"}) is MINDLIN_ROLLING and COULOMB.sized({"renewal": 0.5}) is COULOMB_ROLLING
     for options in ({}, {"renewal": 0.0}, {"renewal": "kalker", "memory": "rescaled"}):
         assert MINDLIN.sized(options) is MINDLIN and COULOMB.sized(options) is COULOMB
 
@@ -185,8 +181,7 @@ def test_ground_is_fresh_after_the_diameter_of_the_patch_and_never_where_it_shri
     assert sum(paths) == pytest.approx(1.0 * A)
     assert paths[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
     ground = step(0.0, 0.0, 0.5 * A, *step(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)[1:])
-    assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
-    assert step(0.0, 0.0, A, *ground[1:]).path == 0.0
+    assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A)) and step(0.0, 0.0, A, *ground[1:]).path == 0.0
 
 
 def test_heat_takes_the_work_of_steady_rolling():
@@ -268,5 +263,4 @@ def test_a_pinched_ball_creeps_where_its_springs_are_renewed(make, integrator):
     steel = make.STEEL.shear(), make.STEEL.poisson_ratio
     overlap = theory.hertz_overlap(theory.e_star(*steel, *steel), 1e-5, 1e-3)
     creep = 0.5 * SIDE / (steel[0] * theory.contact_radius(1e-5, overlap) ** 2 * C11[0.3][0])
-    assert abs(behind[0.0]) < 0.05 * creep
-    assert behind["kalker"] == pytest.approx(creep, rel=0.1)
+    assert abs(behind[0.0]) < 0.05 * creep and behind["kalker"] == pytest.approx(creep, rel=0.1)

@@ -227,8 +227,7 @@ def test_a_pinched_ball_stops_spinning(make, integrator):
     # each opposes the spin about its own normal
     assert contacts[:, record.TWIST_MOMENT] * contacts[:, record.NORMAL + 2] == pytest.approx([-limit, -limit], rel=1e-5)
     assert contacts[:, record.TWIST_LIMIT] == pytest.approx([limit, limit], rel=1e-5)
-    lines = ledger.lines(state)
-    stored = 2.0 * 0.5 * limit**2 / k
+    lines, stored = ledger.lines(state), 2.0 * 0.5 * limit**2 / k
     assert lines["elastic_tangential"] == pytest.approx(stored, rel=1e-4)
     lost = 0.5 * inertia * (spin**2 - spins[-1] ** 2) - stored
     assert lines["friction"] - before["friction"] == pytest.approx(lost, rel=1e-3)
@@ -273,8 +272,7 @@ def test_an_impact_changes_the_spins_by_the_moment_of_its_load(make):
     deepest = (15.0 / 16.0 * 0.5 * mass * (2.0 * speed) ** 2 / (e * math.sqrt(0.5 * radius))) ** 0.4
     beta = math.gamma(1.2) * math.gamma(0.5) / math.gamma(1.7)
     impulse = 4.0 / 3.0 * e * 0.5 * radius * 0.8 * deepest**3 / (2.0 * speed) * beta
-    change = FULL_SLIP * FRICTION * impulse / (0.4 * mass * radius**2)
-    spins = simulation.state.bodies.spin[:, 0]
+    change, spins = FULL_SLIP * FRICTION * impulse / (0.4 * mass * radius**2), simulation.state.bodies.spin[:, 0]
     # the springs yield at a turn of some 1e-2, which takes 1e-3 of the impact at its light ends
     assert spin - spins[0] == pytest.approx(change, rel=1e-3)
     assert spins[0] == pytest.approx(-spins[1], rel=1e-12)  # rounding: equal and opposite moments

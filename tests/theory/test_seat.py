@@ -47,8 +47,7 @@ def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level
     scale = normal.sum()
     assert abs(sign @ normal) < 1e-8 * scale and abs(sign @ shear) < 1e-8 * scale
     assert abs(sign @ (normal * place[:, 0] - shear * place[:, 2])) < 1e-8 * scale * 2e-6
-    assert np.all(np.abs(shear) <= MU * normal * (1.0 + 1e-9))
-    assert any("rotates by" in line for line in result.warnings)
+    assert np.all(np.abs(shear) <= MU * normal * (1.0 + 1e-9)) and any("rotates by" in line for line in result.warnings)
 
 
 def test_seats_by_load_and_by_indentation_of_a_mirror_image_and_of_an_even_particle():
@@ -78,11 +77,9 @@ def test_the_forecast_is_that_of_the_seat():
 
 def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
     result = pressed(FALLING)
-    assert result.points == [] and result.seat is None
-    assert result.stopped is not None and result.stopped.label == "rolling"
+    assert result.points == [] and result.seat is None and result.stopped is not None and result.stopped.label == "rolling"
     # that of the two spots that touch; the third never does
-    assert result.forecast.mu_required == pytest.approx(1.5 / 4.0, rel=1e-12)
-    assert result.forecast.possible == []
+    assert result.forecast.mu_required == pytest.approx(1.5 / 4.0, rel=1e-12) and result.forecast.possible == []
 
 
 def test_a_particle_that_takes_too_many_steps_into_its_seat_is_undecided(monkeypatch):

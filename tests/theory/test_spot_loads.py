@@ -68,9 +68,7 @@ def test_no_closed_path_makes_energy(n, paths):
             k = 2048 // points
             work, energy, none = closed_path(path[::k].copy(), speed[::k].copy(), depth, radius, STIFFNESS, COMPLIANCE)
             worst[points], idle = max(worst[points], abs(work) / energy), idle + none
-    assert idle > 0.4 * paths
-    assert worst[2048] < 2e-6
-    assert worst[2048] < worst[256] / 50.0
+    assert idle > 0.4 * paths and worst[2048] < 2e-6 and worst[2048] < worst[256] / 50.0
 
 
 def test_the_order_of_spots_does_not_matter_and_forces_along_the_plate_cancel():

@@ -120,8 +120,7 @@ def test_curved_paths_are_of_first_order():
     fine = end(512)
     errors = [np.linalg.norm(end(steps) - fine) / LIMIT for steps in (8, 16, 32)]
     orders = np.diff(np.log2(errors)) * -1.0
-    assert errors[0] < 0.06
-    assert np.all((orders > 0.8) & (orders < 1.3))
+    assert errors[0] < 0.06 and np.all((orders > 0.8) & (orders < 1.3))
 
 
 def test_without_friction_and_with_a_great_deal():

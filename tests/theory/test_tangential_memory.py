@@ -100,9 +100,8 @@ def held(level, swing, tau, count=10):
 def test_load_cycles_take_their_share_of_a_shear_force_once(case):
     found = {level: held(level, *case) for level in LEVELS}
     for level, forces in found.items():
-        assert 0.25 * case[1] < forces[0] < (1.0 + 1e-9) * case[1], (
-            level
-        )  # the first cycle releases the edge that leaves the patch
+        # the first cycle releases the edge that leaves the patch
+        assert 0.25 * case[1] < forces[0] < (1.0 + 1e-9) * case[1], level
         # rounding, or what fields lose at the edge
         assert np.abs(forces / forces[0] - 1.0).max() < (0.03 if level in ("mdr", "exact") else 1e-9), level
     assert np.abs(found["mdr"] / found["exact"] - 1.0).max() < 0.01  # what 32 springs miss at the edge

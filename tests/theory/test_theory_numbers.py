@@ -82,8 +82,7 @@ def test_tilted_state(mu_h):
     w, phi, forces = POSES[mu_h]
     ours = theory.tilted_state(TILTED, E1, E2, R, CLOSING, mu_h)
     # phi is a difference of indentations some 3 to 30 times larger than itself times the lever
-    assert ours[0] == pytest.approx(w, rel=1e-13)
-    assert ours[1] == pytest.approx(phi, rel=1e-12)
+    assert ours[0] == pytest.approx(w, rel=1e-13) and ours[1] == pytest.approx(phi, rel=1e-12)
     assert ours[2] == pytest.approx(forces, rel=1e-13)
 
 

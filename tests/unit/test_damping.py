@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from thirdbody.laws import damping as law
+from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import damping_number, restitution_of
 from thirdbody.laws.kernel_data import Contact, Load, Normal
@@ -14,10 +15,6 @@ STEEL = Material("steel", 80e9, 0.3, 7850.0)
 
 # clipped contact, seven decimals (root of an impact integrated with 15 digits)
 TABLE = {0.98: 0.0144386, 0.9: 0.0766193, 0.8: 0.1662631, 0.7: 0.2732805, 0.5: 0.5708137, 0.3: 1.1118611, 0.1: 2.7798526}
-
-
-def plain(function):
-    return getattr(function, "py_func", function)
 
 
 def integrated_restitution(alpha: float) -> float:

@@ -132,8 +132,7 @@ def test_what_is_drawn_of_a_run(tmp_path):
     assert found.friction.tolist() == [0.2, 0.1, 0.2, 0.2]  # the lesser of the two plates
     assert found.slides.tolist() == [True, False, True, False]
     # body 0 rolls before the drag and after the watched way, neither counts
-    assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
-    assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
+    assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"] and (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
     assert counted["agree"] == int(found.correct.sum()) == 3 and counted["slides_instead"] == [3]
     # the plain fact is a turn by more than a/R: bodies 1 and 2, told to slide, turned by 1.2 and 0.8 of it whatever their labels
     with open_run(write_run(tmp_path / "told", message=(2, 3, 3, 4, 4))) as run:
