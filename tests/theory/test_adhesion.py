@@ -160,10 +160,12 @@ def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_chooses():
     assert small[:3] == pytest.approx((loaded - pull, a, (0.4 * loaded - pull) * 1e-10), rel=1e-12, abs=0.0)
     assert small[-2:] == pytest.approx((2.0 * E_STAR * 1e-10 / (math.pi * a), 40e-9))  # p_0; d(a^2)/dd = R
     assert plain(chosen.tangent)(contact(1e-10, 40e-9), p, (1.0, 0.0, 0.0)) == pytest.approx(2.0 * E_STAR * a)
-    for model, low, high, words in (("auto", 20e-9, 40e-9, ""), ("auto", 6e-3, 7e-3, ""), ("auto", 20e-9, 1e-6, "too weakly"),
-                                    ("dmt", 20e-9, 1e-6, "strongly")):  # fmt: skip
+    for model, low, high, said, words in (
+        ("auto", 20e-9, 40e-9, "dmt", ""), ("auto", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "third too strongly"),
+        ("auto", 20e-9, 1e-6, "dmt below R = 42.6 nm, jkr above", "quarter too weakly"),
+    ):  # fmt: skip
         text, warns = ADHESION.remark(PAIR, law(model)[2], low, high)
-        assert warns == bool(words) and words in text and ("dmt below R = 42.6 nm, jkr above" in text) == (words == "too weakly")
+        assert warns == bool(words) and words in text and f"w = 50 mJ/m2, {said}; Tabor's number" in text
 
 
 @each([("jkr", 3.0), ("dmt", 0.0)])
