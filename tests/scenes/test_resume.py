@@ -23,7 +23,8 @@ from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
-from thirdbody.runner.run_loop import WallTimes
+from thirdbody.runner.run_folder import RunFolder
+from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -183,11 +184,20 @@ def copy(stopped, tmp_path):
     return Path(shutil.copytree(stopped, tmp_path / "run"))
 
 
-def test_a_changed_scene_is_refused_with_the_difference(copy):
+def test_a_changed_scene_is_refused_with_the_difference(copy, monkeypatch):
     with pytest.raises(InputError, match=r"pairs\[0\].friction: was 0.3, is 0.4"):
         prepare_resume(copy, {"pairs.0.friction": "0.4"})
     with pytest.raises(InputError, match="output.every: was"):
         prepare_resume(copy, {"output.every": "0.03 um"})
+    for settings, words in (
+        ({"solver.distance": "0.05 um"}, "solver.distance: 5e-08 is less than the 1e-07 of this run .*may only grow"),
+        ({"solver.distance": None, "solver.duration": "1 s"}, "a run by distance goes on by distance"),
+    ):
+        with pytest.raises(InputError, match=words):
+            prepare_resume(copy, settings)
+    monkeypatch.setattr(thirdbody, "__version__", "0.0.0")  # is told, and no fault
+    assert any("taken up by another version" in text for text in prepare_resume(copy)[0].warnings)
+    monkeypatch.undo()
     text = (copy / "scene.toml").read_text()
     (copy / "scene.toml").write_text(text.replace('level = "mindlin"', 'level = "mdr"'))
     with pytest.raises(InputError, match="contact.level: was mindlin, is mdr"):
@@ -212,9 +222,13 @@ def test_another_law_of_the_same_name_is_refused(tmp_path):
 def test_the_largest_pressure_before_the_stop_is_remembered(copy):
     simulation, kept = prepare_resume(copy)
     kept.pressure.update(ratio=1e3, pressure=1e12)
-    execute(simulation, copy, checkpoint=kept, overwrite=True)
+    kept.wall_time, kept.violations = 1e5, 1
+    loop = RunLoop(simulation, RunFolder(copy))
+    loop.restore(kept)
+    assert (loop.reached, loop.energy_guard.above) == (kept.stop, 1)
+    execute(simulation, copy, checkpoint=replace(kept, violations=0), overwrite=True)
     with thirdbody.open(copy) as run:
-        assert run.summary()["peak_pressure"] == 1e12
+        assert run.summary()["peak_pressure"] == 1e12 and run.summary()["wall_time"] > 1e5
 
 
 def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):

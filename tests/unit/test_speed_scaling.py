@@ -62,6 +62,10 @@ def test_the_plate_takes_the_same_path_in_another_time(read):
             bound = pytest.approx(there, rel=1e-9, abs=1e-6 * 1e-9 * (1.0 + factor))
             assert after.displacement_at(SETTLED + t / factor) == bound, (motion, axis, factor)
         assert after.top_speed() == pytest.approx(factor * before.top_speed(), rel=1e-12)
+    # a table goes on from where the plate is, and a ramp from its last slope
+    motion = f'[{{velocity = "1 m/s", duration = "1 us"}}, {MOTIONS["table"][1:].split("}")[0]}}}, {MOTIONS["ramp"]}]'
+    made = schedule(read(f'load = "2 mN"\nmotion = {{x = {motion}}}'), 0.0)
+    assert [made.displacement_at(t * 1e-6)[0] for t in (2, 3, 4, 5)] == pytest.approx([1.5e-6, 0.5e-6, 1e-6, 3e-6], rel=1e-9)
     # a load stays at its place on the path
     for loading in LOADS:
         given, factor = read(f'load = "2 mN"\nloading = {loading}\nmotion = {{x = {{velocity = "1 m/s"}}}}'), 7.0

@@ -16,7 +16,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.height_map import HeightMap
 from thirdbody.surfaces.levelling import fill_missing, levelled
-from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
+from thirdbody.surfaces.periodic_scan import ScanOptions, cropped, periodic_scan
 from thirdbody.surfaces.self_affine import Spectrum, _uniform, self_affine
 from thirdbody.surfaces.spectrum import radial_spectrum
 from thirdbody.surfaces.statistics import surface_statistics, with_spectrum
@@ -119,9 +119,19 @@ def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surf
     assert statistics.valley_curvature == pytest.approx(amplitude * k**2, rel=0.01)
     assert statistics.kurtosis == pytest.approx(1.5, rel=1e-12) and abs(statistics.skewness) < 1e-12
     assert with_spectrum(statistics, surface.heights, surface.spacing).law is None
+    # sharp crests: the curvature is cos t + 0.4 cos 2 t, at least -0.7125
+    t = 2.0 * math.pi * np.arange(64) / 64.0
+    sharp = surface_statistics(np.tile(amplitude * (np.cos(t) + 0.1 * np.cos(2.0 * t)), (16, 1)), (wavelength / 64.0,) * 2)
+    curvatures = sharp.crest_curvature, sharp.valley_curvature, sharp.rms_curvature
+    assert curvatures == pytest.approx(amplitude * k**2 * np.array([1.4, 0.7125, 0.5 * math.sqrt(0.58)]), rel=0.01)
+    shape = sharp.skewness, sharp.highest / amplitude, sharp.lowest / amplitude
+    assert shape == pytest.approx((0.075 / 0.505**1.5, 1.1, -0.9), rel=1e-9)
     # a wave in any direction has whole numbers in the domain
     nearest = grid.whole_waves(SIZE, 10e-6, math.radians(40.0))
     assert nearest.along == (8, 5)
+    assert grid.whole_waves(SIZE, 1.0, math.radians(80.0)).along == (0, 1)  # longer than the domain
+    along_y = plate_surfaces(scene({"wave": {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}}))["lower"].heights
+    assert np.ptp(along_y, axis=1).max() < 1e-20 and np.ptp(along_y) == pytest.approx(2e-7, rel=1e-9)
     assert 1.0 / nearest.wavelength == pytest.approx(math.hypot(8 / SIZE[0], 5 / SIZE[1]), rel=1e-12)
     heights = sine_heights(phases((64, 80), nearest.along, 0.0), 1.0)
     power = np.abs(np.fft.fft2(heights))
@@ -132,6 +142,8 @@ def test_a_groove_has_straight_flanks_and_continuous_curvature():
     n, period = 20000, 20e-6
     profile = GrooveProfile(2e-6, 8e-6, 3e-6, 0.5e-6, period)
     z = groove_heights(phases((1, n), (1, 0), 0.0), profile)[0]
+    quarter = groove_heights(phases((1, n), (1, 0), 0.5 * math.pi), profile)[0]  # a groove at a quarter of the distance
+    np.testing.assert_allclose(quarter, np.roll(z, n // 4), atol=1e-15)
     x, step = np.arange(n) * period / n, period / n
     assert z.min() == pytest.approx(-2e-6, rel=1e-12) and z.max() == pytest.approx(0.0, abs=1e-21)
     flank = (x > 1e-6 + 0.51e-6) & (x < 4e-6 - 0.51e-6)
@@ -171,6 +183,11 @@ def test_the_inside_of_a_scan_is_left_as_it_is():
     original = scan()
     surface = periodic_scan(original, (200e-6, 160e-6), ScanOptions("mean", short=2.5e-6, join="mirror"))
     assert surface.copies == (1, 1)
+    # four points of the file by default; 150 um by 120 um less the tenth of the blend; a part along x
+    other = periodic_scan(original, (137e-6, 218e-6), ScanOptions("mean"))
+    assert (other.shortest, other.copies) == (pytest.approx(2e-6), (2, 3))
+    part = cropped(original, ((10e-6, 60e-6), None))
+    assert np.array_equal(part.heights, original.heights[:, 20:121])
     x = np.arange(40, 160) * surface.spacing[0] / original.spacing[0]
     y = np.arange(40, 120) * surface.spacing[1] / original.spacing[1]
     expected = map_coordinates(original.heights, np.meshgrid(y, x, indexing="ij"), order=3)

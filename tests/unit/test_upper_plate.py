@@ -44,6 +44,9 @@ def test_schedules_are_those_of_the_closed_forms():
         (f'[{first}, {{pause = "3 us"}}, {{velocity = "-1 m/s"}}]', {1: 0.5e-6, 2: 2e-6, 3: 4e-6, 5: 4e-6, 6: 4e-6, 8: 2e-6}),
         # a ramp goes on from the velocity before: 2 um at 2 m/s, then 1.5 m/s on average for 2 us, then 1 m/s for ever
         ('[{velocity = "2 m/s", duration = "1 us"}, {ramp = "1 m/s", duration = "2 us"}]', {1: 2e-6, 3: 5e-6, 4: 6e-6}),
+        # and from rest after a pause or after cycles, which end at rest themselves
+        (f'[{first}, {{pause = "1 us"}}, {{ramp = "2 m/s", duration = "2 us"}}]', {3: 4e-6, 4: 4e-6, 6: 6e-6}),
+        ('{stroke = "2 um", frequency = "1 MHz", shape = "triangle", cycles = 1.5}', {1.5: 2e-6, 9: 2e-6}),
     ):
         made = moved(text)
         for t, x in places.items():
@@ -52,6 +55,12 @@ def test_schedules_are_those_of_the_closed_forms():
     assert made.displacement_at(4e-6) == (0.0, 0.0)
     assert made.displacement_at(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
     assert made.direction() == (1.0, 0.0)
+    for text, heading in (
+        ('x = {velocity = "3 m/s"}, y = {velocity = "-4 m/s"}', (0.6, -0.8)),
+        ('x = [{pause = "1 us"}, {velocity = "3 m/s"}], y = {ramp = "-4 m/s", duration = "1 us"}', (0.0, -1.0)),  # the first one
+    ):
+        made = schedule(scene(f'load = "1 mN"\nmotion = {{{text}}}'), 0.0)
+        assert (*made.direction(), made.top_speed()) == pytest.approx((*heading, 5.0), rel=1e-12)
     # strokes are peak to peak
     sine = moved('{stroke = "2 um", frequency = "1 MHz"}')
     triangle = moved('{stroke = "2 um", frequency = "1 MHz", shape = "triangle"}')
@@ -106,8 +115,25 @@ def test_the_engine_follows_the_schedule():
     assert built.state.distance == pytest.approx(built.schedule.path(0.1e-6, built.state.time), rel=1e-3)
 
 
+def test_masses_dashpots_and_settling_times_where_the_scene_gives_none():
+    drag, d = 'motion = {x = {velocity = "1 mm/s"}}', 2.0 * np.array([5e-6, 5.01e-6, 5.03e-6])
+    m, e_star = 7850.0 * np.pi / 6.0 * d**3, 210e9 / (2.0 * (1.0 - 0.3**2))
+    critical = 2.0 * np.sqrt(2.0 * e_star * (3.0 * 1e-5 * 0.5 * d / (4.0 * e_star)) ** (1.0 / 3.0) * m.mean())  # k = 2 E* a
+    upper = build(scene(f'support = "load_per_particle"\nload = "10 uN"\n{drag}'), discover()).upper
+    assert upper.plate.mass == pytest.approx(m.mean(), rel=1e-9) and upper.plate.damping == pytest.approx(critical, rel=1e-6)
+    fall = 0.25 * d.max()  # of the patch
+    assert upper.settle == pytest.approx(math.sqrt(2.0 * fall * (m.max() + m.mean()) / 1e-5) + critical.max() * fall / 1e-5)
+    upper = build(scene(f'support = "foundation"\nstiffness = "10 N/m"\nload = "10 uN"\n{drag}'), discover()).upper
+    common, patch = upper.plate.foundation, upper.plate.damping[0]
+    assert common.mass == pytest.approx(m.sum(), rel=1e-9) and upper.settle == pytest.approx(12.0 * patch / 10.0)
+    assert common.damping == pytest.approx(2.0 * math.sqrt(3.0 * 10.0 * m.sum()), rel=1e-9)
+    assert build(scene('support = "load_per_particle"\nload = "10 uN"'), discover()).upper.settle == 0.0  # nothing moves
+
+
 def test_a_closing_gap_presses():
     debris = ball("5 um", "50 um")
+    with pytest.raises(InputError, match="upper.gap: .* is smaller than body 2, .*it would start inside the plate"):
+        build(scene('gap = "10.05 um"'), discover())
     built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', debris), discover())
     built.integrator.advance_to(time=0.5e-6)
     assert built.state.patches.height[0] == pytest.approx(10.001e-6 - 0.5e-6 * 10e-3, rel=1e-4)
@@ -170,6 +196,8 @@ def test_a_stiff_foundation_is_a_rigid_plate():
     assert built.upper.plate.mass == pytest.approx(built.state.bodies.mass.sum(), rel=1e-12)  # where the scene gives none
     assert built.upper.loaded == 1 and built.state.A[run_totals.PLATE_WORK] > 0.0
     assert not any("rests on about 1 of 3" in warning for warning in built.warnings)  # three bodies are no larger layer
+    warnings = build(scene('load = "10 uN"', debris=THREE + ball("5 um", "5 um")), discover()).warnings
+    assert any("rests on about 1 of 4 bodies" in warning for warning in warnings)
 
 
 def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
