@@ -2,7 +2,9 @@
 
 import copy
 import math
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +13,12 @@ from hard.trial import Setting, Trial
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.guards import EnergyGuard
+from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.columns import body, run_totals, step_memory
+from thirdbody.kernels.columns import domain as limits
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute, prepare
@@ -60,6 +65,7 @@ def test_left_the_domain():
     simulation = build(make.scene(trial, falling, {"ball": make.STEEL}, 0.3, lower="ball", domain=domain))
     with pytest.raises(GuardStop, match=r"stopped at t = .*body 0 at \(0\.10*\d*, .*left the domain"):
         simulation.integrator.advance_to(time=1e-2)
+    assert simulation.state.D[limits.FLOOR] == -1e-3  # one radius below the plate
 
 
 def test_energy_that_comes_from_nowhere():
@@ -130,6 +136,17 @@ def test_a_force_that_is_not_a_number():
     simulation.state.physics.pairs[:] = math.nan
     with pytest.raises(GuardStop, match=r"stopped at t = .*the force between body 0 at \(.*plate is not a number"):
         simulation.integrator.advance_to(time=6e-7)
+
+
+def test_how_steps_change_and_what_is_said_to_limit_them():
+    one = SimpleNamespace(waiting=[])  # down at once, up at once by a quarter, else to the smallest of 16 that allow more
+    assert [Explicit._next_step(one, x, 1.0) for x in (0.9, 1.26, 1.2, 0.99)] == [0.9, 1.26, 1.0, 0.99]
+    assert [Explicit._next_step(one, 1.2 - 0.01 * k, 1.0) for k in range(16)] == [1.0] * 15 + [1.05]
+    memory, order = np.zeros((2, step_memory.WIDTH)), np.array([7, 4])
+    causes(memory)[:, :6] = [[0, 1, 0, 0, 2, 0], [5, 0, 0, 0, 2, 0]]
+    assert list(limited_by(memory).items()) == [("error", 5), ("largest_step", 4), ("landing", 1)]
+    assert limiting_body(memory, order) == {"body": 4, "steps": 5}
+    assert re.match("50 % of steps .* of body 4$", in_words(causes(memory), order))
 
 
 @BOTH

@@ -153,7 +153,7 @@ def test_contacts_that_are_wide_against_the_waves_give_a_warning(capsys):
     step = np.where(np.arange(128) < 64, 1e-6, -1e-6)[None, :] * np.ones((8, 1))
     scales = surface_scales({"lower": Surface(step, (40e-6, 20e-6), 20e-6)}, RADIUS, 0.0)["lower"]
     assert "does the file hold steps?" in scales.warnings("lower")[0]
-    assert scales.document()["contact_radius"] is None
+    assert scales.document()["contact_radius"] is None and scales.document()["lowest"] == -1e-6
     print_rough_plates({"lower": scales.document()})
     text = capsys.readouterr().out
     assert surface_scales({}, RADIUS, 1e-4) == {}  # flat plates

@@ -116,6 +116,11 @@ def test_the_estimate_is_that_of_the_formulas():
     assert (bed.height, bed.pressure, bed.diameter) == pytest.approx((HEIGHT, 2.5e6, 10e-6), rel=1e-12)  # rounding
     assert bed.inertial_number == pytest.approx(number, rel=1e-12)
     assert bed.softness == pytest.approx((210e9 / (2.0 * (1.0 - 0.3**2)) / 2.5e6) ** (2.0 / 3.0), rel=1e-12)
+    # on 1e-9 m2 the load of every patch; the load of the plate and a preload of every spring
+    springs = {"plates.upper.support": "foundation", "plates.upper.stiffness": "1 N/m", "plates.upper.preload": "0.1 mN"}
+    for more, pressure in (({}, 6e7), (springs, 7e6)):
+        given = scene().with_settings(NO_PRESSURE | EACH | more | {"solver.inertial_number": None})
+        assert build(given).bed.pressure == pytest.approx(pressure, rel=1e-12)
     # a high bed shears in ten diameters and a short stroke within itself
     bed = Bed(1e-3, 1e6, 1e4, 1e-5, 2e-5, 1e11, 1.0, math.inf)
     assert bed.shear_rate == pytest.approx(1.0 / 1e-4)

@@ -101,7 +101,8 @@ def test_surfaces_depend_on_seed_and_plate_and_not_on_the_grid():
 
 def test_the_spline_passes_through_the_heights_and_follows_the_band_limited_surface():
     coarse, fine = random_heights(8), random_heights(32)
-    surface = plate_surfaces(scene({"rms": 2e-7, "long": 2e-5, "short": 4e-6}))["lower"]
+    surface = plate_surfaces(scene({"rms": 2e-7, "long": 2e-5, "short": 4e-6, "curvature": False}))["lower"]
+    assert (surface.shortest, surface.curvature) == (4e-6, False)
     np.testing.assert_allclose(surface.heights, coarse, atol=1e-18)
     y, x = np.mgrid[0 : fine.shape[0], 0 : fine.shape[1]] / 4.0
     spline = map_coordinates(surface.coefficients, [y, x], order=3, mode="grid-wrap", prefilter=False)
@@ -250,9 +251,12 @@ def test_all_faults_of_both_plates_come_at_once(tmp_path):
     # a scene with surfaces is saved and read again
     groove = {"depth": 1e-6, "width": 6e-6, "flank": math.radians(30), "wavelength": 20e-6}
     wave = [groove, {"amplitude": 1e-7, "wavelength": 16e-6, "direction": "y"}]
-    given = scene({"wave": wave}, {"file": "scan.x3p", "crop": {"x": [0.0, 5e-5]}})
+    given = scene({"wave": wave}, {"file": "scan.npz", "crop": {"x": [0.0, 5e-5]}, "curvature": False})
+    np.savez(tmp_path / "scan.npz", heights=scan().heights, spacing=0.5e-6, unit="m")
     given.save(tmp_path / "scene.toml")
     assert Scene.load(tmp_path / "scene.toml") == given
+    lower, upper = plate_surfaces(Scene.load(tmp_path / "scene.toml")).values()
+    assert lower.shortest == pytest.approx(0.4e-6 * math.sqrt(3.0), rel=1e-12) and not upper.curvature  # a corner's two halves
     assert given.plates.lower.surface.wave[0].corner() == pytest.approx(
         0.2e-6 * math.sqrt(3.0), rel=1e-12
     )  # by default a fifth of the flank

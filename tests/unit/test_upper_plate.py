@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,15 @@ from theory.plain import plain
 
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.time_step import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check
+from thirdbody.runner.accuracy_warnings import _load_ratio
 from thirdbody.scene.model import Scene
 
 PLATES = scene_text("{debris}", '["100 um", "100 um"]', "{upper}", solver="{solver}")
@@ -124,8 +127,8 @@ def test_masses_dashpots_and_settling_times_where_the_scene_gives_none():
     fall = 0.25 * d.max()  # of the patch
     assert upper.settle == pytest.approx(math.sqrt(2.0 * fall * (m.max() + m.mean()) / 1e-5) + critical.max() * fall / 1e-5)
     upper = build(scene(f'support = "foundation"\nstiffness = "10 N/m"\nload = "10 uN"\n{drag}'), discover()).upper
-    common, patch = upper.plate.foundation, upper.plate.damping[0]
-    assert common.mass == pytest.approx(m.sum(), rel=1e-9) and upper.settle == pytest.approx(12.0 * patch / 10.0)
+    common, dashpot = upper.plate.foundation, upper.plate.damping[0]
+    assert common.mass == pytest.approx(m.sum(), rel=1e-9) and upper.settle == pytest.approx(12.0 * dashpot / 10.0)
     assert common.damping == pytest.approx(2.0 * math.sqrt(3.0 * 10.0 * m.sum()), rel=1e-9)
     assert build(scene('support = "load_per_particle"\nload = "10 uN"'), discover()).upper.settle == 0.0  # nothing moves
 
@@ -274,13 +277,19 @@ def test_stages_follow_each_other_and_the_last_load_stays():
 def test_largest_load_between_two_times():
     # what the explicit time step must foresee: also a jump just ahead
     for start, end, largest in (
-        (0.0, 9.9, 1e4),
-        (0.0, 3.5e-6, 1.0),
-        (2e-6, 3.9e-6, 0.5),
-        (3.1e-6, 3.9e-6, 0.0),
-        (3e-6, 4e-6, 1e4),
-    ):
+        (0.0, 9.9, 1e4), (0.0, 3.5e-6, 1.0), (2e-6, 3.9e-6, 0.5), (3.1e-6, 3.9e-6, 0.0), (3e-6, 4e-6, 1e4),
+    ):  # fmt: skip
         assert schedule(read(STAGES), 0.0).largest_load(start, end) == pytest.approx(largest, rel=1e-9, abs=1e-9)
+    # until the next bound, since steps may grow: 1.5 horizons
+    P, upper = np.full((1, patch.WIDTH), 2.0), SimpleNamespace(schedule=schedule(read(STAGES), 0.0))
+    state = SimpleNamespace(P=P, time=3e-6, world=SimpleNamespace(upper=upper))
+    assert [_pressed(state, t)[0, patch.LOAD] for t in (0.6e-6, 0.7e-6)] == pytest.approx([2.0, 2e4], rel=1e-9)
+    P = np.zeros((3, patch.WIDTH))  # what is carried at the end: two patches with a preload on the springs of a common plate
+    P[:, patch.FREE], P[:, patch.LOAD], P[2, patch.NOMINAL_LOAD], P[:2, patch.SPRING] = 1.0, (3.0, 3.0, 10.0), 10.0, 5.0
+    loop = SimpleNamespace(series={"upper_force": (0, 0, 11.0), "direct_force": (0, 0, 1.0)}, maker=SimpleNamespace(interval=2.0))
+    rising = Schedule(load=(Segment(0.0, POLYNOMIAL, 1.0), Segment(3.0, POLYNOMIAL, 1.0, 2.0)))  # in the mean 1.5 from 2 s to 4 s
+    for given, ratio in ((Schedule(), 1.2), (rising, 0.8)):
+        assert _load_ratio(SimpleNamespace(state=SimpleNamespace(P=P, time=4.0), schedule=given), loop) == pytest.approx(ratio)
 
 
 def table_scene(folder, rows, more=""):
