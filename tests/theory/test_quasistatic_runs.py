@@ -62,8 +62,7 @@ def test_rolling_makes_no_energy_without_inertia():
         made = -integrator.totals[:, run_totals.NUMERICAL_LOSS] / integrator.totals[:, run_totals.PLATE_WORK_SIZE]
         # of second order in the length of a step; the force at its end alone, of first order, makes .14 here
         assert made.max() < 0.01
-    ledger = Ledger(simulation.state)
-    assert ledger.lines(simulation.state)["kinetic"] == 0.0
+    assert Ledger(simulation.state).lines(simulation.state)["kinetic"] == 0.0
 
 
 LAW = """

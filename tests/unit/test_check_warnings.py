@@ -254,8 +254,7 @@ def test_every_installed_effect_is_on_or_off_with_a_reason():
     rolling = three_spot(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit")
     rows = {row["part"]: row for row in parts(rolling)}
     assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
-    assert not rows["effect: damping"]["on"]
-    assert all(row["reason"] for row in rows.values())
+    assert not rows["effect: damping"]["on"] and all(row["reason"] for row in rows.values())
     # weight of 1e-13 kg over .1 mN
     assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
     assert rows["debris-debris contact"]["on"] is False and part_warnings(three_spot()) == []

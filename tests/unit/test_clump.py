@@ -42,10 +42,8 @@ def test_a_sphere_and_two_that_touch_are_exact():
     volume = 4.0 / 3.0 * math.pi * 0.5**3
     assert body.volume == pytest.approx(volume, rel=1e-15)  # closed form: rounding only
     assert body.inertia == pytest.approx([0.4 * volume * 0.25] * 3, rel=1e-15)
-    assert body.error == 0.0
-    assert centroid == pytest.approx([1.0, 2.0, 3.0], rel=1e-15)
-    assert quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
-    assert body.diameter == pytest.approx(1.0, rel=1e-15)
+    assert body.error == 0.0 and body.diameter == pytest.approx(1.0, rel=1e-15)
+    assert centroid == pytest.approx([1.0, 2.0, 3.0], rel=1e-15) and quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     body = clump([[0, 0, 0], [0.9, 0, 1.2]], [1.0, 0.5])
     v1, v2 = 4.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi * 0.125
     axial = 0.4 * (v1 + 0.25 * v2)

@@ -66,8 +66,7 @@ CHOICES = {
 def test_choice_and_reason():
     for name, (changes, kind, reason) in CHOICES.items():
         simulation = build(scene(*changes))
-        assert simulation.plan.kind == kind, name
-        assert reason in simulation.plan.reason, name
+        assert simulation.plan.kind == kind and reason in simulation.plan.reason, name
         assert type(simulation.integrator).__name__.lower().startswith(kind), name
 
 
@@ -91,11 +90,8 @@ def test_what_cannot_work_is_one_clear_fault(command):
     for name, (changes, key, words) in REFUSED.items():
         with pytest.raises(InputError) as caught:
             build(scene(*changes))
-        assert caught.value.exit_code == 3, name
-        assert [fault.key for fault in caught.value.faults] == [key], name
-        assert caught.value.faults[0].line is not None, name
-        for word in words:
-            assert word in caught.value.faults[0].message, name
+        assert caught.value.exit_code == 3 and [fault.key for fault in caught.value.faults] == [key], name
+        assert caught.value.faults[0].line is not None and all(word in caught.value.faults[0].message for word in words), name
     code, _, err = command((asks("implicit"), LOCAL), "run", "-o", "out", "-q")
     assert code == 3 and "solver.integrator" in err and "local_damping" in err and "Traceback" not in err
 
@@ -152,11 +148,9 @@ def test_a_resumed_run_keeps_its_integrator(tmp_path, monkeypatch):
 
 
 NEAR = (
-    asks("implicit"),
+    asks("implicit"), ('distance = "0.1 um"', 'distance = "4 um"'), ('every = "0.05 um"', 'every = "0.5 um"'),
     ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"], ["31 um", "30 um", "5 um"]]'),
-    ('distance = "0.1 um"', 'distance = "4 um"'),
-    ('every = "0.05 um"', 'every = "0.5 um"'),
-)
+)  # fmt: skip
 
 # A ball rolls at half the speed of the upper plate into a flake, whose weight keeps it on the lower one.
 SPHERES = ", ".join(f'{{center = ["{x} um", "{y} um", "0 um"], radius = "4 um"}}' for x, y in ((0, -7), (0, 0), (0, 7), (6, 0)))
@@ -171,11 +165,9 @@ gravity = ["0 m/s2", "0 m/s2", "-1e5 m/s2"]
 MEETING = (
     asks("implicit"),
     ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"]]'),
-    ("[domain]", FLAKE),
-    ('distance = "0.1 um"', 'distance = "16 um"'),
-    ('every = "0.05 um"', 'every = "0.5 um"'),
+    ("[domain]", FLAKE), ('distance = "0.1 um"', 'distance = "16 um"'), ('every = "0.05 um"', 'every = "0.5 um"'),
     ('velocity = "0.5 m/s"', 'velocity = "0.01 m/s"'),
-)
+)  # fmt: skip
 
 
 def test_two_balls_that_keep_their_distance_may_run_and_strangers_pass_through_each_other(tmp_path):

@@ -41,15 +41,13 @@ def test_bodies_of_known_poses():
     # A hemisphere-like lump: the centroid below the center of the large sphere, with no other contact near.
     body = Clump(np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -0.2]]), np.array([1.0, 0.3]), 4.2, np.ones(3), 0.0)
     quaternions, heights = resting_poses(body)
-    assert heights == pytest.approx([0.7], rel=1e-12)
-    assert quaternions[0] == pytest.approx([1, 0, 0, 0], abs=1e-15)
+    assert heights == pytest.approx([0.7], rel=1e-12) and quaternions[0] == pytest.approx([1, 0, 0, 0], abs=1e-15)
     # a stool whose centroid lies over an edge falls
     feet = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 1.0, -1.0]])
     quaternions, _ = resting_poses(Clump(feet, np.full(3, 1.5), 1.0, np.ones(3), 0.0))
     ups = ups_of(quaternions)
     # Upright, the second order lets it roll over the edge; hanging below its feet the same edge holds it.
-    assert max(ups[:, 2]) < 0.9
-    assert min(ups[:, 2]) == pytest.approx(-1.0, rel=1e-12)
+    assert max(ups[:, 2]) < 0.9 and min(ups[:, 2]) == pytest.approx(-1.0, rel=1e-12)
     # two spheres that nearly coincide rest
     for apart in (0.0, 1e-16, 1e-12, 9e-10, 1e-9, 2e-9, 5e-9, 1e-7, 1e-4):
         _, heights = resting_poses(clump([[0.0, 0.0, 0.0], [apart * 5e-6, 0.0, 0.0]], [5e-6, 5e-6]))
@@ -97,8 +95,7 @@ def test_no_minimum_is_missed():
 
 def test_settle_is_reproducible_and_turns_about_the_vertical():
     body = irregular(np.random.default_rng(1), 6, [1, 0.8, 0.6], 1.0)
-    first, _ = settle(body, np.random.default_rng(5))
-    again, _ = settle(body, np.random.default_rng(5))
+    first, again = (settle(body, np.random.default_rng(5))[0] for _ in range(2))
     assert np.array_equal(first, again)
     quaternions, heights = resting_poses(body)
     ups = ups_of(quaternions)

@@ -119,8 +119,8 @@ def test_the_estimate_is_that_of_the_formulas():
     # on 1e-9 m2 the load of every patch; the load of the plate and a preload of every spring
     springs = {"plates.upper.support": "foundation", "plates.upper.stiffness": "1 N/m", "plates.upper.preload": "0.1 mN"}
     for more, pressure in (({}, 6e7), (springs, 7e6)):
-        given = scene().with_settings(NO_PRESSURE | EACH | more | {"solver.inertial_number": None})
-        assert build(given).bed.pressure == pytest.approx(pressure, rel=1e-12)
+        bed = build(scene().with_settings(NO_PRESSURE | EACH | more | {"solver.inertial_number": None})).bed
+        assert bed.pressure == pytest.approx(pressure, rel=1e-12)
     # a high bed shears in ten diameters and a short stroke within itself
     bed = Bed(1e-3, 1e6, 1e4, 1e-5, 2e-5, 1e11, 1.0, math.inf)
     assert bed.shear_rate == pytest.approx(1.0 / 1e-4)

@@ -34,6 +34,8 @@ def test_summits_stand_on_the_plates_and_meet_their_own_side_only():
     state = build(scene()).state
     # the clearance at the start is 1e-9 of the height
     assert state.S[:, 2] + np.array([1.0, -1.0, -1.0]) * state.spheres.radius == pytest.approx([4e-6, 0.0, 0.0], abs=1e-14)
+    low = SPOTS.replace('radius = "1.5 um"', 'radius = "3 um"')  # a sphere of the lower side that reaches above the upper summit
+    assert build(scene(low + MASS)).upper.plate.heights == pytest.approx(4e-6, rel=1e-6)
     # all three spheres are close to both plates, yet each is a candidate of one plate only
     candidates = sorted(zip(state.slots.own.tolist(), state.slots.partner.tolist(), strict=True))
     assert candidates == [(0, -1 - BASINS), (1, -1), (2, -1)]
