@@ -151,30 +151,21 @@ def test_a_spot_that_lifts_off_is_reported():
 # differences of places of order 1, divided by crossing angles that may be small; h is .3 or more
 APPROX = {"rel": 1e-9, "abs": 1e-11}
 NOTHING = (math.inf, math.inf, -math.inf)
-
-
 TRIANGLE = (((1.2, 0.4),), ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.2)), 2.0)
 CROSSED = (((0.0, 1.0), (0.0, -1.0)), ((0.6, 0.0), (1.4, 0.0)), 1.5)
 SEGMENT = (((0.0, 0.0), (0.0, 1.0)), ((1.0, 0.5),), 2.0)
 PAIR = (((0.3, 0.4),), ((0.0, 0.0),), 2.0)
-
-
 INTERVALS = [
     (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
-    (TRIANGLE, (0.0, 1.0), hulls.NEVER),
     # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
-    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)),
-    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)),
-    (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)),
+    (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)), (TRIANGLE, (0.0, 1.0), hulls.NEVER),
+    (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)), (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)), (CROSSED, (0.0, 1.0), hulls.NEVER),
     (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
-    (CROSSED, (0.0, 1.0), hulls.NEVER),
     (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
     (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
-    (SEGMENT, (2.0, 1.01), hulls.NEVER),
-    (SEGMENT, (0.0, 1.0), hulls.NEVER),
-    (PAIR, (-3.0, -4.0), (0.25, 0.25)),
-    (PAIR, (-1.0, 0.0), hulls.NEVER),
-]
+    (SEGMENT, (2.0, 1.01), hulls.NEVER), (SEGMENT, (0.0, 1.0), hulls.NEVER),
+    (PAIR, (-3.0, -4.0), (0.25, 0.25)), (PAIR, (-1.0, 0.0), hulls.NEVER),
+]  # fmt: skip
 
 
 def forecast_of(upper, lower, h, e):

@@ -24,7 +24,7 @@ from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.granular_flow import friction_increase, inertia_verdict, median_by_mass
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import body, contact_state, record
+from thirdbody.kernels.columns import body, body_extra, contact_state, record
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.plot.summary_page import page
@@ -36,9 +36,11 @@ from thirdbody.trajectory.accommodation import accommodation, parts_of, transmit
 from thirdbody.trajectory.accommodation_fractions import accommodation_fractions, accommodation_text, short_accommodation_text
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
 from thirdbody.trajectory.bed_verdict import bed_warning, softness_verdict, steady
+from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
 R, DENSITY, MODULUS, PRESSURE = 5e-6, 7850.0, 1e11, 1e6
+LOAD, SIDE, FRAMES = 1e-4, 40e-6, 41
 LAWLESS = SimpleNamespace(history=(), memory=0, contact_memory=0, moments=False, rolling=0, loss="", measures=None,
                           has_effects=False)  # fmt: skip
 
@@ -114,11 +116,10 @@ def test_the_mean_flow_has_no_energy_of_fluctuation():
     assert measured(state, gap, elastic=kinetic)["kinetic_energy_ratio"] < 1e-20  # rounding of velocities, squared
     up = np.resize([0.2, -0.2], state.n_bodies)
     state.B[:, body.VELOCITY + 2] += up
-    expected = 0.5 * float(state.bodies.mass @ up**2) / kinetic
+    spin = 1e5 * R * R * state.bodies.mass  # of balls, 2/5 m R^2
+    state.B[:, body.SPIN], state.E[:, body_extra.ANGULAR_MOMENTUM] = 1e5, 0.4 * spin
+    expected = 0.5 * (float(state.bodies.mass @ up**2) + 0.4e5 * spin.sum()) / kinetic
     assert measured(state, gap, elastic=kinetic)["kinetic_energy_ratio"] == pytest.approx(expected, rel=1e-12)
-
-
-LOAD, SIDE = 1e-4, 40e-6
 
 
 @pytest.fixture
@@ -145,6 +146,15 @@ def test_a_column_of_balls_at_rest_has_the_measures_of_statics(column, tmp_path)
     rows[:, record.OVERLAP], rows[:, record.SPHERE_RADIUS], rows[:, record.PARTNER_RADIUS] = 1e-9, 1e-6, (5e-7, 0.0)
     by_hand = SimpleNamespace(state=SimpleNamespace(slots=SimpleNamespace(R=rows)), _loaded=lambda: slice(None))
     assert BedMeasures._overlap_ratio(by_hand) == pytest.approx(1.5e-3, rel=1e-12)
+    rows[:, record.NORMAL_FORCE], rows[0, record.TANGENTIAL_FORCE] = (3.0, 15.0), 4.0  # 5 and 15 N; on the bodies 3 and 1 N
+    slots = SimpleNamespace(R=rows, own=np.zeros(2, int), partner=np.array([1, -1]))
+    state = SimpleNamespace(slots=slots, body=np.arange(2), B=np.zeros((2, body.FORCE + 3)))
+    state.B[:, body.FORCE] = 3.0, -1.0
+    assert BedMeasures._unbalanced_force(SimpleNamespace(state=state, _loaded=lambda: np.arange(2))) == pytest.approx(0.2)
+    state = SimpleNamespace(world=SimpleNamespace(size=(2.0, 5.0)), bodies=SimpleNamespace(velocity=0.0))
+    maker = SimpleNamespace(state=state, interval_means={"velocity": 4.0}, _gap=lambda: 7.0)
+    lines = {"elastic_normal": 1.0, "elastic_tangential": 2.0}
+    assert FrameMaker._bed_series(maker, SimpleNamespace(series=lambda *all: all), 30.0, lines) == (Interval(3.0, 4.0, 7.0), 3.0)
     assert series["softness"] == pytest.approx((e_star * SIDE**2 / LOAD) ** (2.0 / 3.0), rel=1e-3)
     assert series["coordination_number"] == 2.0  # three contacts of two balls, two of one
     assert series["unbalanced_force"] < 1e-3 and series["kinetic_energy_ratio"] < 1e-6
@@ -165,9 +175,6 @@ def test_what_is_no_bed_has_no_measures(column, tmp_path):
     assert "profiles" in sliced.means.samplers  # means over the output interval
     with thirdbody.open(write_layer(tmp_path / "run.vtkhdf", 3, 4)) as run:
         assert run.bed is None and "bed_verdict" not in run.summary()
-
-
-FRAMES = 41
 
 
 @pytest.fixture
@@ -229,7 +236,8 @@ def test_the_verdicts_give_the_number_and_what_it_means():
     assert inertia_verdict(8e-4) == "quasi-static: I = 0.0008, friction within 0.0007 of its slow limit"
     assert inertia_verdict(4e-3) == "nearly quasi-static: I = 0.004 raises friction by about 0.004"
     assert inertia_verdict(0.02) == "not quasi-static: I = 0.02 raises friction by about 0.02"
-    for softness, word in ((1.2e4, "stiff: kappa = 12000"), (2e3, "fairly stiff"), (500.0, "soft: kappa = 500")):
+    limits = {1e4: "stiff: kappa = 10000", 9.9e3: "fairly stiff", 1e3: "fairly stiff", 990.0: "soft: kappa = 990"}
+    for softness, word in limits.items():
         said = softness_verdict(softness, 1e-4)
         assert said.startswith(word) and "0.01 % of the radius" in said
 
@@ -269,13 +277,10 @@ def parts(*arguments, **keys):
 
 # velocity and spin of a body between two plates, and the upper slip, lower slip and rolling that follow [V]
 ONE_BODY = {
-    "roller": (0.5, 0.5 / R, (0.0, 0.0, 1.0)),
-    "carried by the upper plate": (1.0, 0.0, (0.0, 1.0, 0.0)),
-    "left behind by the upper plate": (0.0, 0.0, (1.0, 0.0, 0.0)),
-    "flake that slips on both": (0.3, 0.0, (0.7, 0.3, 0.0)),
-    "roller that slips at the top": (0.4, 0.4 / R, (0.2, 0.0, 0.8)),
-    "spun by nothing": (0.5, -0.1 / R, (0.6, 0.6, -0.2)),
-}
+    "roller": (0.5, 0.5 / R, (0.0, 0.0, 1.0)), "carried by the upper plate": (1.0, 0.0, (0.0, 1.0, 0.0)),
+    "left behind by the upper plate": (0.0, 0.0, (1.0, 0.0, 0.0)), "flake that slips on both": (0.3, 0.0, (0.7, 0.3, 0.0)),
+    "roller that slips at the top": (0.4, 0.4 / R, (0.2, 0.0, 0.8)), "spun by nothing": (0.5, -0.1 / R, (0.6, 0.6, -0.2)),
+}  # fmt: skip
 
 
 @each(ONE_BODY)

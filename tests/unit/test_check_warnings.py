@@ -17,6 +17,7 @@ from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.report import scene_check as check
 from thirdbody.report.active_components import neighbours, part_warnings, parts
+from thirdbody.report.adhesion_check import adhesion_warnings
 from thirdbody.report.heat_check import expected_heat
 from thirdbody.report.tables import run_report
 from thirdbody.report.wear_check import expected_wear
@@ -258,6 +259,8 @@ def test_every_installed_effect_is_on_or_off_with_a_reason():
     # weight of 1e-13 kg over .1 mN
     assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
     assert rows["debris-debris contact"]["on"] is False and part_warnings(three_spot()) == []
+    # 3/2 pi w R of 2 um pulls with 0.47 uN, a tenth of 4.7 uN
+    assert [len(adhesion_warnings(three_spot(), load)) for load in (4.7e-6, 4.72e-6)] == [1, 0]
 
 
 def test_weight_drags_near_the_wave_speed_and_close_spots_are_warned_of():

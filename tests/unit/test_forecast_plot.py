@@ -90,7 +90,7 @@ material = "steel"
 material = "brass"
 """
 STATES = ["free", "sticking", "sliding", "rolling"]
-DISTANCES = (0.0, 0.0, 0.3e-6, 0.6e-6)  # the drag starts at frame 1; 40 a = 0.4 um: frame 2 is watched, frame 3 is not
+DISTANCES = (0.0, 0.0, 0.39e-6, 0.6e-6)  # the drag starts at frame 1; 40 a = 0.4 um: frame 2 is watched, frame 3 is not
 LABELS = [[1, 1, 1, 1, 0], [3, 1, 1, 1, 0], [2, 3, 1, 2, 3], [3, 2, 1, 2, 3]]
 REPORTED = (2, 1, 3, 0, 4)
 
@@ -145,7 +145,7 @@ def test_what_is_drawn_of_a_run(tmp_path):
         assert forecasts(run).fact.tolist() == ["sliding", "rolling", "sticking", "rolling"]
         counted = compare_forecast(run)
     assert counted["agree"] == 4 and counted["rolls_as_forecast"] == [1, 3] and counted["slides_instead"] == []
-    with open_run(write_run(tmp_path / "few", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
+    with open_run(write_run(tmp_path / "few", distances=(0.0, 0.0, 0.41e-6, 0.6e-6))) as run:
         counted = compare_forecast(run)
         assert len(forecasts(run).body) == 0
     assert (counted["forecast"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
@@ -154,6 +154,7 @@ def test_what_is_drawn_of_a_run(tmp_path):
 FOUND, PER_PARTICLE = {"support", "frames"}, 'support = "load_per_particle"'
 CONDITIONS = [
     ({}, "", FOUND), ({"partner": 3}, "", FOUND | {"neighbours"}), ({"path": 0.5}, "", FOUND | {"reversal"}),
+    ({"path": 0.985}, "", FOUND | {"reversal"}), ({"path": 0.995}, "", FOUND),  # a start between two frames
     ({}, PER_PARTICLE, {"frames"}), ({}, PER_PARTICLE + '\ngap = "8 um"', FOUND),
 ]  # fmt: skip
 
@@ -166,6 +167,8 @@ def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monk
     found = {condition["name"]: condition for condition in counted["conditions"]}
     assert {name for name, condition in found.items() if not condition["satisfied"]} == broken
     assert found["frames"]["value"] == 1.0 and found["neighbours"]["value"] == (0.5 if "partner" in words else 0.0)
+    limits = [condition["limit"].replace("\u00a0", " ") for condition in counted["conditions"][:4]]
+    assert limits == ["at most 20 %", "at most 0.005", "at most 0.5", "at least 8"]
     # overlap over radius is (overlap/a)^2; m v^2/(mu N a) with 0.3 um in 1 s, half of N on each side, mu 0.2 or, for brass, 0.1
     assert found["overlap"]["value"] == pytest.approx((1e-10 / 1e-8) ** 2, rel=1e-12)
     assert found["inertia"]["value"] == pytest.approx(4e-15 * (0.3e-6) ** 2 / (0.2 * 0.5e-4 * 1e-8), rel=1e-9)
@@ -189,11 +192,9 @@ def test_the_command_draws_beside_its_tables(command, tmp_path):
 
 REFUSED = [
     (REPORTED, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
-    (REPORTED, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
-    (None, DISTANCES, "x.png", 3, "no body has a forecast"),
-    ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"),
-    (REPORTED, (0.0, 0.0), "x.png", 3, "there is no drag"),
-]
+    (REPORTED, DISTANCES, "nowhere/x.png", 5, "cannot be written"), (None, DISTANCES, "x.png", 3, "no body has a forecast"),
+    ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"), (REPORTED, (0.0, 0.0), "x.png", 3, "there is no drag"),
+]  # fmt: skip
 
 
 def test_what_cannot_be_drawn_is_reported_in_one_line(command, tmp_path):

@@ -21,8 +21,9 @@ from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report
 from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
 from thirdbody.trajectory.energy_check import energy_verdict
-from thirdbody.trajectory.friction import friction_of
+from thirdbody.trajectory.friction import _verdict, friction_of
 from thirdbody.trajectory.plate_motion import Drag
+from thirdbody.trajectory.run_summary import run_summary
 from thirdbody.trajectory.statistics import change_and_error
 
 from .test_plot import LOAD, stroke, write
@@ -42,18 +43,15 @@ def drifting(tmp_path) -> Path:
     return path
 
 
-def friction(u: np.ndarray, mu: np.ndarray):
+def friction(u: np.ndarray, mu: np.ndarray, direct: float = 0.0):
     """Of a made-up course of displacement and coefficient, without a file."""
     distance = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(u)))))
     force = np.column_stack((-LOAD * np.nan_to_num(mu), 0.0 * u, LOAD + 0.0 * u))
     series = {"distance": distance, "displacement": u, "friction_coefficient": mu, "upper_force": force}
+    series["direct_force"] = np.outer(np.full(len(u), direct), [0.0, 0.0, 1.0])
     run = SimpleNamespace(frames=len(u), series=series, times=1e-6 * np.arange(len(u)))
     run.drag = Drag(run)
     return friction_of(run)
-
-
-def words(text: str) -> str:
-    return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_every_output_reports_the_same_number(drifting, capsys):
@@ -61,7 +59,7 @@ def test_every_output_reports_the_same_number(drifting, capsys):
     with thirdbody.open(drifting) as run:
         assert run.friction.value == pytest.approx(mean, rel=1e-14) == run.summary()["friction_coefficient"]
         assert run.summary()["friction_verdict"] == run.friction.verdict
-        seen = [words(text) for text in (
+        seen = [text.replace("\N{NO-BREAK SPACE}", " ") for text in (
             read_picture_data(run, 0, "state").facts, read_picture_data(run, -1, "state").facts,
             " ".join(text.get_text() for text in page(run).texts), page(run).axes[0].get_title(loc="left"), run_html(run),
         )]  # fmt: skip
@@ -91,7 +89,13 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
         assert (found.stationary, found.verdict[: len(verdict)]) == (stationary, verdict), name
         assert stationary is not True or found.error > 0.0 or name == "constant", name
     # by hand: a straight line of .1 over 400 intervals rises by .05 over their second half, 13 % of its mean there, .375
-    assert friction(u, np.linspace(0.3, 0.4, 400)).verdict == "still rising by 13 % over the second half"
+    line = friction(u, np.linspace(0.3, 0.4, 400))
+    assert line.verdict == "still rising by 13 % over the second half"
+    assert (line.low, line.high) == pytest.approx((0.35, 0.4), abs=1e-3)
+    # without scatter: a rise by 0.95 and by 1.05 % of the mean over the second half
+    assert [friction(u, np.linspace(0.3, 0.3 + 2.0 * d, 400)).stationary for d in (0.0029, 0.0032)] == [True, False]
+    assert [_verdict(0.3, 0.0, margin, "")[0] for margin in (0.029, 0.031)] == [True, None]  # scatter of a tenth
+    assert _verdict(0.4, 0.0068, 0.025, "now") == (True, "stationary within its scatter: changes by 2 % now")
 
 
 def test_few_frames_or_cycles_are_no_verdict():
@@ -106,6 +110,10 @@ def test_few_frames_or_cycles_are_no_verdict():
     assert two.stationary is False and two.verdict == "still rising by 67 % over the last 2 cycles"
     assert one.value == pytest.approx(0.1) and one.stationary is None
     assert math.isnan(none.value) and none.verdict == "no whole cycle yet"
+    # a return by 5 % is a stroke; an end within a thousandth of the last turn closes a cycle
+    for x in (0.96, 0.94):
+        assert (friction(np.array([0.0, 1.0, x]), np.full(3, 0.3)).verdict == none.verdict) == (x < 0.95)
+    assert [friction(np.array([0.0, 1.0, 0.0, 1.0, x]), np.full(5, 0.3)).cycles for x in (9e-4, 11e-4)] == [2, 1]
 
 
 def test_a_creep_of_five_cycles_is_seen_and_their_scatter_is_not_exaggerated():
@@ -144,6 +152,11 @@ def square_loop(cycles: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path):
     assert friction(*square_loop(3.0)).energy_per_cycle == pytest.approx(0.2 * LOAD * 160e-9, rel=1e-9)
+    # what the plates carry on each other rubs as well
+    assert friction(*square_loop(3.0), LOAD).energy_per_cycle == pytest.approx(0.4 * LOAD * 160e-9, rel=1e-9)
+    u, mu = square_loop(16.0)
+    ramp = friction(u, np.sign(mu) * (0.1 + 0.01 * ((np.arange(len(u)) - 1) // 20)))
+    assert (ramp.low, ramp.high, ramp.error, ramp.change) == pytest.approx((0.18, 0.25, 0.01 * 6**0.5, 0.07))  # of eight cycles
     u, mu = square_loop(3.25)
     with thirdbody.open(write(tmp_path / "run", u=u, mu=mu)) as run:
         assert run.friction.value == pytest.approx(0.2, rel=1e-12)  # a mean of the signed loop is zero
@@ -155,6 +168,7 @@ def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path):
         assert run.cycles["friction_coefficient_max"] == pytest.approx([0.1, 0.2, 0.2])
         assert run.cycles["tangential_force_min"] == pytest.approx(-LOAD * run.cycles["friction_coefficient_max"])
         assert run.cycles["displacement_max"] == pytest.approx(80e-9) and run.cycles["end_time"][0] == pytest.approx(20e-6)
+        assert run.cycles["start_time"] == pytest.approx([0.0, 20e-6, 40e-6])
         assert "32 pJ per cycle" not in str(run.friction) and "6.4 pJ per cycle" in str(run.friction)
         export_csv(run, tmp_path / "csv")
         rows = list(csv.DictReader((tmp_path / "csv" / "cycles.csv").open()))
@@ -185,21 +199,20 @@ SOUND = {
     "energy": {"damping": 0.0, "friction": 1.0},
 }  # fmt: skip
 FIXED = '[solver]\ntime_step = "2 ns"\n'
-
-
 ALONE = {"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": None}
 BALANCES = [
     *[(SOUND | {"energy_residual": residual}, "", ()) for residual in (None, 0.0, 9.9e-4)],
     (SOUND, FIXED, ("the time step is 2 times the automatic one", 'solver.time_step = "5e-10 s"')),
     (SOUND, "", ("4.0e-03 of the largest energy", "too long for some impact or contact", 'solver.time_step = "5e-10 s"')),
-    (SOUND | {"energy": {"damping": 3.0, "friction": 1.0}}, "", ("dashpots take 75 % of what is lost", "5e-10 s")),
+    (SOUND | {"energy": {"damping": 0.06, "friction": 0.94}}, "", ("dashpots take 6 % of what is lost", "5e-10 s")),
+    (SOUND | {"energy": {"damping": 0.04, "friction": 0.96}, "energy_residual": 1.1e-3}, "", ("1.1e-03", "some impact")),
     (SOUND | {"integrator": "implicit"}, "", ("solver.tolerance",)),
     (SOUND | {"time_step": None, "time_step_limit": None, "energy": None}, "not TOML", ("smaller solver.time_step",)),
     # what the integrator itself loses or makes
-    (ALONE | {"energy_numerical_share": 0.068}, "", ("itself lost 6.8 %", "solver.tolerance", "explicit")),
+    (ALONE | {"energy_numerical_share": 0.011}, "", ("itself lost 1.1 %", "solver.tolerance", "explicit")),
     (ALONE | {"energy_numerical_share": 0.068}, "[solver]\ninertia = false\n", ("lost 6.8 %", "tips", "solver.inertia = true")),
     (ALONE | {"energy_numerical_share": -0.26}, "", ("itself made 26.0 %", "solver.tolerance")),
-    *[(ALONE | {"energy_numerical_share": share}, "", ()) for share in (0.004, -0.004, None)],
+    *[(ALONE | {"energy_numerical_share": share}, "", ()) for share in (0.009, -0.009, None)],
 ]
 
 
@@ -236,3 +249,5 @@ def test_words_for_what_limited_the_steps():
     steps = {"output": 60, "largest_step": 30, "error": 10}
     assert step_words({"steps_limited_by": steps}) == "output 60 %, largest step 30 %, error 10 %"
     assert step_words({"time_step": 1e-9}) == ""
+    run = SimpleNamespace(frames=0, header={}, series={"fraction_rolling": [0.1, 0.5, 0.2]})
+    assert run_summary(run, {"patches_not_carried": 0})["largest_fraction_rolling"] == 0.5  # over all frames

@@ -3,11 +3,14 @@
 import itertools
 import json
 import math
+from types import SimpleNamespace
 
 import friction_cones as reference
 import hull_conditions
 import numpy as np
 
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.report import slope_forecast
 from thirdbody.report.friction_cones import EDGES, IMPOSSIBLE, POSSIBLE, Support, can_slide, can_stick
 from thirdbody.report.slope_report import slopes_report
 
@@ -85,6 +88,23 @@ def test_a_spot_whose_plate_falls_away_opens_unless_its_overlap_lasts():
         points = [(offset, 0.0, 0.5), (0.0, 0.0, -0.5)]
         # Eq. 2: N_1 p - (N_1 + m g) q = T h with q = 0, |T| <= mu N_1
         assert can_stick(support(points, np.zeros((2, 2)), 0.6, [True, False], weight=1.0)) == verdict
+
+
+def test_a_run_gives_friction_by_plate_weight_and_neighbours(monkeypatch):
+    """Two spots that lean by 0.1, the lower one on a slope of 0.15; a heavy foot beside the load; one that meets others."""
+    monkeypatch.setattr(slope_forecast, "_acceleration", lambda run: np.array([0.0, 0.0, -1.0]))
+    one = support([(0.1, 0.0, 1.0), (-0.1, 0.0, -1.0)], [(0.0, 0.0), (0.15, 0.0)], 0.0, [True, False])
+    foot = support([(0.55, 0.0, 0.5), (0.0, 0.0, -0.5)], np.zeros((2, 2)), 0.0, [True, False])
+    cases, side, none = [one, foot, one], np.array([UPPER, LOWER] * 3 + [DEBRIS]), np.zeros((1, 3))
+    rows = {"body": [0, 0, 1, 1, 2, 2, 2], "partner": [-1] * 6 + [2], "normal_force": np.ones(7), "overlap": np.ones(7)}
+    contacts = {name: np.array(values) for name, values in rows.items()} | {"side": side, "contact_radius": np.ones(7)}
+    contacts["position"] = np.vstack([*(body.arms for body in cases), none])
+    contacts["normal"] = contacts["force"] = np.vstack([*(body.normals for body in cases), none])
+    bodies = {"position": np.zeros((3, 3)), "mass": np.array([0.0, 1.0, 0.0]), "material": np.array([0, 1, 0])}
+    for lower, upper, verdict in ((0.3, 0.15, POSSIBLE), (0.15, 0.3, IMPOSSIBLE)):  # needed: tan 14.2 degrees below, 0.1 above
+        monkeypatch.setattr(slope_forecast, "_friction", lambda run, mu=(lower, upper): np.array([[mu[0], 0.6], [mu[1], 0.6]]))
+        found = slope_forecast.slope_forecast(SimpleNamespace(bodies=lambda k: bodies, contacts=lambda k: contacts), 0, ALONG_X)
+        assert found.supported.tolist() == [True, True, False] and found.stick[:2].tolist() == [verdict, POSSIBLE]
 
 
 def test_what_sticks_can_stick(shared_run, capsys, command):

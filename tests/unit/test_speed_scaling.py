@@ -14,6 +14,7 @@ from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import InputError, Interrupted
+from thirdbody.report.bed_report import speed_report
 from thirdbody.report.scene_check import Check, check_report
 from thirdbody.runner.prepare import prepare
 from thirdbody.runner.resume import resume
@@ -154,6 +155,10 @@ def test_check_prints_both_speeds_and_both_wall_times():
     scale = report["speed_scale"]
     assert scale["target"] == 0.05 and scale["requested_wall_time"] > 2.0 * report["estimated_wall_time"]
     assert report["bed"]["inertial_number"] == pytest.approx(scale["inertial_number"])
+    assert report["bed"]["shear_rate"] == pytest.approx(scale["factor"] * built.bed.shear_rate)
+    # steps take 4 of 10 s and are so many times as many at the speed asked for
+    longer = built.scene_time(built.planned_time) / built.planned_time
+    assert speed_report(built, 10.0, 4.0)["requested_wall_time"] == pytest.approx(6.0 + 4.0 * longer)
     assert report["scene"]["plates"]["upper"]["motion"] == {"x": {"velocity": "1 mm/s"}}  # the scene as it was given
     text = str(Check(report))
     assert f"speed: 1 mm/s requested, computed at {scale['text'].split(' at ')[1]}; about" in text and " instead of " in text

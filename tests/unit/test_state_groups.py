@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -15,7 +16,7 @@ from thirdbody.plot.summary_page import page
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report, states_report
 from thirdbody.trajectory.schema import Frame
-from thirdbody.trajectory.state_groups import states_by_group
+from thirdbody.trajectory.state_groups import _load_fractions, _size_classes, states_by_group
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -81,6 +82,11 @@ def test_summary_and_first_screens_report_states_by_population_material_and_size
     assert [row["bodies"] for row in sizes] == [5, 5, 5, 5] and sizes[0]["smallest"] == 1e-6 and sizes[-1]["largest"] == 7e-6
     # of the smallest five four are dust; of the largest five all are hard, and the one that slides is not among them
     assert sizes[0]["fractions"]["free"] == 0.8 and sizes[-1]["fractions"]["rolling"] == 1.0
+    # one size within 2 %, at least five bodies in a class; the load is that of the upper plate, side 1
+    ends = ((1.019, 20), (1.021, 20), (1.5, 19), (1.5, 9))
+    assert [len(_size_classes(np.linspace(1.0, top, count))) for top, count in ends] == [0, 4, 3, 0]
+    contacts = {"side": np.array([0, 0, 1, 1]), "body": np.array([0, 1, 0, 1]), "normal_force": np.array([5.0, 5.0, 3.0, 1.0])}
+    assert _load_fractions(SimpleNamespace(block=lambda *_: contacts), 0, 2).tolist() == [0.75, 0.25]
     # the first screens report it
     run_report(folder, json=False)
     out = capsys.readouterr().out
