@@ -90,8 +90,7 @@ def test_a_drift_is_reported_and_noise_is_not_taken_for_one():
         assert stationary is not True or found.error > 0.0 or name == "constant", name
     # by hand: a straight line of .1 over 400 intervals rises by .05 over their second half, 13 % of its mean there, .375
     line = friction(u, np.linspace(0.3, 0.4, 400))
-    assert line.verdict == "still rising by 13 % over the second half"
-    assert (line.low, line.high) == pytest.approx((0.35, 0.4), abs=1e-3)
+    assert (line.verdict, line.high) == ("still rising by 13 % over the second half", 0.4) and 0.35 < line.low < 0.351
     # without scatter: a rise by 0.95 and by 1.05 % of the mean over the second half
     assert [friction(u, np.linspace(0.3, 0.3 + 2.0 * d, 400)).stationary for d in (0.0029, 0.0032)] == [True, False]
     assert [_verdict(0.3, 0.0, margin, "")[0] for margin in (0.029, 0.031)] == [True, None]  # scatter of a tenth
