@@ -260,7 +260,7 @@ def test_every_installed_effect_is_on_or_off_with_a_reason():
     assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
     assert rows["debris-debris contact"]["on"] is False and part_warnings(three_spot()) == []
     # 3/2 pi w R of 2 um pulls with 0.47 uN, a tenth of 4.7 uN
-    assert [len(adhesion_warnings(three_spot(), load)) for load in (4.7e-6, 4.72e-6)] == [1, 0]
+    assert [len(adhesion_warnings(rolling, load)) for load in (4.7e-6, 4.72e-6)] == [1, 0]
 
 
 def test_weight_drags_near_the_wave_speed_and_close_spots_are_warned_of():
