@@ -70,18 +70,16 @@ OPTIONS = [
 ]  # fmt: skip
 NAMES = [
     *((name, LONG, 3) for name in ("check", "run", "shapes", "cost", "balance", "states", "resume")),
-    *((name, DEEP, 3) for name in ("check", "states")),
-    *((name, LONG, "-o", "p.png", 3) for name in ("plot", "render")),
+    *((name, DEEP, 3) for name in ("check", "states")), *((name, LONG, "-o", "p.png", 3) for name in ("plot", "render")),
     *(("run", "scene.toml", "-o", word, 5) for word in (LONG, DEEP, f"{LONG}/run")),
     ("run", "scene.toml", "-o", LONG, "--overwrite", 5),
-    *(("export", "run", flag, f"{LONG}/x", 5) for flag in ("--csv", "--pvd")),
-    ("plot", "run", "-o", f"{LONG}.png", 5),
+    *(("export", "run", flag, f"{LONG}/x", 5) for flag in ("--csv", "--pvd")), ("plot", "run", "-o", f"{LONG}.png", 5),
     *(("laws", flag, word, 2) for flag in ("--plugin", "--check") for word in (LONG, DEEP, "folder", "nowhere.py")),
     *(("new", word, 5) for word in (LONG, "folder", "nowhere/x.toml", "/dev/null/x.toml")),
     *((name, word, 3) for name in ("check", "run", "shapes") for word in ("folder", "latin.toml", "pipe.toml", *EMPTY)),
-    *((name, word, 3) for name in ("states", "plot", "resume") for word in ("folder", *EMPTY)),
-    ("check", "/dev/null", 3), ("check", "/dev/full", 3), ("states", "/dev/null", 3),
-    ("map", "-o", "folder/no/m.png", 5), (*RENDER[:2], "-o", "nowhere/p.html", 5),
+    *((name, word, 3) for name in ("states", "plot", "resume") for word in ("folder", *EMPTY)), ("check", "/dev/null", 3),
+    ("check", "/dev/full", 3), ("states", "/dev/null", 3), ("map", "-o", "folder/no/m.png", 5),
+    (*RENDER[:2], "-o", "nowhere/p.html", 5),
 ]  # fmt: skip
 
 
@@ -161,20 +159,17 @@ SWEEPS = [
     (vary("plates.upper.load=1,2"), 3, "plates.upper.load: 1 has no unit, expected a unit of force"),
     (vary("plates.upper.load=1 mM:2 mM:3"), 3, "unknown unit 'mM'"),
     (vary("debris.2.count=1,2"), 3, "debris.2.count: debris has no entry '2': its entries are 0 to 0"),
-    (vary(MU), 3, f"{MU}: write KEY=FROM:TO:COUNT or KEY=A,B,C"),
-    (vary(f"{MU}=0.1,0.2", f"{MU}=0.3"), 3, "is varied twice"),
+    (vary(MU), 3, f"{MU}: write KEY=FROM:TO:COUNT or KEY=A,B,C"), (vary(f"{MU}=0.1,0.2", f"{MU}=0.3"), 3, "is varied twice"),
     ([*vary(f"{MU}=0.1"), "--result", "lod"], 3, "'lod' is no result, did you mean 'load'?"),
     (vary("contact.level=mindlin,mindlim"), 3, "contact.level: 'mindlim' is not a level", "did you mean 'mindlin'"),
     (["balls.toml"], 2, "balls.toml: is a scene; say what to vary"),
     (["sweep.toml", "--vary", f"{MU}=0.1"], 2, "sweep.toml: is a sweep file; --vary goes with a scene"),
-    (["sweep.toml", "--design", "zip"], 2, "--design: only with --vary"),
-    (["nothing.toml"], 3, "nothing.toml: no such file"),
-    (["nothing.toml", "--vary", f"{MU}=0.1"], 3, "nothing.toml: no such file"),
-    (["."], 3, "is no folder of a sweep"),
+    (["sweep.toml", "--design", "zip"], 2, "--design: only with --vary"), (["nothing.toml"], 3, "nothing.toml: no such file"),
+    (["nothing.toml", "--vary", f"{MU}=0.1"], 3, "nothing.toml: no such file"), (["."], 3, "is no folder of a sweep"),
     (["sweep.toml", "--retry", "done"], 2, "write --retry failed"),
     ([*vary(f"{MU}=0.1"), "-o", "balls.toml"], 5, "balls.toml: exists already"),
     ([*vary(f"{MU}=0.1"), "-o", "balls.toml/inside"], 5, "balls.toml/inside: cannot be made"),
-]
+]  # fmt: skip
 
 
 def test_wrong_arguments_of_a_sweep_are_named(files, command):

@@ -13,10 +13,9 @@ from balls import edited
 GOOD = "clump,x [um],y [um],z [um],radius [um]\n0,10,10,5,5\n0,14,10,4,4\n7,40,30,5,5\n7,40,35,4,4\n"
 TURNED = "clump,x [um],y [um],z [um],radius [um],qw,qx,qy,qz\n0,10,10,5,5,{}\n0,14,10,4,4,{}\n"
 ARRAYS = {
-    "center": np.array([[10, 10, 5], [14, 10, 4], [40, 30, 5], [40, 35, 4]]) * 1e-6,
-    "radius": np.array([5, 4, 5, 4]) * 1e-6,
+    "center": np.array([[10, 10, 5], [14, 10, 4], [40, 30, 5], [40, 35, 4]]) * 1e-6, "radius": np.array([5, 4, 5, 4]) * 1e-6,
     "clump": np.array([0, 0, 7, 7]),
-}
+}  # fmt: skip
 BIT = ARRAYS["center"].tobytes()
 
 

@@ -19,7 +19,10 @@ import thirdbody
 from thirdbody.cli import main, starter_files
 from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
 from thirdbody.laws.registry import load_file
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.scene.model import Scene
+from thirdbody.studies.cost_command import StudyOptions, StudySource
+from thirdbody.studies.sweep.command import Execution, SweepArguments
 
 COMMANDS = (
     "balance", "check", "cost", "export", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
@@ -36,13 +39,10 @@ def test_help_speaks_of_files_and_numbers_not_of_types_of_python(command):
     assert command("-h") == command("--help")
 
 
-def test_version_and_the_same_program_as_a_module(command):
+def test_version_the_same_program_as_a_module_and_unknown_commands(command):
     assert command("-V") == command("--version") == (0, f"thirdbody {thirdbody.__version__}\n", "")
     done = subprocess.run([sys.executable, "-m", "thirdbody", "run", "--help"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("Usage: thirdbody run")
-
-
-def test_an_unknown_command_is_answered_with_those_that_exist(command):
     report = command("quux")
     assert report.code == 2 and "no command 'quux'" in report.err and all(name in report.err for name in COMMANDS)
     report = command("blance")
@@ -73,6 +73,33 @@ def test_a_time_without_a_unit_is_not_guessed(balls, command):
     for option in ("--wall-limit", "--checkpoint-every"):
         wanted = "expected a unit of time (ps, ns, us, ms, s, min, h)"
         assert command("run", "scene.toml", option, "5").err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
+
+
+def test_every_option_reaches_what_it_sets(balls, command, monkeypatch):
+    balls()
+    told, plugins = [], [Path("p.py")]
+    lines = """\
+run scene.toml -o out --threads 1 --checkpoint-every 2_s --wall-limit 3_s --overwrite -q --json
+render run -o x.gif --color speed --view top --forces --body 2 --plate upper --cycles 3 --zoom 0.5 --width 300 --frame 3 --fps 7\
+ --frames 1:2 --height 400 --camera fixed
+cost s.toml --set a=1 --plugin p.py --repeats 5 --budget 2_min --effects --only b --only c --overwrite --quiet --json
+sweep scene.toml -o out --plugin p.py --vary a=1 --set b=3 --design zip --samples 8 --result load --keep summary -q --json\
+ --dry-run --retry failed --workers 2"""
+    for place in ("runner.simulate.execute", "report.tables.run_report", "render.render.render",
+                  "studies.cost_command.cost_command", "studies.sweep.command.sweep_command"):  # fmt: skip
+        monkeypatch.setattr(f"thirdbody.{place}", lambda *words, **keys: told.append((*words, keys)))
+    for line in lines.splitlines():
+        assert command(*(word.replace("_", " ") for word in line.split())).code == 0, line
+    (_, *ran, keys), reported, drawn, studied, swept = told
+    assert ran == [Path("out"), 1, None] and (keys["overwrite"], keys["times"]) == (True, WallTimes(2.0, 3.0))
+    picture = {"color": "speed", "view": "top", "forces": True, "body": 2, "plate": "upper", "cycles": 3.0, "zoom": 0.5,
+               "frame": 3, "size": (300, 400), "frames": "1:2", "fps": 7, "camera": "fixed", "progress": True}  # fmt: skip
+    assert reported == (Path("out"), True, {}) and drawn == (Path("run"), Path("x.gif"), picture)
+    source = StudySource(Path("s.toml"), {"a": "1"}, Path("runs/s_effects"), plugins)
+    assert studied[:4] == (source, StudyOptions(5, True, 120.0, ("b", "c")), True, True)
+    options = {"design": "zip", "samples": 8, "results": ["load"], "keep": "summary"}
+    points = SweepArguments(Path("scene.toml"), Path("out"), ["a=1"], {"b": "3"}, options, plugins)
+    assert swept == (points, Execution(None, 2, True, True), True, True, True, {})
 
 
 def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path):
@@ -167,16 +194,14 @@ SCENES = {path.relative_to(ROOT / "scenes").with_suffix("").as_posix(): path for
 SWEEPS = [name for name, path in SCENES.items() if "sweep" in tomllib.loads(path.read_text(encoding="utf-8"))]
 
 
-def test_every_shipped_scene_is_listed_with_its_question(command):
+def test_every_shipped_scene_is_listed_with_its_question_and_can_be_copied(command, tmp_path):
     report = command("new", "--list")
     lines = {line.split()[0]: line for line in report.out.splitlines() if line}
     for name, path in SCENES.items():
         assert path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") in lines[name]
     rows = json.loads(command("new", "--list", "--json").out)
     assert {row["name"] for row in rows} == SCENES.keys() and all("?" in row["question"] for row in rows)
-
-
-def test_a_copy_has_all_that_the_scene_needs(command, tmp_path):
+    # a copy has all that the scene needs
     for name, path in SCENES.items():
         mine = f"{name.replace('/', '_')}.toml"
         report = command("new", mine, "--from", name)
@@ -196,7 +221,7 @@ def test_a_copy_of_a_sweep_can_be_planned(name, command):
     assert command("sweep", "--dry-run", "mine.toml").code == 0
 
 
-def test_a_file_that_a_scene_needs_is_copied_once_and_never_over_another(command, tmp_path):
+def test_a_file_that_a_scene_needs_is_copied_once_whole_or_not_at_all_and_never_over_another(command, tmp_path, monkeypatch):
     assert command("new", "--from", "scanned_debris.toml").code == 0
     mesh = tmp_path / "debris_particle.stl"
     assert mesh.read_bytes() == (ROOT / "scenes" / "debris_particle.stl").read_bytes()
@@ -207,17 +232,16 @@ def test_a_file_that_a_scene_needs_is_copied_once_and_never_over_another(command
     assert report.code == 5 and "debris_particle.stl: exists already" in report.err
     assert mesh.read_bytes() == b"my own" and not (tmp_path / "third.toml").exists()
 
-
-def test_what_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
     def full(path, content):
         if path.suffix == ".stl":
             raise OSError(28, "No space left on device")
         path.write_bytes(content)
 
     monkeypatch.setattr(starter_files, "write_whole", full)
+    (tmp_path / "full").mkdir()
     with pytest.raises(starter_files.OutputError, match="debris_particle.stl: cannot be written .No space left"):
-        starter_files.copy_scene("scanned_debris", tmp_path / "x.toml")
-    assert list(tmp_path.iterdir()) == []
+        starter_files.copy_scene("scanned_debris", tmp_path / "full" / "x.toml")
+    assert not any((tmp_path / "full").iterdir())
 
 
 def test_a_plug_in_to_start_from(command, tmp_path):

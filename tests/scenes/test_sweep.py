@@ -19,7 +19,7 @@ from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.local_workers import LocalWorkers
 from thirdbody.studies.sweep.plan import make_plan
 from thirdbody.studies.sweep.point import RESULT_FILE
-from thirdbody.studies.sweep.results import TIMES
+from thirdbody.studies.sweep.results import TIMES, results_of
 from thirdbody.studies.sweep.run_point import run_point
 from thirdbody.studies.sweep.sweep_file import sweep_of_python
 
@@ -65,6 +65,8 @@ def test_every_point_is_a_row_and_failed_ones_say_why(whole):
         rolled = (run.states == run.state_names.index("rolling")).any(axis=0).mean()
         assert point.results["fraction_ever_rolling"] == rolled
         assert point.results["energy_residual"] == run.summary()["energy_residual"]
+        last = {"bodies": 3.0, "frames": run.frames, "gap": run.series["gap"][-1], "steps": run.summary()["steps"]}
+        assert results_of(run, run.summary(), last) == last
         scene = thirdbody.Scene.parse(run.scene_text)
     assert (scene.pairs[0].friction, scene.debris[0].count) == (0.2, 3)
 
@@ -225,10 +227,10 @@ def test_the_command_prints_the_table_and_its_dry_run_writes_nothing(command, tm
     assert command("plot", "out", "-o", "curve.svg").code == 0 and (tmp_path / "curve.svg").stat().st_size > 5000
     costs = []
     for values in ("0.1,0.2", "0.1,0.2,0.3", "0.1,0.2,0.3,0.4"):
-        costs.append(
-            json.loads(command("sweep", "balls.toml", "--vary", f"{MU}={values}", "-o", "out", "--dry-run", "--json").out)
-        )
+        report = command("sweep", "balls.toml", "--vary", f"{MU}={values}", *"-o out --dry-run --json --workers 2".split())
+        costs.append(json.loads(report.out))
     assert [cost["measured"] for cost in costs] == [cost["done"] for cost in costs] == [2, 2, 2]
     none, one, two = (cost["core_seconds"] for cost in costs)  # of those that are missing
     assert none == 0.0 < one and two == pytest.approx(2.0 * one)
+    assert [cost["wall_time"] for cost in costs] == [0.0, one, two / 2.0]
     assert command("sweep", "out", "--retry", "failed").code == 0  # goes on, as with --resume

@@ -34,10 +34,9 @@ UPPER = 'support = "load_per_particle"\nload = "0.01 mN"\nmotion = {x = {velocit
 SOLVER = 'distance = "10 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
 BALL = scene_text(DEBRIS, '["60 um", "60 um"]', UPPER, solver=SOLVER, every="10 nm")
 BED = (
-    ("count = 1", 'count = 40\nplacement = "dense"'),
-    ('["60 um", "60 um"]', '["30 um", "30 um"]'),
+    ("count = 1", 'count = 40\nplacement = "dense"'), ('["60 um", "60 um"]', '["30 um", "30 um"]'),
     ('support = "load_per_particle"', 'support = "rigid"'),
-)
+)  # fmt: skip
 
 WARNINGS = {
     "210 MPa for GPa": ([("210 GPa", "210 MPa"), ("0.01 mN", "1 nN")], ["youngs_modulus", "210 MPa", "was GPa meant?"]),

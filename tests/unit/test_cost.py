@@ -73,9 +73,8 @@ def test_the_ladder_changes_one_thing_at_a_time(base):
     for variant in variants:
         changed = (
             (variant.level, variant.springs) != (base.level, base.springs),
-            variant.integrator == base.kind and variant.factor != 1.0,
-            variant.integrator != base.kind,
-        )
+            variant.integrator == base.kind and variant.factor != 1.0, variant.integrator != base.kind,
+        )  # fmt: skip
         # the variant that is the scene's own changes nothing; the reference and those on the way to it the law and its step
         assert sum(changed) == (0 if variant.default else 2 if variant.axis in ("fine", "reference") else 1), variant.name
         TWO.with_settings(variant.changes)  # every variant is a scene without a fault

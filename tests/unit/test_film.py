@@ -39,13 +39,21 @@ def gif_pictures(image) -> list[np.ndarray]:
     return pictures
 
 
-def test_frames_are_named_as_python_slices():
+def test_frames_are_named_as_python_slices_and_options_go_together(layer, tmp_path):
     every = [0, 1, 2, 3, 4, 5, 6]
     slices = {None: every, "1:6:2": [1, 3, 5], "-3:": [4, 5, 6], "::3": [0, 3, 6], "::-3": [6, 3, 0]}
     assert {text: frame_numbers(text, 7) for text in slices} == slices
     for text in ("3", "a:b", "1:2:3:4", "::0", "9:12", "1.5:3"):
         with pytest.raises(InputError, match="frames: "):
             frame_numbers(text, 7)
+    for name, options, message in (
+        ("a.mp4", {"size": (801, 450)}, "even numbers"),
+        ("a.gif", {"frame": 1}, "takes frames a:b:c"),
+        ("a.mp4", {"frames": "5:2"}, "leaves none of the 7 frames"),
+        ("a.html", {"forces": True}, "not in .html"),
+    ):
+        with pytest.raises(InputError, match=message):
+            render(layer, tmp_path / name, **options)
 
 
 @pytest.mark.full(kind="slow")
@@ -76,6 +84,9 @@ def test_one_plan_holds_what_all_frames_need(layer):
         speeds = [read_picture_data(run, number, "speed").legend.scale for number in range(2)]
     assert np.all([np.all(layout.low <= picture.low) and np.all(layout.high >= picture.high) for picture in shots])
     assert np.allclose(layout.directions, [[1.0, 0.0]])
+    # zoom keeps the middle of the domain
+    half = compute_layout(iter(shots), (320, 240), "iso", 0.5)
+    np.testing.assert_allclose([half.low[:2], half.high[:2]], np.outer([0.25, 0.75], layout.high[:2]), rtol=1e-9)
     both = speeds[0] | speeds[1]
     assert both.limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))
 
@@ -114,17 +125,6 @@ def test_a_body_is_followed_or_passes_by(layer, tmp_path):
         moved[camera] = places[1] - places[0]
     # The plate's own edges move with a camera that follows, the neighbours by less than a pixel.
     assert abs(moved["follow"]) < 4.0 < moved["fixed"]
-
-
-def test_options_that_do_not_go_together(layer, tmp_path):
-    for name, options, message in (
-        ("a.mp4", {"size": (801, 450)}, "even numbers"),
-        ("a.gif", {"frame": 1}, "takes frames a:b:c"),
-        ("a.mp4", {"frames": "5:2"}, "leaves none of the 7 frames"),
-        ("a.html", {"forces": True}, "not in .html"),
-    ):
-        with pytest.raises(InputError, match=message):
-            render(layer, tmp_path / name, **options)
 
 
 def test_the_spots_of_a_body_and_their_cones(layer):

@@ -64,12 +64,9 @@ def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0.2", "0.5"]
 
 
-def test_disagreements_outside_the_band_are_ringed_and_named(axes):
+def test_disagreements_outside_the_shaded_band_are_ringed_named_and_counted(axes):
     np.testing.assert_allclose(points(axes, "other than forecast")[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
     assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
-
-
-def test_titles_count_outside_the_shaded_band(axes):
     band = next(patch for patch in axes.patches if "open" in patch.get_label())
     assert (band.get_x(), band.get_x() + band.get_width()) == (-BAND, BAND)
     assert axes.get_title() == "seven bodies\nas forecast: 3 of 6 (50.0 %); 1 more in the 2 % band"

@@ -3,13 +3,16 @@
 import os
 import re
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
+from thirdbody.plot import panels_profiles
 from thirdbody.plot.panels_friction import loop_area, stretches
 from thirdbody.plot.panels_series import ledger
 from thirdbody.plot.run_data import RunData
@@ -22,7 +25,9 @@ from thirdbody.trajectory.statistics import mean_and_error, running_mean
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 STATES = list(STATE_COLORS)
-SCENE = """scene = 1\n[[pairs]]\nbetween = ["steel", "steel"]\nfriction = 0.3\n[[debris]]\nmaterial = "steel"
+SCENE = """scene = 1\n[[pairs]]\nbetween = ["tin", "steel"]\nfriction = 0.3\n[[debris]]\nmaterial = "tin"
+[[pairs]]\nbetween = ["steel", "zinc"]\nfriction = 0.1\n[[debris]]\nmaterial = "zinc"
+[[pairs]]\nbetween = ["tin", "zinc"]\nfriction = 0.9
 [plates.lower]\nmaterial = "steel"\n[plates.upper]\nmaterial = "steel"\n"""
 BODIES, LOAD = 8, 2e-4  # N
 STATIC = {"spheres": {"radius": np.ones(BODIES), "clump": np.arange(BODIES)}, "clumps": {}}
@@ -107,6 +112,10 @@ def panels(figure):
     return {axes.get_label(): axes for axes in figure.axes}
 
 
+def title(axes):
+    return axes.get_title(loc="left").replace("\N{NO-BREAK SPACE}", " ")
+
+
 def line(axes, label):
     (found,) = (entry for entry in axes.get_lines() if str(entry.get_label()).startswith(label))
     return found
@@ -166,10 +175,15 @@ def test_friction_and_gap_are_the_series_from_the_start_of_the_drag(run, drawn):
     np.testing.assert_allclose(line(axes["friction"], "mean").get_ydata(), mean, rtol=1e-12)
     assert mean == pytest.approx(run.summary()["friction_coefficient"], rel=1e-12)
     assert axes["friction"].get_title(loc="left").startswith(f"Friction coefficient: {mean:.3f}"[:-1])
-    assert {tuple(entry.get_ydata()) for entry in axes["friction"].get_lines()} >= {(0.3, 0.3)}  # the coefficient of the pair
+    # the coefficients of the pairs that meet the plates, in either order
+    level = {tuple(entry.get_ydata()) for entry in axes["friction"].get_lines() if entry.get_linestyle() == ":"}
+    assert level == {(0.1, 0.1), (0.3, 0.3)} and line(axes["friction"], "running mean\n(over 400")  # nm: four of forty intervals
+    (band,) = (entry for entry in axes["friction"].collections if entry.get_label() == "its error")
+    ends = band.get_paths()[0].vertices[:, 1]
+    np.testing.assert_allclose((ends.min(), ends.max()), mean + run.friction.error * np.array([-1.0, 1.0]), rtol=1e-12)
     gap = axes["gap"].get_lines()[0].get_ydata()
     np.testing.assert_allclose(gap, -np.arange(40.0), atol=1e-6)  # nm; 8 um minus 1 nm a frame, doubles of 1e-21 m
-    assert axes["gap"].get_ylabel() == "change of gap (nm)"
+    assert axes["gap"].get_ylabel() == "change of gap (nm)" and title(axes["gap"]).endswith("7.96 µm at the end, closed by 39 nm")
 
 
 def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
@@ -196,11 +210,13 @@ def test_states_are_stacked_in_their_colours(run, drawn):
         assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[collection.get_label()]
     np.testing.assert_allclose(below, 1.0, rtol=1e-12)
     assert re.search(r"8 bodies: at the end all rolling", axes.get_title(loc="left"))
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["rolling", "sliding", "sticking"]  # from above
 
 
 def test_energy_lines_are_the_ledger(run, drawn, tmp_path):
     axes, lines = drawn[0]["energy"], ledger(RunData(run))
     assert axes.get_ylabel() == "energy (nJ)" and len(axes.get_lines()) == 8
+    assert len({(entry.get_color(), entry.get_linestyle()) for entry in axes.get_lines()}) == 8
     for label, values in lines.items():
         np.testing.assert_allclose(line(axes, label).get_ydata(), values * 1e9, rtol=1e-12)
     parts = run.series["energy_elastic_normal"] + run.series["energy_elastic_tangential"]
@@ -208,8 +224,8 @@ def test_energy_lines_are_the_ledger(run, drawn, tmp_path):
     assert "240" in line(axes, "work of the plates").get_label()  # 6 nJ a frame, 40 frames
     # the title counts the sliding alone: frames 0 to 10 press, 6 nJ of work a frame, 5 of it lost in friction
     with open_run(write(tmp_path / "run", u=straight(41, 10))) as pressed:
-        title = panels(page(pressed, ["energy"]))["energy"].get_title(loc="left").replace("\N{NO-BREAK SPACE}", " ")
-    assert title == "Energy: 180 nJ of work while sliding, 83 % of it lost in friction; 60 nJ of work while pressing"
+        words = title(panels(page(pressed, ["energy"]))["energy"])
+    assert words == "Energy: 180 nJ of work while sliding, 83 % of it lost in friction; 60 nJ of work while pressing"
 
 
 def test_histograms_count_every_contact_of_the_frame_by_state(run):
@@ -224,10 +240,15 @@ def test_histograms_count_every_contact_of_the_frame_by_state(run):
                 # 1/11, 2/11 and so on and random numbers keep clear of the edges at k/25 of the largest, but for the largest
                 place = np.minimum((25.0 * values[states == code] / values.max()).astype(int), 24)
                 assert [p.get_height() for p in own] == np.bincount(place, minlength=25).tolist()
-        assert f"{100.0 / 12.0:.0f}" in axes["utilisation"].get_title(loc="left")  # one of twelve at the limit
+        assert (
+            title(axes["utilisation"]) == f"Contacts, {'frame 20' if frame == 20 else 'at the end'}: 8 % slip"
+        )  # one of twelve at the limit
 
 
-def test_unloaded_intervals_are_shaded_not_counted(tmp_path):
+def test_unloaded_intervals_are_shaded_not_counted(tmp_path, monkeypatch):
+    parts = {"rolling": 0.3, "upper_slip": 0.1, "lower_slip": 0.2, "shear": -0.1}  # m/s
+    more = {"load_share_debris": 0.25, "active": 0.5} | {f"accommodation_{name}": value for name, value in parts.items()}
+    monkeypatch.setattr(f"{__name__}.series_of", lambda *given, made=series_of: made(*given) | more)
     mu = np.full(41, 0.2)
     mu[0] = np.nan
     mu[25:31] = np.nan
@@ -235,6 +256,15 @@ def test_unloaded_intervals_are_shaded_not_counted(tmp_path):
         axes = panels(page(run))
         assert "gap" not in axes and "load" in axes  # the load is drawn where the gap is prescribed
         np.testing.assert_allclose(np.unique(axes["load"].get_lines()[0].get_ydata()), (0.0, 1e6 * LOAD), rtol=1e-12)
+        assert title(axes["load"]) == "Load: 200 µN at the end, at most 200 µN"
+        shares = {entry.get_label(): set(entry.get_ydata()) for entry in axes["debris_load"].get_lines()}
+        assert shares == {"load on debris": {25.0}, "active bodies": {50.0}}
+        assert title(axes["debris_load"]) == "Debris carries 25 % of the load at the end, on 50 % of the bodies"
+        stacked = {entry.get_label(): entry.get_paths()[0].vertices[:, 1].max() for entry in axes["accommodation"].collections}
+        wanted = {"slip at the upper plate": 100.0, "slip at the lower plate": 300.0, "rolling": 600.0}
+        assert {name: stacked[name] for name in wanted} == pytest.approx(wanted)
+        assert line(axes["accommodation"], "the plate").get_ydata() == pytest.approx(500.0)
+        assert title(axes["accommodation"]) == "Velocity accommodation: 60 % slip, 60 % rolling, \N{MINUS SIGN}20 % shear"
         axes = axes["friction"]
         assert line(axes, "mean").get_ydata()[0] == pytest.approx(0.2, rel=1e-14)
         (shade,) = (patch for patch in axes.patches if patch.get_label() == "unloaded")
@@ -244,6 +274,31 @@ def test_unloaded_intervals_are_shaded_not_counted(tmp_path):
     assert stretches(np.array([True, False, True, True])) == [(0, 0), (2, 3)]
 
 
+def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
+    """Back and forth along y, 2 um in 1 and in 3 us; the bed holds the upper plate back by 1 kPa, drags the lower by 0.8 kPa."""
+    monkeypatch.setattr(panels_profiles, "steady", lambda run: np.array([False, False, True, True]))
+    steps = 1e-6 * np.array([0.0, 9.0, 2.0, -2.0])
+    side, stress, velocity = np.sign(steps), np.zeros((4, 2, 3, 3)), np.zeros((4, 2, 3))
+    stress[..., 2, 2], stress[..., 1, 2], velocity[..., 1] = 3e3, -1e3 * side[:, None], side[:, None] * [0.25, 0.75]
+    found = {"position": 1e-6 * np.tile([1.0, 3.0], (4, 1)), "velocity": velocity, "contact_stress": 0.75 * stress,
+             "kinetic_stress": 0.25 * stress, "fraction_rolling": np.tile([[0.0], [0.0], [0.2], [0.6]], 2)}  # fmt: skip
+    forces = np.zeros((2, 4, 3))  # N, on 2 um by 5 um
+    forces[..., 1], forces[..., 2] = 1e-8 * np.outer([-1.0, 0.8], side), [[3e-8], [-3e-8]]
+    run = SimpleNamespace(profiles=found, header={"profiles": {"axis": "z"}, "domain": {"size": [2e-6, 5e-6]}},
+                          times=1e-6 * np.array([0.0, 1.0, 2.0, 5.0]),
+                          plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
+    data = SimpleNamespace(run=run, drag=SimpleNamespace(steps=steps), start=0, frames=4, fractions=["rolling"],
+                           series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
+    axes = Figure().subplots(3)
+    for one, name in zip(axes, ("velocity", "stress", "states_profile"), strict=True):
+        getattr(panels_profiles, f"draw_{name}")(one, data)
+    drawn = [[*entry.get_xdata(), *entry.get_ydata()] for entry in (*axes[0].lines, *axes[1].lines)]
+    wanted = ((0.25, 0.75, 1, 3), (0, 1, 0, 4), (3, 3, 1, 3), (1, 1, 1, 3), (3, 3, 0, 4), (0.8, 1, 0, 4))
+    np.testing.assert_allclose(drawn, wanted, atol=1e-9)
+    assert [entry.get_label() for entry in axes[1].lines[:3]] == ["normal", "shear", "plates"]
+    np.testing.assert_allclose([(bar.get_width(), bar.get_y()) for bar in axes[2].patches], [(0.5, 0), (0.5, 2)], atol=1e-9)
+
+
 def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     # frames stand at the turns; within two intervals behind each (8 nm) friction turns over, linearly
     u = stroke()
@@ -251,7 +306,7 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     side = np.sign(path)
     mu = 0.2 * np.where(np.roll(side, 1) * side < 0, 0.0, side)
     mu[0] = np.nan
-    with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
+    with open_run(write(tmp_path / "run", u=u, mu=mu, debris_contact="none (declared)")) as run:
         sheet = RunData(run)
         assert run.drag.reversals == [20, 40, 60, 80] and sheet.drag.cycles[-1] == slice(40, 81)
         area, size, work = loop_area(sheet), run.friction.value, run.friction.energy_per_cycle
@@ -263,6 +318,10 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
         loop = line(axes["loop"], "last whole cycle")
         assert len(loop.get_xdata()) == 41 and loop.get_xdata()[0] == loop.get_xdata()[-1]
         assert loop.get_ydata()[:-1].tolist() == mu[41:81].tolist()
+        # at the middle of each interval, nm
+        np.testing.assert_allclose(loop.get_xdata()[:20], 2.0 + 4.0 * np.arange(20.0), rtol=1e-9)
+        words = " ".join(text.get_text() for text in page(run, ["loop"]).texts).replace("\N{NO-BREAK SPACE}", " ")
+        assert "8 bodies without mutual contact" in words and "moved back and forth over 360 nm in all in 90 µs (4 mm/s)" in words
         assert "area 30.4" in axes["loop"].get_title(loc="left")
         assert axes["states"].get_xlabel() == "" and axes["energy"].get_xlabel().startswith("time of the drag")
 
@@ -280,7 +339,7 @@ def test_the_panels_requested_and_no_other_under_the_key_figures(run, drawn):
     texts = drawn[1]
     assert texts.startswith("eight bodies Friction coefficient 0.2") and "At the end all rolling" in texts
     assert "energy residual 2e\N{MINUS SIGN}5 of the work" in texts and "law three_spot (mindlin)" in texts
-    assert "pressed for 1 \N{MICRO SIGN}s, then dragged 3.9 \N{MICRO SIGN}m" in texts
+    assert "pressed for 1 µs, then dragged 3.9 µm in 39 µs (100 mm/s)" in texts
 
 
 def test_panels_without_data_are_left_out(tmp_path):

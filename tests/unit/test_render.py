@@ -87,7 +87,7 @@ REFUSED = [
 ]  # fmt: skip
 
 
-def test_options_that_cannot_be(layer, tmp_path):
+def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path, monkeypatch):
     for options, message in REFUSED:
         with pytest.raises(InputError, match=message):
             render(layer, tmp_path / "a.png", **options)
@@ -95,9 +95,6 @@ def test_options_that_cannot_be(layer, tmp_path):
         render(layer, tmp_path / "a.svg")
     with pytest.raises(OutputError, match="does not exist"):
         render(layer, tmp_path / "absent" / "a.png")
-
-
-def test_missing_libraries_are_named(layer, tmp_path, monkeypatch):
     if sys.platform.startswith("linux"):  # only it needs these
         with monkeypatch.context() as patch, pytest.raises(MissingLibrary, match="libegl1.*libosmesa6"):
             patch.setattr(render_module, "_loads", lambda library: False)

@@ -61,29 +61,16 @@ STEEL = Material(youngs_modulus=210e9, poisson_ratio=0.3, density=7850)
 
 
 def test_a_scene_built_in_python_is_the_one_of_the_file():
+    size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": "5 um", "max": 20e-6}
+    upper = {"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}}
     scene = Scene(
-        title="what it shows",
-        materials={"steel": STEEL},
+        title="what it shows", materials={"steel": STEEL}, domain=model.Domain(size=("600 um", 400e-6)),
         pairs=[model.Pair(between=("steel", "steel"), friction=0.3, restitution=0.6)],
-        debris=[
-            Irregular(
-                material="steel",
-                count=2000,
-                size={"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": "5 um", "max": 20e-6},
-                spheres=(4, 8),
-                aspect=np.array([1.0, 0.8, 0.6]),
-            )
-        ],
-        domain=model.Domain(size=("600 um", 400e-6)),
-        plates=model.Plates(
-            lower=model.LowerPlate(material="steel"),
-            upper={"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}},
-        ),
-        contact=Contact(level="mdr", springs=32),
-        effects=model.Effects(gravity=(0, 0, -9.81)),
-        solver=model.Solver(distance=20e-6),
+        debris=[Irregular(material="steel", count=2000, size=size, spheres=(4, 8), aspect=np.array([1.0, 0.8, 0.6]))],
+        plates=model.Plates(lower=model.LowerPlate(material="steel"), upper=upper), contact=Contact(level="mdr", springs=32),
+        effects=model.Effects(gravity=(0, 0, -9.81)), solver=model.Solver(distance=20e-6),
         output=Output(every=0.5e-6, every_kind="distance"),
-    )
+    )  # fmt: skip
     assert scene == Scene.parse(GOOD)
 
 
@@ -105,17 +92,9 @@ def test_faults_in_python_are_input_errors_with_all_faults():
 
 
 def test_settings_replace_values_and_their_alternatives():
-    scene = Scene.parse(GOOD, "x.toml").with_settings(
-        {
-            "solver.duration": "1 us",
-            "debris.0.count": "20",
-            "debris[0].size": "12 um",
-            "plates.upper.support": "rigid",
-            "plates.upper.gap": "3 um",
-            "domain.size.1": "1 mm",
-            "contact.springs": "64",
-        }
-    )
+    scene = Scene.parse(GOOD, "x.toml").with_settings({"solver.duration": "1 us", "debris.0.count": "20",
+        "debris[0].size": "12 um", "plates.upper.support": "rigid", "plates.upper.gap": "3 um", "domain.size.1": "1 mm",
+        "contact.springs": "64"})  # fmt: skip
     assert (scene.solver.duration, scene.solver.distance) == (1e-6, None)
     assert scene.debris[0].count == 20
     assert isinstance(scene.debris[0], Irregular) and scene.debris[0].size == model.Constant(value=12e-6)
@@ -129,12 +108,14 @@ def test_settings_replace_values_and_their_alternatives():
         ("plates.upper", ("load", "1 mN"), ("pressure", "1 kPa"), ("gap", "9 um")),
         ("solver", ("distance", "1 um"), ("duration", "1 s")),
         ("materials.steel", ("youngs_modulus", "200 GPa"), ("shear_modulus", "80 GPa")),
+        ("debris.0", ("height", "99 um"), ("solid_fraction", 0.1)),
     ):
         for (one, value), (other, instead) in permutations(rivals, 2):
-            before = Scene.parse(GOOD).with_settings({"plates.upper.support": "rigid", f"{table}.{one}": value})
+            given = {"plates.upper.support": "rigid", "debris.0.placement": "dilute", f"{table}.{one}": value}
+            before = Scene.parse(GOOD).with_settings(given)
             now = before.with_settings({f"{table}.{other}": instead}).document()
             for part in table.split("."):
-                now = now[part]
+                now = now[int(part) if part == "0" else part]
             assert other in now and one not in now
     assert str(scene.fault(("contact", "law"), "odd")) == "x.toml:30:1: contact.law: odd"
 
@@ -167,35 +148,25 @@ finite = st.one_of(st.just(0.0), positive, positive.map(lambda x: -x))
 fraction = st.floats(min_value=0, max_value=1, exclude_min=True)
 name = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 three = st.tuples(finite, finite, finite)
-toml_value = st.recursive(
-    st.booleans() | st.integers() | finite | name,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(name, inner, max_size=3),
-    max_leaves=6,
-)
+toml_value = st.recursive(st.booleans() | st.integers() | finite | name, max_leaves=6,
+    extend=lambda inner: st.lists(inner, max_size=3) | st.dictionaries(name, inner, max_size=3))  # fmt: skip
 free_key = name.filter(lambda key: key not in {"law", "level", "debris_contact", "gravity", "options", "named"})
-sizes = st.one_of(
-    st.builds(model.Constant, value=positive),
-    st.builds(Lognormal, median=positive, sigma=positive),
-    st.builds(Lognormal, median=st.floats(1e-9, 1e-8), sigma=positive, min=st.just(1e-9), max=st.floats(1e-8, 1)),
-)
+sizes = st.one_of(st.builds(model.Constant, value=positive), st.builds(Lognormal, median=positive, sigma=positive),
+    st.builds(Lognormal, median=st.floats(1e-9, 1e-8), sigma=positive, min=st.just(1e-9), max=st.floats(1e-8, 1)))  # fmt: skip
 irregular = st.builds(
-    lambda low, more, **rest: Irregular(spheres=(low, low + more), **rest),
-    low=st.integers(1, 32), more=st.integers(0, 32), material=st.just("m"), count=st.integers(1, 30_000),
-    seed=st.integers(0, 2**128 - 1), size=sizes, aspect=st.tuples(fraction, fraction, fraction), velocity=three,
-    angular_velocity=three,
+    lambda low, more, **rest: Irregular(spheres=(low, low + more), **rest), low=st.integers(1, 32), more=st.integers(0, 32),
+    material=st.just("m"), count=st.integers(1, 30_000), seed=st.integers(0, 2**128 - 1), size=sizes,
+    aspect=st.tuples(fraction, fraction, fraction), velocity=three, angular_velocity=three,
 )  # fmt: skip
 spheres = st.builds(
-    lambda **fields: model.Spheres(material="m", **fields),
-    radius=positive, positions=st.lists(three, min_size=1, max_size=3), velocity=three,
-    orientation=st.none() | st.tuples(finite, finite, finite, finite).filter(any),
+    lambda **fields: model.Spheres(material="m", **fields), radius=positive, positions=st.lists(three, min_size=1, max_size=3),
+    velocity=three, orientation=st.none() | st.tuples(finite, finite, finite, finite).filter(any),
 )  # fmt: skip
 uppers = st.builds(
-    lambda support, key, value, **rest: model.UpperPlate(
-        material="m", **{"support": support, ("load" if support != "rigid" else key): value}, **rest
-    ),
-    support=st.sampled_from(["rigid", "load_per_particle"]), key=st.sampled_from(["load", "pressure", "gap"]),
-    value=positive, motion=st.builds(lambda v: {"y": {"velocity": v}}, finite.filter(bool)),
-    mass=st.none() | positive,
+    lambda support, key, value,
+    **rest: model.UpperPlate(material="m", **{"support": support, ("load" if support != "rigid" else key): value}, **rest),
+    support=st.sampled_from(["rigid", "load_per_particle"]), key=st.sampled_from(["load", "pressure", "gap"]), value=positive,
+    motion=st.builds(lambda v: {"y": {"velocity": v}}, finite.filter(bool)), mass=st.none() | positive,
 )  # fmt: skip
 scenes = st.builds(
     lambda key, title, debris, upper, young, contact, effects, every: Scene(

@@ -128,19 +128,12 @@ def test_one_fault_is_reported_once_and_in_its_place(row):
 
 def test_all_faults_are_reported_at_once_in_the_order_of_the_file():
     text = changed(
-        ("youngs_modulus", "young_modulus"),
-        ("count = 2000", "count = 0"),
-        ('median = "10 um"', 'median = "10 MPa"'),
-        ('gravity = ["0 m/s2", "0', 'gravity = [0, "0'),
-        (PAIR, ""),
-    )
+        ("youngs_modulus", "young_modulus"), ("count = 2000", "count = 0"), ('median = "10 um"', 'median = "10 MPa"'),
+        ('gravity = ["0 m/s2", "0', 'gravity = [0, "0'), (PAIR, ""),
+    )  # fmt: skip
     assert [fault.split(": ")[1] for fault in faults_of(text)] == [
-        "pairs",
-        "materials.steel.young_modulus",
-        "debris[0].count",
-        "debris[0].size.median",
-        "effects.gravity[0]",
-    ]
+        "pairs", "materials.steel.young_modulus", "debris[0].count", "debris[0].size.median", "effects.gravity[0]",
+    ]  # fmt: skip
     # what drives planar spots out of their plane
     spots = Scene.load(Path(__file__).parents[2] / "scenes" / "three_spot.toml")
     across = {"effects.gravity": ["0 m/s2", "-9.81 m/s2", "0 m/s2"], "plates.upper.motion.y": {"velocity": "1 m/s"}}

@@ -31,14 +31,13 @@ TEXT = scene_text(BALL + AT, '["100 um", "100 um"]', "{upper}", solver=SOLVER, e
 SETTLED = 3e-6
 TIMES = [0.0, 1e-7, 0.5e-6, 1e-6, 1.7e-6, 2.5e-6, 4e-6]
 MOTIONS = {
-    "velocity": '{velocity = "1 m/s"}',
-    "reversal": '[{velocity = "1 m/s", duration = "1 us"}, {velocity = "-2 m/s"}]',
+    "velocity": '{velocity = "1 m/s"}', "reversal": '[{velocity = "1 m/s", duration = "1 us"}, {velocity = "-2 m/s"}]',
     "ramp": '{ramp = "2 m/s", duration = "1 us"}',
     "pause": '[{ramp = "2 m/s", duration = "0.5 us"}, {pause = "0.5 us"}, {velocity = "1 m/s"}]',
     "sine": '{stroke = "1 um", frequency = "300 kHz"}',
     "triangle": '[{stroke = "1 um", frequency = "500 kHz", shape = "triangle", cycles = 1.5}, {velocity = "1 m/s"}]',
     "table": '[{table = "path.csv"}, {velocity = "-1 m/s"}]',
-}
+}  # fmt: skip
 LOADS = ('[{load = "4 mN", duration = "1 us"}, {pause = "0.5 us"}, {load = "1 mN"}]', '{table = "load.csv"}')
 
 

@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.export.csv_tables import export_csv
+from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.summary_page import page
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.report.tables import run_report, states_report
@@ -107,6 +109,9 @@ def test_page_pictures_and_tables_name_them(folder, tmp_path):
         assert title == "At the last frame: soft debris 70 % sliding; hard grains 83 % rolling; dust 100 % free"
         bars = [patch.get_width() for patch in axes.patches]
         assert bars[:8] == pytest.approx([0.0, 0.0, 0.7, 0.3, 0.0, 0.0, 1 / 6, 5 / 6])
+        assert [to_hex(patch.get_facecolor()).upper() for patch in axes.patches[:4]] == list(STATE_COLORS.values())
+        rows = [text.get_text().replace("\N{NO-BREAK SPACE}", " ") for text in axes.get_yticklabels()]
+        assert rows[:2] == ["soft debris: 10, 45 % of load", "hard grains: 6, 55 % of load"] and axes.yaxis_inverted()
         legends = {color: read_picture_data(run, -1, color).legend.entries for color in ("population", "material")}
         assert [words for words, _ in legends["population"]] == [
             "soft debris  10  (50 %)", "hard grains  6  (30 %)", "dust  4  (20 %)",

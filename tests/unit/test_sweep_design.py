@@ -7,6 +7,7 @@ import pytest
 from balls import BALLS
 
 from thirdbody.errors import InputError, UsageError
+from thirdbody.palette import STATE_COLORS
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep.averages import average
 from thirdbody.studies.sweep.plan import make_plan
@@ -178,16 +179,18 @@ def test_means_over_seeds_have_the_standard_error(tmp_path):
 
 
 def test_curves_have_bars_and_a_colour_per_value_of_the_second_axis(tmp_path):
-    sweep = finished(tmp_path, {MU: {"from": 0.1, "to": 0.5, "count": 5}, LOAD: ["0.1 mN", "1 mN"], SEED: [1, 2]})
+    sweep = finished(tmp_path, {MU: {"from": 0.1, "to": 0.5, "count": 5}, LOAD: ["0.1 mN", "1 mN"], SEED: [1, 2, 3]})
     figure = sweep.plot(tmp_path / "curves.png")
     first = figure.axes[0]
     assert (tmp_path / "curves.png").stat().st_size > 10_000
     assert first.get_title() == "friction coefficient" and first.get_xlabel() == MU
     assert [text.get_text() for text in first.get_legend().get_texts()] == ["load = 100 µN", "load = 1 mN"]
     curves = [container.lines[0].get_xydata() for container in first.containers]
-    expected = [[mu, mu + load + 0.015] for load in (0.1, 1.0) for mu in (0.1, 0.2, 0.3, 0.4, 0.5)]
+    expected = [[mu, mu + load + 0.02] for load in (0.1, 1.0) for mu in (0.1, 0.2, 0.3, 0.4, 0.5)]
     assert np.concatenate(curves) == pytest.approx(np.array(expected), rel=1e-12)
-    assert "mean over debris.0.seed (2 points; bars: standard error)" in figure.get_suptitle()
+    [(lower, upper), *_] = (bar[:, 1] for bar in first.containers[0].lines[2][0].get_segments())
+    assert upper - lower == pytest.approx(0.02 / np.sqrt(3.0), rel=1e-9)  # seeds 1, 2, 3 in hundredths
+    assert "mean over debris.0.seed (3 points; bars: standard error)" in figure.get_suptitle()
 
 
 def test_states_have_their_colours_and_named_panels_are_drawn_alone(tmp_path):
@@ -195,6 +198,7 @@ def test_states_have_their_colours_and_named_panels_are_drawn_alone(tmp_path):
     assert [axes.get_title() for axes in sweep.plot().axes] == [
         "friction coefficient", "states at the end, fraction of the bodies", "ever rolling, fraction of the bodies",
     ]  # fmt: skip
+    assert {axes.containers[0].lines[0].get_color() for axes in sweep.plot().axes[1:]} == {STATE_COLORS["rolling"]}
     assert [axes.get_title() for axes in sweep.plot(panels=["load"]).axes] == ["load"]
     # sampled points are drawn where they are
     ends = {MU: {"from": 0.1, "to": 0.5}, LOAD: {"from": "0.1 mN", "to": "1 mN"}}
@@ -209,6 +213,7 @@ def test_maps_show_each_point_in_its_cell(tmp_path):
     figure = finished(tmp_path, {MU: {"from": 0.1, "to": 0.5, "count": 5}, LOAD: loads}, failed=7).plot(x=MU, y=LOAD)
     panel = next(axes for axes in figure.axes if axes.get_title() == "rolling at the end, fraction of the bodies")
     cells = panel.collections[0].get_array()
+    assert panel.collections[0].get_clim() == (0.0, 1.0) and panel.get_xlabel() == MU
     assert cells.shape == (9, 5) and panel.get_yscale() == "log" and panel.get_ylabel() == "plates.upper.load [mN]"
     assert np.ma.count_masked(np.ma.masked_invalid(cells)) == 1  # the failed point
     # point 7 of 9 loads: mu = 0.1, the eighth load

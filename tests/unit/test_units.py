@@ -84,10 +84,9 @@ MESSAGES = [
     ("", "time", "cannot read '' as a time: write for example \"10 ms\""),
     ("0,1 um", "length", "cannot read '0,1 um': the decimal sign is a point, and thousands are not separated"),
     ("1 kg/m s", "viscosity", "the unit 'kg/m s' can be read in two ways: write / before each unit to divide by"),
-    ("1 m/", "length", "cannot read the unit 'm/'"),
-    ("1e999 m", "length", "'1e999 m' is outside the range of numbers"),
+    ("1 m/", "length", "cannot read the unit 'm/'"), ("1e999 m", "length", "'1e999 m' is outside the range of numbers"),
     ("1e-330 m", "length", "'1e-330 m' is outside the range of numbers"),
-]
+]  # fmt: skip
 
 
 @each(MESSAGES, name_of=lambda row: row[2])
