@@ -73,12 +73,6 @@ def too_long(path: Path, tree: ast.Module) -> Iterator[str]:
 EMBEDDED = {"scratch": {"body", "body_extra"}}
 """Arrays that begin with the columns of other tables (`columns.drift_scratch`)."""
 
-COPIED = {
-    "plugins/three_spot/forecast_output.py": {"POINT"},
-    "plugins/three_spot/support_geometry.py": {"ARM", "NORMAL", "SURFACE"},
-}
-"""Columns that are named anew outside their table: module -> names. To be emptied."""
-
 
 def declared_tables(tree: ast.Module) -> list[ast.Call]:
     """Return the calls of `Table` that a module binds to a name."""
@@ -103,26 +97,6 @@ def table_uses(node: ast.Subscript) -> set[str]:
     }  # fmt: skip
 
 
-def is_column(value: ast.expr, tables: set[str]) -> bool:
-    """Return whether an expression is a column of a table of the engine, or a call with nothing but one."""
-    if isinstance(value, ast.Call) and len(value.args) == 1 and not value.keywords:
-        value = value.args[0]
-    named = isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name) and value.value.id in tables
-    return named and value.attr.isupper() and value.attr != "WIDTH"  # type: ignore[attr-defined]
-
-
-def copied_columns(tree: ast.Module, tables: set[str]) -> set[str]:
-    """Return the names of a module that are set to a column of a table declared elsewhere."""
-    copies = set()
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and len(node.targets) == 1:
-            target, value = node.targets[0], node.value
-            both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            pairs = zip(target.elts, value.elts, strict=True) if both else [(target, value)]  # type: ignore[attr-defined]
-            copies |= {ast.unparse(name) for name, one in pairs if is_column(one, tables)}
-    return copies
-
-
 def tables_misused(path: Path, tree: ast.Module) -> Iterator[str]:
     """The symbol of a table names no other; each has a module of its own in `columns`; columns are read from that module."""
     tables, own = {path.stem for path in COLUMNS.glob("*.py")} & symbols().keys(), declared_tables(tree)
@@ -137,18 +111,6 @@ def tables_misused(path: Path, tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("thirdbody.kernels.columns."):
             if (node.module or "").rpartition(".")[2] in tables and path.parent != COLUMNS:
                 yield f"{node.lineno}: columns are read from the module of their table"
-    if path.parent != COLUMNS and copied_columns(tree, tables) != COPIED.get(name_of(path), set()):
-        yield f"1: columns named anew: {sorted(copied_columns(tree, tables))}"
-
-
-SHARED = {"rolling_input": "law_input", "rolling_output": "law_output", "contact_memory": "loaded_contact"}
-"""Tables that lie in the array of another: those of rolling follow the history in the tiles of the laws."""
-
-
-def symbols_shared() -> Iterator[str]:
-    alone = sorted(symbol for table, symbol in symbols().items() if table not in SHARED)
-    yield from (f"src: two tables have the symbol {one}" for one, other in zip(alone, alone[1:], strict=False) if one == other)
-    yield from (f"src: {one} lies in {other}" for one, other in SHARED.items() if symbols()[one] != symbols()[other])
 
 
 # -- imports --
@@ -343,7 +305,7 @@ def breaks() -> Iterator[str]:
         yield from (f"{name_of(path)}:{line}" for rule in rules for line in rule)
     for path in TESTS:
         yield from (f"{name_of(path)}:{line}" for line in too_long(path, parsed(path)))
-    for rule in (symbols_shared, circles, facade, packages):
+    for rule in (circles, facade, packages):
         yield from rule()
 
 

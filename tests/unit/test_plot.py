@@ -3,16 +3,13 @@
 import os
 import re
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
-from thirdbody.plot import panels_profiles
 from thirdbody.plot.panels_friction import loop_area, stretches
 from thirdbody.plot.panels_series import ledger
 from thirdbody.plot.run_data import RunData
@@ -272,31 +269,6 @@ def test_unloaded_intervals_are_shaded_not_counted(tmp_path, monkeypatch):
         ends = shade.get_x(), shade.get_x() + shade.get_width()
         np.testing.assert_allclose(ends, (2.3, 2.9), rtol=1e-9)
     assert stretches(np.array([True, False, True, True])) == [(0, 0), (2, 3)]
-
-
-def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
-    """Back and forth along y, 2 um in 1 and in 3 us; the bed holds the upper plate back by 1 kPa, drags the lower by 0.8 kPa."""
-    monkeypatch.setattr(panels_profiles, "steady", lambda run: np.array([False, False, True, True]))
-    steps = 1e-6 * np.array([0.0, 9.0, 2.0, -2.0])
-    side, stress, velocity = np.sign(steps), np.zeros((4, 2, 3, 3)), np.zeros((4, 2, 3))
-    stress[..., 2, 2], stress[..., 1, 2], velocity[..., 1] = 3e3, -1e3 * side[:, None], side[:, None] * [0.25, 0.75]
-    found = {"position": 1e-6 * np.tile([1.0, 3.0], (4, 1)), "velocity": velocity, "contact_stress": 0.75 * stress,
-             "kinetic_stress": 0.25 * stress, "fraction_rolling": np.tile([[0.0], [0.0], [0.2], [0.6]], 2)}  # fmt: skip
-    forces = np.zeros((2, 4, 3))  # N, on 2 um by 5 um
-    forces[..., 1], forces[..., 2] = 1e-8 * np.outer([-1.0, 0.8], side), [[3e-8], [-3e-8]]
-    run = SimpleNamespace(profiles=found, header={"profiles": {"axis": "z"}, "domain": {"size": [2e-6, 5e-6]}},
-                          times=1e-6 * np.array([0.0, 1.0, 2.0, 5.0]),
-                          plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
-    data = SimpleNamespace(run=run, drag=SimpleNamespace(steps=steps), start=0, frames=4, fractions=["rolling"],
-                           series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
-    axes = Figure().subplots(3)
-    for one, name in zip(axes, ("velocity", "stress", "states_profile"), strict=True):
-        getattr(panels_profiles, f"draw_{name}")(one, data)
-    drawn = [[*entry.get_xdata(), *entry.get_ydata()] for entry in (*axes[0].lines, *axes[1].lines)]
-    wanted = ((0.25, 0.75, 1, 3), (0, 1, 0, 4), (3, 3, 1, 3), (1, 1, 1, 3), (3, 3, 0, 4), (0.8, 1, 0, 4))
-    np.testing.assert_allclose(drawn, wanted, atol=1e-9)
-    assert [entry.get_label() for entry in axes[1].lines[:3]] == ["normal", "shear", "plates"]
-    np.testing.assert_allclose([(bar.get_width(), bar.get_y()) for bar in axes[2].patches], [(0.5, 0), (0.5, 2)], atol=1e-9)
 
 
 def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):

@@ -82,7 +82,9 @@ def test_schedules_are_those_of_the_closed_forms():
         segment, h = Segment(0.0, kind, 1.0, 2.0, 3.0), 1e-6
         slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
         assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
-    # path and its inverse
+
+
+def test_paths_of_strokes_and_the_times_of_places_on_them():
     made = moved('{stroke = "2 um", frequency = "1 MHz"}')
     # to and fro: 4 um a cycle; chords of a thousandth of a period fall short by (pi/1000)^2/24 at most
     assert made.path(0.0, 3e-6) == pytest.approx(12e-6, rel=1e-6)
