@@ -25,7 +25,7 @@ import thirdbody
 from thirdbody.errors import Interrupted
 from thirdbody.runner.simulate import execute, prepare
 
-BATCH, MANY = 30, int(os.environ.get("FUZZ_FILES", "300"))
+BATCH, MANY = 12, int(os.environ.get("FUZZ_FILES", "300"))
 DEBRIS = '[[debris]]\nmaterial = "steel"\n{debris}\n[domain]\nsize = ["80 um", "60 um"]\n'
 END = '[solver]\n{end} = "{length}"\nsettle = "20 ns"\n[output]\nevery = "{every}"\n'
 BALLS = 'kind = "spheres"\nradius = "5 um"\ncount = 3'
