@@ -216,6 +216,8 @@ def test_missing_points_are_filled_or_refused():
     y, x = np.mgrid[0:30, 0:40] * 1e-6
     plane, curved = 2e-6 + 0.3 * x - 0.1 * y, 100.0 * x**2 - 50.0 * x * y
     assert np.abs(levelled(plane, "plane")).max() < 1e-18
+    twist = 50.0 * (x - x.mean()) * (y - y.mean())  # no plane, so it stays
+    assert levelled(plane + twist, "plane") == pytest.approx(twist, rel=0.0, abs=1e-18)
     assert np.abs(levelled(plane + curved, "curved")).max() < 1e-18
     assert np.ptp(levelled(plane, "mean")) == pytest.approx(np.ptp(plane), rel=1e-12)
 
