@@ -79,7 +79,7 @@ class ImplicitIslands(Implicit):
         """As `Implicit.restore`."""
         super().restore(arrays, notes)
         self.counts[:] = arrays["counts"]
-        self.earlier = {}  # those of the start of the run
+        self.earlier = {}  # `start` copied the tables that were replaced just now
 
     def summary(self) -> dict[str, Any]:
         """As `Implicit.summary`, with the number of searches, the largest island, and the mean fraction of bodies in islands."""
