@@ -277,8 +277,8 @@ def test_clump_and_spots_are_one_particle():
     flat = walk(clump(0.0, 1e-6), steps=20).points
     for a, b in zip(flat, walk(same, steps=20).points, strict=True):
         assert a.N == pytest.approx(b.N, rel=1e-8) and a.phi == pytest.approx(b.phi, rel=1e-8, abs=1e-12)
-    turned = clump(0.0, 1e-6, quaternion=(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
-    across = walk(turned, steps=20, direction=(0.0, -1.0)).points[-1]
+    turned = clump(0.0, 1e-6, quaternion=(math.cos(0.2), 0.0, 0.0, math.sin(0.2)))
+    across = walk(turned, steps=20, direction=(-math.cos(0.4), -math.sin(0.4))).points[-1]
     assert across.N == pytest.approx(flat[-1].N, rel=1e-7)  # neutral in yaw: only as good as the path
 
 

@@ -37,7 +37,9 @@ CLOSED = 1e-3
 
 SHORT = {
     "sheared_debris.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
-    "grooves.toml": {"debris.0.count": "4", "solver.distance": "1.5 um"},
+    "grooves.toml": {
+        "debris.0.count": "4", "solver.distance": "1.5 um", "plates.upper.motion.y": {"velocity": "0.3 m/s"},
+    },
     "rough_plates.toml": {"debris.0.count": "10", "domain.size": ["30 um", "30 um"], "solver.distance": "1 um"},
     "sliding_flakes.toml": {"debris.0.count": "6", "domain.size": ["50 um", "40 um"], "solver.distance": "1.5 um"},
     "yielding_debris.toml": {"debris.0.count": "6", "domain.size": ["50 um", "40 um"], "solver.distance": "1.5 um"},

@@ -214,6 +214,13 @@ def test_friction_takes_what_a_renewed_patch_held_however_long_the_step(make, le
     assert shares[0] == pytest.approx(shares[1], abs=1e-6)
 
 
+def test_a_scheduled_load_is_that_of_the_end_of_the_step(make):
+    rise = {"loading": [{"load": 3.0 * LOAD, "duration": 1e-6}]}
+    simulation = micro(make, [make.ball(MICRO, (MIDDLE, MIDDLE, MICRO))], drag(1e-3), patch=rise)
+    simulation.integrator.advance_to(time=simulation.settle + 5e-7)
+    assert simulation.state.P[0, patch.LOAD] == pytest.approx(2.0 * LOAD, rel=1e-9)
+
+
 # -- what results do not depend on --
 
 

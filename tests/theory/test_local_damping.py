@@ -59,7 +59,8 @@ def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
     simulation.integrator.advance_to(time=2e-3)
     B, E = simulation.state.B, simulation.state.E
     B[0, body.SPIN + 1], E[0, body_extra.ANGULAR_MOMENTUM + 1] = 1.0, E[0, body_extra.INERTIA]
-    spins = []
+    ledger, energy, spins = Ledger(simulation.state), make.kinetic(simulation), []
+    earlier = ledger.lines(simulation.state)["residual"]
     while len(spins) < 20000 and np.count_nonzero(np.diff(np.sign(spins))) < 9:
         make.advance(simulation)
         spins.append(make.spin(simulation)[1])
@@ -68,6 +69,8 @@ def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
     # the sign turns at a step, with omega dt = 0.08: 7e-4, and a quarter with half the step
     decrement = 2.0 * np.log(peaks[0] / peaks[-1]) / (len(peaks) - 1)
     assert decrement == pytest.approx(math.log((1.0 + alpha) / (1.0 - alpha)), rel=2e-3)
+    # the work of the torques, but for truncation
+    assert abs(ledger.lines(simulation.state)["residual"] - earlier) < 1e-3 * energy
 
 
 def test_it_ends_with_the_settling(make):

@@ -290,9 +290,15 @@ ONE_BODY = {
 @each(ONE_BODY)
 def test_one_body_between_the_plates(name):
     velocity, spin, expected = ONE_BODY[name]
-    found = parts([(velocity * V, spin * V)], [(0, TOP, 1e-4), (0, BOTTOM, 1e-4)])
-    # the weights are 1: only sums and one product are rounded
-    assert found == pytest.approx([*(V * x for x in expected), 0.0], abs=1e-13 * V)
+    state = kinematics_of([(velocity * V, spin * V)], [(0, TOP, 1e-4), (0, BOTTOM, 1e-4)])
+    for drag in (DRAG, DRAG[[1, 0, 2]]):
+        # the weights are 1: only sums and one product are rounded
+        assert list(parts_of(accommodation(drag, state)).values()) == pytest.approx(
+            [V * x for x in (*expected, 0)], abs=1e-13 * V
+        )
+        rows, plate = state.bodies, state.world.upper  # all turned about z by a right angle
+        rows.velocity, rows.spin = rows.velocity[:, [1, 0, 2]], -rows.spin[:, [1, 0, 2]]
+        plate.schedule = Schedule(y=plate.schedule.x)
 
 
 def test_beds_are_sheared_between_the_bodies_that_pass_load_on():

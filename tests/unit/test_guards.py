@@ -5,6 +5,7 @@ import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -125,6 +126,10 @@ def test_a_run_is_stopped_by_its_energy_and_keeps_its_frames(tmp_path, monkeypat
 def test_a_sound_run_is_checked_and_goes_on(tmp_path):
     conduct = RunLoop(build(pressed_scene(solver__duration="200 ns", output__every="100 ns")), RunFolder(tmp_path))
     assert conduct.energy_guard.patience == 2
+    for every, cost, saved in ((math.inf, 0.0, 0), (0.0, 1e6, 0), (0.0, 0.0, 1)):  # the longer interval counts
+        conduct.export_state, conduct.every, conduct.cost = Mock(), every, cost
+        conduct._stop_or_save()
+        assert conduct.export_state.call_count == saved
     execute(conduct.simulation, tmp_path / "run")
 
 
