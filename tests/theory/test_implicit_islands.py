@@ -15,7 +15,7 @@ from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body_solution, patch, record, run_totals, step_memory, step_settings
+from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit import common_plate_driver
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model
@@ -103,6 +103,8 @@ def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, ball
     # the upper plate is of the material of the balls
     assert -upper[0] / LOAD == pytest.approx(balls * MU + mu_pair, rel=1e-6)
     assert [make.label(simulation, body) for body in range(balls + 1)] == ["sliding"] * (balls + 1)
+    # of what two bodies lose each has a half
+    assert simulation.state.B[:, body.FRICTION_WORK].sum() == pytest.approx(lines["friction"], rel=1e-12)
     assert residual < CLOSED and abs(lines["numerical"]) < 1e-3 * lines["plate_work"]
 
 
