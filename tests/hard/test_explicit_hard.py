@@ -71,7 +71,7 @@ def test_without_friction_a_dragged_ball_stays_where_it_is():
 FEW = [(0.1, 20, "auto"), (1e9, 76, 5e-8)]  # others are those of the case `oblique_impact`
 
 
-@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", slow("exact")])
+@pytest.mark.parametrize("level", ["coulomb", "mindlin", slow("mdr"), slow("exact")])
 def test_no_level_makes_energy(level):
     for friction, degrees, step in FEW:
         angle, keys = math.radians(degrees), {"friction": friction, "time_step": step}
