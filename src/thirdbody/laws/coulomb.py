@@ -61,12 +61,17 @@ def coulomb_tangent(c, load, p, h):
 
 
 class RollingCoulombParameters(NamedTuple):
-    """Fields of `CoulombParameters`, and the renewal of a rolling contact area per contact radius of travel."""
+    """Fields of `CoulombParameters`, and the renewal of a rolling contact area per contact radius of travel.
+
+    Kalker's creep needs a rate in proportion to the stiffness of the spring: `of_stiffness` is that rate at 2 G* a. One of
+    both is zero.
+    """
 
     mu: float
     slip_scale: float
     g_star: float
     renewal: float
+    of_stiffness: float
 
 
 @kernel
@@ -75,7 +80,8 @@ def coulomb_rolling(c, load, p, h):
     limit, a = p.mu * load.force, load.contact_radius
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
     ground = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
-    fraction = renewed(p.renewal * ground.path / max(a, 1e-300))
+    rate = p.renewal + p.of_stiffness * stiffness / max(2.0 * p.g_star * a, 1e-300)
+    fraction = renewed(rate * ground.path / max(a, 1e-300))
     t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, stiffness, limit)
     rubs = 1.0 if p.mu > 0.0 else 0.0
     free = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
@@ -92,9 +98,13 @@ def coulomb_rolling_tangent(c, load, p, h):
     elastic = 2.0 * p.g_star * a
     if elastic < stiffness:
         stiffness, rate = elastic, p.g_star * load.squared_radius_rate / max(a, 1e-300)
+    renewal, shrinks = p.renewal, growth_of(load)  # the renewal, and its relative decrease with the overlap
+    if p.of_stiffness > 0.0:
+        renewal = p.of_stiffness * stiffness / max(elastic, 1e-300)
+        shrinks = 2.0 * shrinks - rate / max(stiffness, 1e-300)
     distance = moved_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).path
-    fraction = renewed(p.renewal * distance / max(a, 1e-300))
-    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, growth_of(load), stiffness, rate)
+    fraction = renewed(renewal * distance / max(a, 1e-300))
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, shrinks, stiffness, rate)
     return friction_tangent(x, y, limit, limit_rate, fraction.fill * stiffness, x_rate, y_rate)
 
 
@@ -105,8 +115,9 @@ def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
 
 def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
     """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
-    p = mix_coulomb(pair, options)
-    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, p.retained_energy * renewal_rate(pair, options))
+    p, rate = mix_coulomb(pair, options), renewal_rate(pair, options)
+    rates = (0.0, rate) if options["renewal"] == "kalker" else (rate, 0.0)
+    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, *(p.retained_energy * x for x in rates))
 
 
 def renewing_coulomb(options: Options) -> Law | None:

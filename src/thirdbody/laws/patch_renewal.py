@@ -20,7 +20,7 @@ that is then trailing carries least. The offset is the mean of those over the tw
 
 Rate: steady rolling with the creep ds/dr = xi ends at T = 2 G* a^2 xi/rate. Kalker's linear theory of a circular contact has T =
 G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990), so rate = 2 (G*/G)/C11: 0.59 at nu = 0, 0.55 at
-0.25, 0.51 at 0.5.
+0.25, 0.51 at 0.5. A spring of another stiffness k has T = k a xi/rate, so `coulomb` renews at k/(G a C11).
 """
 
 import math

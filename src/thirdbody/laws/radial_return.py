@@ -120,7 +120,10 @@ def growth_of(load):
 
 @kernel
 def rolled_tangent(slip_x, slip_y, memory, renewal, growth, stiffness, stiffness_rate):
-    """Trial force of `rolled` and its derivative by the overlap; the exponent of renewal is inverse to the contact radius."""
+    """Trial force of `rolled` and its derivative by the overlap.
+
+    `growth`: relative decrease of the exponent of renewal with the overlap [1/m].
+    """
     x_old, y_old, energy = memory
     scaled = (renewal.retained * x_old, renewal.retained * y_old, renewal.retained * renewal.retained * energy)
     x, y, x_rate, y_rate = stretched_tangent(renewal.fill * slip_x, renewal.fill * slip_y, scaled, stiffness, stiffness_rate)
