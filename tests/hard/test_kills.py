@@ -101,8 +101,8 @@ def survives(tmp_path, case, kill, kills):
 @pytest.mark.full(kind="hard")
 @pytest.mark.parametrize("kill", [killed_at_random, killed_between])
 @pytest.mark.parametrize("case", [name for name in CASES if name != "short"])
-def test_fifty_kills(tmp_path, case, kill):
-    survives(tmp_path, case, kill, 50)
+def test_twenty_kills(tmp_path, case, kill):
+    survives(tmp_path, case, kill, 20)
 
 
 def test_a_kill(tmp_path):

@@ -19,7 +19,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
 from thirdbody.trajectory.names import ACCOMMODATION, BED
 
-SCENES = int(os.environ.get("RANDOM_SCENES", "100"))
+SCENES = int(os.environ.get("RANDOM_SCENES", "60"))
 WALL_LIMIT = 20.0  # s; a scene takes about one on an idle core; what is cut off must say what limits its steps
 LARGEST_RESIDUAL = 1e-3  # of the work: the project's promise for every run without a word
 FORCES = ("normal_force", "tangential_force", "overlap", "contact_radius")
