@@ -1,7 +1,7 @@
 """Kernels as plain Python: a few steps cost less than to compile them. A run compiles the same source in its chains."""
 
 import math
-from types import FunctionType, ModuleType, SimpleNamespace
+from types import CellType, FunctionType, ModuleType, SimpleNamespace
 
 import numpy as np
 from numba.extending import _Intrinsic
@@ -55,6 +55,7 @@ def plain(kernel, made=None):
     made, function = {} if made is None else made, kernel.py_func
     if function not in made:
         names = dict(function.__globals__)
-        made[function] = FunctionType(function.__code__, names, None, function.__defaults__, function.__closure__)
+        cells = tuple(CellType(of_value(cell.cell_contents, made)) for cell in function.__closure__ or ())
+        made[function] = FunctionType(function.__code__, names, None, function.__defaults__, cells)
         names.update({name: of_value(names[name], made) for name in function.__code__.co_names if name in names})
     return made[function]

@@ -12,13 +12,13 @@ from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
-from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
-from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
+from thirdbody.laws.coulomb import COULOMB
+from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.patch_renewal import RENEWAL, moved_ground
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
-SPRINGS = {"mindlin": (MINDLIN_ROLLING, 0), "coulomb": (COULOMB_ROLLING, 0)}
+SPRINGS = {law.name: (law.sized({"renewal": "kalker"}), 0) for law in (MINDLIN, COULOMB)}
 EVERY = LEVELS | SPRINGS
 OVERLAP, RADIUS = 1e-9, 1e-6
 A = theory.contact_radius(RADIUS, OVERLAP)
@@ -166,7 +166,7 @@ def test_the_rate_is_a_word_or_a_number():
         option_value(RENEWAL, "hertz", True)
     with pytest.raises(ValueError, match="between 0 and 100"):
         option_value(RENEWAL, -1.0, True)
-    assert MINDLIN.sized({"renewal": "kalker"}) is MINDLIN_ROLLING and COULOMB.sized({"renewal": 0.5}) is COULOMB_ROLLING
+    assert MINDLIN.sized({"renewal": "kalker"}).rolls and COULOMB.sized({"renewal": 0.5}).rolls
     for options in ({}, {"renewal": 0.0}, {"renewal": "kalker", "memory": "rescaled"}):
         assert MINDLIN.sized(options) is MINDLIN and COULOMB.sized(options) is COULOMB
 

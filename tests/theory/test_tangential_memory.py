@@ -23,15 +23,22 @@ G_STAR = 0.5  # so that the stiffness 2 G* a is the contact radius
 ENDLESS = 1e9  # a friction coefficient that never lets a spot slip
 
 
-def exact(path, count=4000):
-    """Tangential force over a path of (contact radius, displacement): `count` springs, G* = 1/2."""
+def exact(path, kappa=ENDLESS, count=4000):
+    """Tangential force over a path of (contact radius, displacement): springs, G* = 1/2, R = 1, slip at kappa (a^2 - x^2)."""
     largest = max(a for a, _ in path)
     place, cell = (np.arange(count) + 0.5) * largest / count, largest / count
     stretched, forces = np.zeros(count), []
     for (_, before), (a, s) in itertools.pairwise(path):
-        stretched = np.where(place < a, stretched + s - before, 0.0)
+        limit = kappa * np.maximum(a * a - place * place, 0.0)
+        stretched = np.clip(stretched + s - before, -limit, limit)
         forces.append(stretched.sum() * cell)
     return np.array(forces)
+
+
+def followed(path, law, p):
+    spot = Spot(law, p)
+    spot.move(path[0][0] ** 2)
+    return np.array([-spot.move(a * a, s - before).x for (_, before), (a, s) in itertools.pairwise(path)])
 
 
 def cycles(swing, count, shear, pieces=200):
@@ -41,28 +48,82 @@ def cycles(swing, count, shear, pieces=200):
     return loading + [(1.0 + swing * math.sin(2.0 * math.pi * u), shear(u)) for u in done]
 
 
+TURNS = np.linspace(0.0, 10.0 * math.pi, 2000)
+WORDS = ("two_number", "two_rings", "rescaled")
 PATHS = {
-    # path, largest error of two numbers and of the rescaled force, of the largest force (physics: tangential memory)
-    "40 cycles of load, shear held": (cycles(0.05, 40, lambda u: 1.0), 1e-3, 0.93),
-    "10 large cycles of load, shear held": (cycles(0.25, 10, lambda u: 1.0), 1e-3, 0.74),
-    "slow shear": (cycles(0.1, 10, lambda u: 1.0 + u / 10.0), 0.06, 0.69),
-    "shear that turns round": (cycles(0.1, 20, lambda u: 1.0 + math.sin(0.26 * math.pi * u)), 0.15, 0.60),
-    "shear in phase": ([(1.0 + 0.3 * math.sin(u), math.sin(u)) for u in np.linspace(0.0, 10.0 * math.pi, 2000)], 0.03, 0.16),
-    "out of phase": ([(1.0 + 0.3 * math.sin(u), math.cos(u) - 1.0) for u in np.linspace(0.0, 10.0 * math.pi, 2000)], 0.06, 0.07),
+    # path, largest error of each memory over the largest force (physics: tangential memory)
+    "40 cycles of load, shear held": (cycles(0.05, 40, lambda u: 1.0), 1e-3, 1e-3, 0.94),
+    "10 large cycles of load, shear held": (cycles(0.25, 10, lambda u: 1.0), 1e-3, 1e-3, 0.75),
+    "slow shear": (cycles(0.1, 10, lambda u: 1.0 + u / 10.0), 0.06, 0.003, 0.70),
+    "shear that turns round": (cycles(0.1, 20, lambda u: 1.0 + math.sin(0.26 * math.pi * u)), 0.15, 0.02, 0.61),
+    "shear in phase": ([(1.0 + 0.3 * math.sin(u), math.sin(u)) for u in TURNS], 0.03, 0.03, 0.17),
+    "out of phase": ([(1.0 + 0.3 * math.sin(u), math.cos(u) - 1.0) for u in TURNS], 0.06, 0.02, 0.08),
 }
 
 
 @each(PATHS)
-def test_two_numbers_follow_the_exact_field(name):
-    """The bounds are those of the trial in physics, section 18, rounded up; the rescaled force shows that the path is hard."""
-    path, bound, without = PATHS[name]
+def test_memories_follow_the_exact_field(name):
+    """The bounds are what the trial of physics, sections 18 and 19, found, rounded up; the rescaled force: the path is hard."""
+    path, *bounds = PATHS[name]
     right = exact(path)
-    errors = []
-    for keeps in (1.0, 0.0):
-        spot = Spot(MINDLIN, MindlinParameters(G_STAR, ENDLESS, 1.0, keeps))
-        found = np.array([-spot.move(a * a, s - before).x for (_, before), (a, s) in itertools.pairwise(path)])
-        errors.append(np.abs(found - right).max() / np.abs(right).max())
-    assert errors[0] < bound and errors[1] > 0.9 * without
+    for word, bound in zip(WORDS, bounds, strict=True):
+        law, keeps = MINDLIN.sized({"memory": word}), float(word != "rescaled")
+        found = followed(path, law, MindlinParameters(G_STAR, ENDLESS, 1.0, keeps))
+        error = np.abs(found - right).max() / np.abs(right).max()
+        assert error < bound and (keeps or error > 0.9 * bound), (word, error)
+
+
+CYCLE = 40  # points of a swing
+SWINGS = {
+    # swing of overlap and shear, phase; frequency and swing of a second one of the overlap
+    "in phase": (0.03, 0.12, 0.0, 1.0, 0.0),
+    "antiphase": (0.1, 0.12, math.pi, 1.0, 0.0),
+    "90 degrees": (0.05, 0.1, math.pi / 2, 1.0, 0.0),
+    "constant overlap": (0.0, 0.12, 0.0, 1.0, 0.0),
+    "beat": (0.05, 0.1, 1.0, 0.618, 0.05),
+    "slow beat": (0.1, 0.05, 0.5, 0.137, 0.1),
+}
+"""Physics, section 19: about the overlap 1 and the shear .45 kappa, lengths in R."""
+FORMS = {
+    "mindlin": (MINDLIN, MindlinParameters(0.5, 0.5, 1.0, 1.0)),
+    "coulomb": (COULOMB, CoulombParameters(0.5, 2.0 / 3.0, 1e9, 1.0)),
+}
+"""With mu N = 2/3 at the overlap 1, and the stiffness 1."""
+
+
+def swing(name, count):
+    overlap, shear, phase, f, second = SWINGS[name]
+    angles = 2.0 * math.pi * np.arange(1, CYCLE * count + 1) / CYCLE
+    deep = 1.0 + overlap * (np.cos(angles + phase) - math.cos(phase)) + second * (np.cos(f * angles) - 1.0)
+    slip = 0.45 + shear * (np.cos(angles) - 1.0)
+    return [(1.0, 0.45 * k / 20) for k in range(21)] + list(zip(np.sqrt(deep), slip, strict=True))
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(401, marks=pytest.mark.full(kind="slow"))])
+def test_a_static_force_outlives_swings_of_load_and_shear(count):
+    """With rings; two numbers lose it: the path is hard. 0.085: partial slip at constant overlap, which neither has."""
+    for name in SWINGS:
+        path, single = swing(name, count), "beat" not in name
+        right = exact(path, kappa=1.0)
+        for level, (law, p) in FORMS.items():
+            after = {word: 1.5 * followed(path, law.sized({"memory": word}), p)[20:] for word in WORDS[:2]}
+            third = {word: np.tile(f[2 * CYCLE : 3 * CYCLE], count - 2) for word, f in after.items()}
+            lost = {word: np.abs(f[2 * CYCLE :] - third[word]).max() for word, f in after.items()}
+            assert not single or lost["two_rings"] < 1e-3, (name, level, lost)
+            assert not single or name == "constant overlap" or lost["two_number"] > 0.04, (name, level, lost)
+            if level == "mindlin":
+                assert np.abs(after["two_rings"] - 1.5 * right[20:]).max() < 0.085, name
+
+
+def test_a_force_pressed_and_sheared_together_comes_back():
+    """Work lost to partial slip, 0.6 %, and to the merge: 0.3 % more; the force without energy loses a third."""
+    for share in (0.3, 0.6, 0.9):
+        u = np.concatenate([np.linspace(1e-9, 1.0, 400), np.linspace(1.0, 1e-9, 400)[1:]])
+        path = list(zip(np.sqrt(u), share * u, strict=True))
+        right, found = exact(path, kappa=1.0), followed(path, MINDLIN.sized({"memory": "two_rings"}), FORMS["mindlin"][1])
+        work = [np.cumsum(force * share * np.diff(u)) for force in (right, found)]
+        lost = [w[-1] / w.max() for w in work]
+        assert 1.5 * np.abs(found - right).max() < 0.02 and abs(lost[1] - lost[0]) < 0.01, share
 
 
 MU, E_STAR, SHEAR, RADIUS, OVERLAP = 0.3, 1.0, 0.8, 1.0, 0.01

@@ -12,6 +12,7 @@ from theory.plain import plain
 from thirdbody.assembly.inertial_number import inertial_number
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
+from thirdbody.assembly.swings import why_swings
 from thirdbody.engine.time_step import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
@@ -82,6 +83,29 @@ def test_schedules_are_those_of_the_closed_forms():
         segment, h = Segment(0.0, kind, 1.0, 2.0, 3.0), 1e-6
         slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
         assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
+
+
+def test_tangential_springs_get_rings_where_motion_or_load_turns_or_a_plate_is_rough():
+    motion, falls = 'load = "2 mN"\nmotion = {x = %s}', '{load = "1 mN", duration = "1 us"}'
+    there = '{velocity = "1 m/s", duration = "1 us"}'
+    for upper, why in (
+        (motion % '{velocity = "-1 m/s"}', ""),
+        (motion % f'[{there}, {{pause = "1 us"}}, {{ramp = "3 m/s", duration = "1 us"}}]', ""),
+        (motion % f'[{there}, {{velocity = "-1 m/s"}}]', "motion"),
+        (motion % '{stroke = "1 um", frequency = "1 Hz", cycles = 3}', "motion"),
+        (f'load = "2 mN"\nloading = {falls}', ""),
+        (f'load = "2 mN"\nloading = [{falls}, {{load = "3 mN"}}]', "load"),
+        ('gap = "11 um"\nclosing = "1 mm/s"', ""),
+    ):
+        found = why_swings(scene(upper))
+        assert found.startswith(f"the {why} of" if why else "") and bool(found) == bool(why), upper
+        given = scene(upper).with_settings({"plates.lower.surface": {"rms": "0.1 um", "long": "20 um", "short": "10 um"}})
+        assert why_swings(given)
+    sine = '{stroke = "1 um", frequency = "1 Hz"}'
+    given = (sine, "auto", "two_rings", 11), (there, "auto", "two_number", 3), (sine, "one_ring", "one_ring", 8)
+    for text, word, memory, size in given:
+        choice = build(scene(motion % text).with_settings({"contact.memory": word})).choice
+        assert choice.memory == memory and len(choice.chain.laws[2].history) == size
 
 
 def test_paths_of_strokes_and_the_times_of_places_on_them():

@@ -10,6 +10,7 @@ import numpy as np
 from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
 from thirdbody.assembly.pull_off import pull_off_forces
 from thirdbody.assembly.spot_interaction import interaction_table
+from thirdbody.assembly.swings import chosen_memory
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest, short
@@ -20,6 +21,7 @@ from thirdbody.laws.codegen.measures import compose_measures
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction
 from thirdbody.laws.measures import Measure, layout_of
 from thirdbody.laws.null_labeller import NO_LABELS
+from thirdbody.laws.radial_return import MEMORY
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
 
@@ -46,6 +48,11 @@ class CompiledPhysics:
     def other_effects(self) -> tuple[BodyEffect | SpotInteraction, ...]:
         """Effects that are no contact laws."""
         return (*self.effects, *self.interactions)
+
+    @property
+    def memory(self) -> str | None:
+        """Return the memory of the tangential springs (`laws.radial_return.MEMORY`); None for a law without that option."""
+        return next((self.options[law.name][MEMORY.name] for law in self.chain.laws if MEMORY in law.options), None)
 
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
@@ -86,6 +93,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     off = tuple(law.name for law in laws if not law.wanted(pairs))
     if faults:
         raise InputError(faults)
+    law_values = {name: chosen_memory(scene, given) for name, given in law_values.items()}
     try:
         chain = compose(law.sized(values.get(law.name, law_values.get(law.name, {}))) for law in chosen)
     except ValueError as problem:

@@ -150,3 +150,9 @@ def renewed(exponent):
     fill = lost / exponent
     own = exponent * (1.0 / 3.0 - 0.25 * exponent) if exponent < 1e-3 else (1.0 - fill) / exponent - 0.5 * fill * fill
     return Renewal(1.0 - lost, fill, fill * lost, own)
+
+
+@kernel
+def growth_of(load):
+    """Relative growth of the contact radius with the overlap, (da/dd)/a [1/m]."""
+    return 0.5 * load.squared_radius_rate / max(load.contact_radius * load.contact_radius, 1e-300)

@@ -17,15 +17,22 @@ from thirdbody.laws.contract import Option, Options, kernel
 MEMORY = Option(
     "memory",
     "dimensionless",
-    "two_number",
-    words=("two_number", "rescaled"),
-    doc="'two_number': force and energy; 'rescaled': the force alone, as in LAMMPS: every cycle of load loses a part of it",
+    "auto",
+    words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
+    doc="'two_number': force and energy; 'two_rings', 'one_ring': also closed rings of the contact area, which keep a force where"
+    " load and shear swing together; 'auto': two rings where a scene can make them swing, else two numbers; 'rescaled': the force"
+    " alone, as in LAMMPS: every cycle of load loses a part of it",
 )
 
 
 def retained_energy(options: Options) -> float:
     """Fraction of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
+
+
+def rings_of(options: Options) -> int:
+    """Return the number of closed rings of the memory: none for "auto", unless `assembly` has chosen."""
+    return {"one_ring": 1, "two_rings": 2}.get(str(options.get("memory", MEMORY.default)), 0)
 
 
 def renews(options: Options) -> bool:
@@ -43,14 +50,38 @@ class Spring(NamedTuple):
     dissipated: float
 
 
+class Retained(NamedTuple):
+    """Force [N] that a contact area keeps as it shrinks, and its derivative by the overlap [N/m]."""
+
+    x: float
+    y: float
+    x_rate: float
+    y_rate: float
+
+
+@kernel
+def limited(x_try, y_try, compliance, beyond, lost, limit):
+    """Spring returned to `limit` [N] from a trial force, and the fraction that is left of all its displacements.
+
+    `beyond` is X = U - T^2/(2 k), the energy of the field in excess of a uniform one of the same force: slip leaves it unchanged,
+    sliding at the limit reduces it. `lost`: the energy before the step less the uniform one of what the area keeps. Dissipated
+    are the energy of lost area, that reduction, and the work of the slip at the limit, so the balance is exact: U + (T'^2 -
+    T^2)/(2 k) + L slip = U' + dissipated.
+    """
+    size = math.sqrt(x_try * x_try + y_try * y_try)
+    back = limit / max(size, max(limit, 1e-300))
+    x, y = back * x_try, back * y_try
+    slip = (1.0 - back) * size * compliance
+    left = back * back * beyond
+    stored = 0.5 * (x * x + y * y) * compliance + left
+    return Spring(x, y, slip, stored, lost - left + back * size * slip), back
+
+
 @kernel
 def stretched(slip_x, slip_y, memory, stiffness, limit, retained):
-    """Spring of this stiffness [N/m] after a slip [m], from its memory (T_x, T_y, U), limited to `limit` [N].
+    """Spring of this stiffness [N/m] after a slip [m], limited to `limit` [N], and its memory (T_x, T_y, U) before and after.
 
-    The contact area carries the fraction min(1, 2 k U/T^2) of force and energy. X = U - T^2/(2 k) is the energy of the field in
-    excess of a uniform one of the same force: slip leaves it unchanged, sliding at the limit reduces it. Dissipated are the
-    energy of lost area, that reduction, and the work of the slip at the limit, so the balance is exact: U + (T'^2 - T^2)/(2 k) +
-    L slip = U' + dissipated.
+    The contact area carries the fraction min(1, 2 k U/T^2) of force and energy.
     """
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
@@ -62,44 +93,35 @@ def stretched(slip_x, slip_y, memory, stiffness, limit, retained):
     uniform = 0.5 * (x_scaled * x_scaled + y_scaled * y_scaled) * compliance
     beyond = retained * max(saved * energy - uniform, 0.0)
     x_try, y_try = x_scaled - stiffness * slip_x, y_scaled - stiffness * slip_y
-    size = math.sqrt(x_try * x_try + y_try * y_try)
-    back = limit / max(size, max(limit, 1e-300))
-    x, y = back * x_try, back * y_try
-    slip = (1.0 - back) * size * compliance
-    left = back * back * beyond
-    stored = 0.5 * (x * x + y * y) * compliance + left
-    return Spring(x, y, slip, stored, energy - uniform - left + back * size * slip)
+    t, _ = limited(x_try, y_try, compliance, beyond, energy - uniform, limit)
+    return t, (t.x, t.y, t.stored)
 
 
 @kernel
-def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
-    """Trial force of `stretched` and its derivative by the overlap: x, y [N], x_rate, y_rate [N/m]."""
+def remaining(memory, stiffness, stiffness_rate):
+    """What `stretched` keeps of its memory (`Retained`)."""
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
     fraction = 2.0 * energy / square
     whole = stiffness * fraction >= 1.0
     saved, rate = (1.0, 0.0) if whole else (stiffness * fraction, stiffness_rate * fraction)
-    return (
-        saved * x_old - stiffness * slip_x,
-        saved * y_old - stiffness * slip_y,
-        rate * x_old - stiffness_rate * slip_x,
-        rate * y_old - stiffness_rate * slip_y,
-    )
+    return Retained(saved * x_old, saved * y_old, rate * x_old, rate * y_old)
 
 
 @kernel
-def rolled(slip_x, slip_y, memory, renewal, stiffness, limit):
-    """`stretched` in a step in which rolling renews a fraction of the field (`patch_renewal.Renewal`).
+def scaled(memory, f):
+    """The memory of `stretched` with all displacements scaled."""
+    return f * memory[0], f * memory[1], f * f * memory[2]
 
-    Renewal dissipates int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides in one direction
-    throughout.
+
+@kernel
+def renewed_spring(t, retained, energy, slip_x, slip_y, renewal, stiffness):
+    """The spring `t` of a step in which rolling renews a fraction of the field (`patch_renewal.Renewal`), with its heat.
+
+    `retained`: what the area would keep without it (`Retained`). Renewal dissipates int (renewal rate) 2 U over the step: exact in
+    a spring that sticks and in one that slides in one direction throughout.
     """
-    x_old, y_old, energy = memory
-    scaled = (renewal.retained * x_old, renewal.retained * y_old, renewal.retained * renewal.retained * energy)
-    t = stretched(renewal.fill * slip_x, renewal.fill * slip_y, scaled, stiffness, limit, 1.0)
-    square, firm = max(x_old * x_old + y_old * y_old, 1e-150), max(stiffness, 1e-150)
-    part = min(2.0 * stiffness * energy / square, 1.0)
-    x, y = part * x_old, part * y_old
+    x, y, firm = retained.x, retained.y, max(stiffness, 1e-150)
     left = 1.0 - renewal.retained * renewal.retained
     if t.slip > 0.0:
         lost_x = (1.0 - renewal.retained) * x - (1.0 - renewal.fill) * stiffness * slip_x
@@ -110,26 +132,6 @@ def rolled(slip_x, slip_y, memory, renewal, stiffness, limit):
         work, distance = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
         heat = max(left * energy - renewal.mixed * work + renewal.own * stiffness * distance, 0.0)
     return Spring(t.x, t.y, t.slip, t.stored, t.dissipated + heat)
-
-
-@kernel
-def growth_of(load):
-    """Relative growth of the contact radius with the overlap, (da/dd)/a [1/m]."""
-    return 0.5 * load.squared_radius_rate / max(load.contact_radius * load.contact_radius, 1e-300)
-
-
-@kernel
-def rolled_tangent(slip_x, slip_y, memory, renewal, growth, stiffness, stiffness_rate):
-    """Trial force of `rolled` and its derivative by the overlap.
-
-    `growth`: relative decrease of the exponent of renewal with the overlap [1/m].
-    """
-    x_old, y_old, energy = memory
-    scaled = (renewal.retained * x_old, renewal.retained * y_old, renewal.retained * renewal.retained * energy)
-    x, y, x_rate, y_rate = stretched_tangent(renewal.fill * slip_x, renewal.fill * slip_y, scaled, stiffness, stiffness_rate)
-    grows = growth * (1.0 - renewal.retained) / renewal.fill
-    moved = stiffness * (grows * renewal.fill - growth * (renewal.fill - renewal.retained))
-    return x, y, x_rate + grows * x + moved * slip_x, y_rate + grows * y + moved * slip_y
 
 
 @kernel

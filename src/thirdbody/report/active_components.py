@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.assembly.swings import why_swings
 from thirdbody.engine.static_response import response
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 from thirdbody.laws.elasticity import e_star
 from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
+from thirdbody.laws.radial_return import MEMORY
 from thirdbody.report import heat_check, wear_check
 from thirdbody.report.adhesion_check import adhesion_warnings, remarks
 from thirdbody.units import pretty
@@ -86,6 +88,10 @@ def neighbours(built: Simulation) -> tuple[float, float]:
 def _laws(built: Simulation) -> list[dict[str, Any]]:
     """Return the contact laws: those in use, and those that no pair uses."""
     rows = [_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}") for law in built.choice.chain.laws]
+    if (memory := built.choice.memory) is not None:
+        given = built.scene.contact.options.get(MEMORY.name, MEMORY.default) != MEMORY.default
+        reason = "contact.memory" if given else why_swings(built.scene) or "no motion or load of a plate turns"
+        rows.append(_row(f"memory: {memory}", True, reason))
     rows += [_row(f"adhesion of {pair}", True, text) for pair, text, _ in remarks(built)]
     return rows + [_row(name, False, "no pair requires it") for name in built.choice.off]
 

@@ -89,14 +89,14 @@ def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
 
 
 def forms_of(law: Law) -> list[Law]:
-    """Return the law and its variants for the words of its options, named `NAME_variant`."""
+    """Return the law and its variants for the words of its options, named `NAME_WORD`."""
     forms = [replace(law, variant=None)]
     variant = law.variant or (lambda options: None)
     for name, word in [(option.name, word) for option in law.options for word in option.words]:
         result = variant({option.name: word if option.name == name else option.default for option in law.options})
         if result:
             options = tuple(replace(one, default=word) if one.name == name else one for one in result.options)
-            forms.append(replace(result, name=f"{law.name}_variant", options=options))
+            forms.append(replace(result, name=f"{law.name}_{word}", options=options))
     return forms
 
 
