@@ -118,8 +118,8 @@ def scaled(memory, f):
 def renewed_spring(t, retained, energy, slip_x, slip_y, renewal, stiffness):
     """The spring `t` of a step in which rolling renews a fraction of the field (`patch_renewal.Renewal`), with its heat.
 
-    `retained`: what the area would keep without it (`Retained`). Renewal dissipates int (renewal rate) 2 U over the step: exact in
-    a spring that sticks and in one that slides in one direction throughout.
+    `retained`: what the area keeps without it (`Retained`). Renewal dissipates int (renewal rate) 2 U over the step: exact in a
+    spring that sticks and in one that slides in one direction throughout.
     """
     x, y, firm = retained.x, retained.y, max(stiffness, 1e-150)
     left = 1.0 - renewal.retained * renewal.retained
