@@ -135,7 +135,7 @@ def gripped(name, count, level, folder):
         for angle in (0.3, 0.3 + 2.0 * math.pi / 3.0, 0.3 + 4.0 * math.pi / 3.0)
     ]
     debris = '[[debris]]\nkind = "spots"\nmaterial = "steel"\nmass = "1e-13 kg"\ninertia = "2e-25 kg m2"\n'
-    debris += f'spots = [{", ".join(spots)}]\n'
+    debris += f"spots = [{', '.join(spots)}]\n"
     table = "{table = '%s'}"
     upper = f'support = "load_per_particle"\nload = "50 uN"\nloading = {table % (folder / "load.csv")}\n'
     upper += f"motion = {{x = {table % (folder / 'displacement.csv')}}}"
