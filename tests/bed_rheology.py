@@ -153,8 +153,5 @@ if __name__ == "__main__":
     parser.add_argument("-o", dest="picture", type=Path, required=True)
     requested = parser.parse_args()
     measured = read_sweep(requested.sweep)
-    for mu, states in sorted(measured.items()):
-        for one in states:
-            print(f"{mu:g}:", ", ".join(f"{name} {value:.4g}" for name, value in one._asdict().items()))
     print("\n".join(f"{name}: {words}" for name, words in texts(measured).items()))
     draw(measured, requested.picture)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import balls
 from steel import HOT_STEEL, STEEL
 
 CLUMPS = """\
@@ -13,15 +14,7 @@ size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um",
 spheres = [4, 8]
 aspect = [1.0, 0.8, 0.6]
 """
-PLATES = """\
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-motion = {x = {velocity = "10 mm/s"}}
-"""
+PLATES = balls.PLATES.replace('damping = "7e-5 kg/s"\n', "").replace("0.5 m/s", "10 mm/s")
 PATH = '[solver]\ndistance = "0.4 um"\n[output]\nevery = "0.1 um"\n'
 WAVES = '{rms = "0.2 um", hurst = 0.8, long = "40 um", short = "20 um", seed = 3}'
 STROKE = 'motion = {x = {stroke = "0.4 um", frequency = "50 Hz"}}'

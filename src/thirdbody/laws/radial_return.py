@@ -6,7 +6,8 @@ A contact stores the tangential force T and the elastic energy U of its displace
 displacement they give the radius a_c = T^2/(4 G* U) that carries the force: slip over an area that has grown since is added at
 equal force and equal energy. A shrinking contact area loses force only once it is smaller than a_c, so load cycles release their
 fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this is the rescaled force of Thornton and Randall
-(1988), which assumes a uniform field after every step.
+(1988), which assumes a uniform field after every step. Where load and shear swing together, two numbers lose a static force: see
+`thirdbody.laws.rings`.
 """
 
 import math
