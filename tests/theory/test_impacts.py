@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.laws.damping import damping_number, restitution_of
+from thirdbody.scene.model import Ball
+
 DATA = Path(__file__).with_name("data")
 
 RESOLVED = 200
@@ -144,6 +147,25 @@ def test_restitution_does_not_depend_on_speed(make):
         assert found == pytest.approx([restitution] * len(found), rel=2.5e-3)
         # the equation of motion has no scale of its own: what is left is rounding of z near the radius, 1e-19 of 1e-10 m
         assert np.ptp(found) < 1e-6
+
+
+def test_a_clump_leaves_with_the_restitution_of_its_number_of_contacts(make):
+    """n equal contacts are one with sqrt(n) times the damping number; a warning says so with both numbers."""
+    for count, expected in ((1, 0.6), (2, 0.5), (3, 0.44), (7, 0.31)):
+        angles = 2.0 * math.pi / count * np.arange(count)
+        ring = 0.95e-3 / math.sin(math.pi / count) if count > 1 else 0.0  # neighbours overlap by a twentieth
+        shape = tuple(Ball(center=(ring * math.cos(x), ring * math.sin(x), 0.0), radius=1e-3) for x in angles)
+        body = make.Spheres(material="ball", shape=shape, positions=((5.0, 5.0, 1e-3),), velocity=(0.0, 0.0, -0.1))
+        materials = {"ball": make.STEEL, "plane": make.stiffened(make.STEEL)}
+        simulation = make.build(make.scene([body], materials, lower="plane", restitution=0.6, time_step=2e-8))
+        make.leave(simulation, 1e-5)
+        theory = restitution_of(math.sqrt(count) * damping_number(0.6))
+        assert theory == pytest.approx(expected, abs=5e-3)
+        # 400 steps an impact, order 1.25; smaller contacts of a heavier body last longer
+        assert make.velocity(simulation)[2] / 0.1 == pytest.approx(theory, rel=4e-3)
+        assert [f"{theory:.2g} on {count}" in text for text in simulation.warnings if "free flight" in text] == [True] * (
+            count > 1
+        )
 
 
 def order(counts, errors):
