@@ -43,7 +43,7 @@ def _clumps_that_fly(scene: Scene, choice: CompiledPhysics, state: State) -> lis
     alpha = damping_number(restitution)
     values = ", ".join(f"{restitution_of(math.sqrt(n) * alpha):.2g} on {n}" for n in sorted({2, min(largest, 3), largest}))
     return [
-        f"restitution {restitution:g} is that of one contact: a clump in free flight that lands on several spheres at once leaves "
-        f"with less, {values} (its largest number); pairs.restitution = {restitution_of(alpha / math.sqrt(2.0)):.2g} gives "
-        f"{restitution:g} on 2"
+        f"restitution {restitution:g} is that of one contact: a clump in free flight that lands on several spheres at once "
+        f"leaves with less, {values} (its largest number); pairs.restitution = {restitution_of(alpha / math.sqrt(2.0)):.2g} "
+        f"gives {restitution:g} on 2"
     ]
