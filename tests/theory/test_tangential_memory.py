@@ -96,15 +96,14 @@ def held(level, swing, tau, count=10):
     return np.array(forces)
 
 
-@each([(0.1, 0.38), (0.5, 0.7)])
+@each([(0.01, 0.93), (0.1, 0.38), (0.5, 0.1), (0.5, 0.7), (0.99, 0.93)])
 def test_load_cycles_take_their_share_of_a_shear_force_once(case):
     found = {level: held(level, *case) for level in LEVELS}
     for level, forces in found.items():
         # the first cycle releases the edge that leaves the patch
-        assert 0.25 * case[1] < forces[0] < (1.0 + 1e-9) * case[1], level
-        # rounding, or what fields lose at the edge
-        assert np.abs(forces / forces[0] - 1.0).max() < (0.03 if level in ("mdr", "exact") else 1e-9), level
-    assert np.abs(found["mdr"] / found["exact"] - 1.0).max() < 0.01  # what 32 springs miss at the edge
+        assert 0.25 * (1.0 - case[0]) * case[1] < forces[0] < case[1], level
+        assert np.abs(forces / forces[0] - 1.0).max() < 1e-9, level  # rounding; 5e-13 in 100 cycles
+    assert np.abs(found["mdr"] / found["exact"] - 1.0).max() < 0.003  # what 32 springs miss at the edge
 
 
 @each(["mdr", "exact"])
