@@ -47,6 +47,8 @@ PATHS = {
     "10 large cycles of load, shear held": (cycles(0.25, 10, lambda u: 1.0), 1e-3, 0.74),
     "slow shear": (cycles(0.1, 10, lambda u: 1.0 + u / 10.0), 0.06, 0.69),
     "shear that turns round": (cycles(0.1, 20, lambda u: 1.0 + math.sin(0.26 * math.pi * u)), 0.15, 0.60),
+    "the same in small cycles": (cycles(0.05, 20, lambda u: 1.0 + math.sin(0.26 * math.pi * u)), 0.07, 0.49),
+    "and in large ones": (cycles(0.2, 20, lambda u: 1.0 + math.sin(0.26 * math.pi * u)), 0.31, 0.71),
     "shear in phase": ([(1.0 + 0.3 * math.sin(u), math.sin(u)) for u in np.linspace(0.0, 10.0 * math.pi, 2000)], 0.03, 0.16),
     "out of phase": ([(1.0 + 0.3 * math.sin(u), math.cos(u) - 1.0) for u in np.linspace(0.0, 10.0 * math.pi, 2000)], 0.06, 0.07),
 }
