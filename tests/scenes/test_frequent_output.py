@@ -1,6 +1,7 @@
 """Outputs as often as steps, and more often: stops are heard there too, no frame is written twice, and `check` prices frames."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 
+SHEARED = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 END = 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
 SCENE = edited(
     BALLS, ('title = "four balls"\n', ""), ('damping = "7e-5 kg/s"\n', ""), ("0.5 m/s", "1 m/s"),
@@ -119,3 +121,25 @@ def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
     simulation, kept = prepare_resume(cut)
     execute(simulation, cut, checkpoint=kept)
     assert differences(tmp_path / "whole", cut) == []
+
+
+@pytest.mark.full(kind="slow")
+@pytest.mark.parametrize("speed, mean", [("1 m/s", 0.015), ("1 mm/s", 0.025)])
+def test_outputs_change_labels_of_implicit_runs_as_truncation_does(speed, mean):
+    """Implicit steps end at outputs: 2.0 and 3.5 of 240 labels in the mean, 8 at worst."""
+
+    def labels(seed, every):
+        built = prepare(thirdbody.Scene.load(SHEARED).with_settings({
+            "debris.0.count": 240, "debris.0.seed": seed, "contact.debris_contact": "none", "solver.integrator": "implicit",
+            "plates.upper.motion.x.velocity": speed,
+        }))  # fmt: skip
+        for k in range(round(4e-6 / every) + 1):
+            built.integrator.advance_to(**({"distance": k * every} if k else {"time": built.settle}))
+            if k and k % round(1e-6 / every) == 0:
+                yield built.integrator.label()[:, 0].copy()
+
+    parts = []
+    for seed in range(1, 6):
+        coarse = list(labels(seed, 1e-6))
+        parts += [np.mean([*labels(seed, every)] != np.array(coarse), axis=1) for every in (0.5e-6, 0.1e-6, 0.02e-6)]
+    assert np.mean(parts) < mean and np.max(parts) < 0.06

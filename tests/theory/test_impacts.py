@@ -6,14 +6,14 @@ Chung and Ooi, Benchmark tests for verifying discrete element modelling codes at
 
 import itertools
 import math
-from pathlib import Path
 
 import closed_forms
 import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
-DATA = Path(__file__).with_name("data")
+from thirdbody.laws.damping import damping_number, restitution_of
+from thirdbody.scene.model import Ball
 
 RESOLVED = 200
 """Steps per contact time where a closed form is the judge: the undamped error falls with its square (tested below)."""
@@ -89,33 +89,6 @@ def test_chung_ooi_2_ball_on_a_rigid_plane(make, name):
     assert make.velocity(simulation)[2] == pytest.approx(0.2, rel=TRUNCATION)
 
 
-CURVES = {
-    "test1_graph1_glass_force_displacement.dat": "overlap",
-    "test1_graph2_glass_force_time.dat": "time",
-    "test2_graph1_alloy_force_displacement.dat": "overlap",
-    "test2_graph2_alloy_force_time.dat": "time",
-}
-
-
-@pytest.mark.parametrize("name", CURVES)
-def test_curves_of_chung_and_ooi(make, name):
-    """Force over indentation and over time, in um or us and kN, as read off the printed figures."""
-    if name.startswith("test1"):
-        found = balls_impact(make, BALLS["glass"], 0.01, 10.0)[1]
-    else:
-        found = make.plane_impact(plane_start(make, PLANES["aluminium alloy"], 0.1, 0.2))
-    points = np.loadtxt(DATA / name)
-    rising = slice(0, found.overlap.argmax() + 1) if CURVES[name] == "overlap" else slice(None)
-    axis = found.overlap if CURVES[name] == "overlap" else np.append(found.time, found.end)
-    force = found.normal if CURVES[name] == "overlap" else np.append(found.normal, 0.0)
-    ours = np.column_stack([np.r_[0.0, axis[rising]] * 1e6, np.r_[0.0, force[rising]] / 1e3])
-    between = np.linspace(0.0, len(ours) - 1, 20 * len(ours))
-    ours = np.column_stack([np.interp(between, np.arange(len(ours)), column) for column in ours.T])
-    apart = np.linalg.norm((points[:, None] - ours[None]) / points.max(axis=0), axis=-1).min(axis=1)
-    # reading a symbol off a printed figure: 1 % of the axes
-    assert apart.max() < 0.01
-
-
 def test_chung_ooi_3_restitution(make):
     speed, radius = 3.9, 2.5e-3
     for name, restitution in itertools.product(SWEEP, (0.2, 0.4, 0.6, 0.8, 1.0)):
@@ -144,6 +117,23 @@ def test_restitution_does_not_depend_on_speed(make):
         assert found == pytest.approx([restitution] * len(found), rel=2.5e-3)
         # the equation of motion has no scale of its own: what is left is rounding of z near the radius, 1e-19 of 1e-10 m
         assert np.ptp(found) < 1e-6
+
+
+def test_a_clump_leaves_with_the_restitution_of_its_number_of_contacts(make):
+    """n equal contacts are one with sqrt(n) times the damping number; a warning says so with both numbers."""
+    for count in (1, 2, 3, 7):
+        angles = 2.0 * math.pi / count * np.arange(count)
+        ring = 0.95e-3 / math.sin(math.pi / count) if count > 1 else 0.0  # neighbours overlap by a twentieth
+        shape = tuple(Ball(center=(ring * math.cos(x), ring * math.sin(x), 0.0), radius=1e-3) for x in angles)
+        body = make.Spheres(material="ball", shape=shape, positions=((5.0, 5.0, 1e-3),), velocity=(0.0, 0.0, -0.1))
+        materials = {"ball": make.STEEL, "plane": make.stiffened(make.STEEL)}
+        simulation = make.build(make.scene([body], materials, lower="plane", restitution=0.6, time_step=2e-8))
+        make.leave(simulation, 1e-5)
+        theory = restitution_of(math.sqrt(count) * damping_number(0.6))  # .6, .5, .44, .31
+        assert make.velocity(simulation)[2] / 0.1 == pytest.approx(theory, rel=4e-3)  # 400 steps an impact, order 1.25
+        assert [f"{theory:.2g} on {count}" in text for text in simulation.warnings if "free flight" in text] == [True] * (
+            count > 1
+        )
 
 
 def order(counts, errors):

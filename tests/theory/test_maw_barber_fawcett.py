@@ -82,20 +82,19 @@ def test_the_curve_of_slow_impacts(make, level, error, every):
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("nu", NUS)
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_rebound_at_metres_per_second(make, level, nu, speed):
-    """Below 1e-2 of psi_2 everywhere; renewal that took force from all springs alike made 1.7e-2 and 2.1e-2.
+@pytest.mark.parametrize(("speed", "step"), [(1.0, "auto"), (5.0, "auto"), slow(1.0, 1e-3), slow(5.0, 1e-3)])
+def test_rebound_at_metres_per_second(make, level, nu, speed, step):
+    """psi_2 to 1e-2 up to psi_1 = 4, with any step; renewal that took force from all springs alike made 1.7e-2 and 2.1e-2.
 
-    At 1 m/s: 3e-3 of the time step, 5e-3 of the overlap, up to 9e-3 of renewal. At 5 m/s two parts that are larger than the bound
-    make up for each other: the overlap, which theory lacks, takes up to 1.7e-2 from psi_2, and renewal gives up to 1.5e-2.
+    At 1 m/s: 3e-3 of the automatic time step, 5e-3 of the overlap, up to 9e-3 of renewal. At 5 m/s two larger parts make up for
+    each other: the overlap, which theory lacks, takes up to 1.9e-2 from psi_2, renewal gives up to 1.5e-2. In gross slip the arm
+    of friction is R less half the overlap, whose mean by force is .82 of the largest one.
     """
-    errors = [rebound(make, psi, nu, speed, level) - theoretical(nu, psi) for psi in ANGLES]
-    assert errors == pytest.approx([0.0] * len(errors), abs=1e-2)
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_the_rest_at_high_speed_is_the_finite_overlap(make, level):
-    """Without renewal the error goes as overlap over radius, v^0.8: theory has none. From 5 to 20 m/s by 3.03."""
-    errors = [rebound(make, 2.5, 0.1, speed, level, renewal=0.0) - theoretical(0.1, 2.5) for speed in (5.0, 20.0)]
-    # the time step's 2e-3 of 1.7e-2
-    assert errors[1] / errors[0] == pytest.approx(4.0**0.8, rel=0.15)
+    errors = [rebound(make, psi, nu, speed, level, step) - theoretical(nu, psi) for psi in (*ANGLES, 12.0)]
+    assert errors[:-1] == pytest.approx([0.0] * len(ANGLES), abs=1e-2)
+    material = make.solid(210e9, nu, 7850.0)
+    e = theory.e_star(material.shear(), nu, math.inf, 0.0)
+    overlap = closed_forms.impact_overlap(make.ball_mass(material, RADIUS), RADIUS, e, speed) / RADIUS
+    # 2.5 of psi_2 by the spin at nu = 0; of the automatic step 4e-4, of the next order of the overlap 6e-5
+    wanted = 2.5 * 0.8176 * overlap * 2.0 * (1.0 - nu) / (2.0 - nu)
+    assert errors[-1] == pytest.approx(wanted, abs=1e-3 if step == "auto" else 1e-4)

@@ -42,8 +42,8 @@ only after PATIENCE bounds in a row that allow more: an oscillating step loses e
 
 
 LEDGER = (
-    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.PLATE_WORK_SIZE, run_totals.EFFECT_WORK,
-    run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
+    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK, run_totals.PLATE_WORK_SIZE,
+    run_totals.EFFECT_WORK, run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
     run_totals.STORED_TANGENTIAL, run_totals.DIRECT_WORK, *(first + k for first in (run_totals.UPPER_IMPULSE,
     run_totals.LOWER_IMPULSE, run_totals.UPPER_FORCE, run_totals.LOWER_FORCE, run_totals.DIRECT_IMPULSE,
     run_totals.DIRECT_FORCE) for k in range(3)),

@@ -282,8 +282,8 @@ class Implicit:
         A = self.state.A
         summed = self._summed()
         for column in (
-            run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.PLATE_WORK_SIZE,
-            run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS, run_totals.STEPS,
+            run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK,
+            run_totals.PLATE_WORK_SIZE, run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS, run_totals.STEPS,
             *range(run_totals.UPPER_IMPULSE, run_totals.UPPER_IMPULSE + 6),
             *range(run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 6),
             *range(run_totals.DIRECT_WORK, run_totals.DIRECT_FORCE + 3),

@@ -4,7 +4,9 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from fractions import Fraction
+from functools import cached_property
+from itertools import pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,12 @@ from thirdbody.kernels.columns import patch
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+ROUNDED, WHOLE = 1e-9, 1000
+"""Relative difference below which two motions count as equal; largest number of cycles after which a path closes on itself."""
+
+JUST_BEFORE = 1.0 - 1e-9
+"""Factor of a time at which a plate has the speed with which it reaches that time, also at the turn of a stroke."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class Schedule:
     @property
     def moves(self) -> bool:
         """Whether there is any lateral motion."""
-        return any(s.kind != motion.POLYNOMIAL or s.b or s.c for s in (*self.x, *self.y))
+        return _moving((*self.x, *self.y))
 
     def direction(self) -> tuple[float, float]:
         """Return the unit vector of the first lateral motion, (0, 0) if there is none."""
@@ -80,6 +88,50 @@ class Schedule:
         v_x, v_y = (rate if rate and start <= min(starts) else 0.0 for start, rate in rates)
         speed = math.hypot(v_x, v_y)
         return v_x / speed, v_y / speed
+
+    @cached_property
+    def straight(self) -> bool:
+        """Whether the plate moves along one line: both axes are multiples of the same motion, or one of them rests."""
+        if not (_moving(self.x) and _moving(self.y)):
+            return True
+        if len(self.x) != len(self.y):
+            return False
+        e = self.direction()
+        for s, q in zip(self.x, self.y, strict=True):
+            pairs = [(s.a, q.a), (s.b, q.b), (s.c, q.c)]
+            if s.kind != motion.POLYNOMIAL:
+                if not math.isclose(s.c, q.c, rel_tol=ROUNDED):
+                    return False
+                pairs.pop()
+            off = (abs(x * e[1] - y * e[0]) > ROUNDED * math.hypot(x, y) for x, y in pairs)
+            if s.start != q.start or s.kind != q.kind or any(off):
+                return False
+        return True
+
+    def heading_at(self, t: float) -> tuple[float, float]:
+        """Return the unit vector of the motion just before time t [s]; of a straight path, or at rest, `direction()`."""
+        if self.straight:
+            return self.direction()
+        v_x, v_y = (rate_before(axis, t) for axis in (self.x, self.y))
+        speed = math.hypot(v_x, v_y)
+        return (v_x / speed, v_y / speed) if speed > 0.0 else self.direction()
+
+    def closed_paths(self) -> list[tuple[float, float, float]]:
+        """Return start, end (possibly infinite) and period [s] of the intervals in which the lateral path closes on itself.
+
+        In them each axis goes back and forth or rests; the ratio of the periods of both is one of whole numbers up to WHOLE.
+        """
+        intervals = []
+        starts = sorted({s.start for s in (*self.x, *self.y)})
+        for begin, until in pairwise([*starts, math.inf]):
+            valid = [axis[row] for axis in (self.x, self.y) if (row := _segment_index(axis, begin)) >= 0]
+            periods = [_period(s) for s in valid if _moving((s,))]
+            if not periods or 0.0 in periods:
+                continue
+            ratio = Fraction(periods[-1] / periods[0]).limit_denominator(WHOLE)
+            if abs(periods[-1] / periods[0] - ratio) <= ROUNDED * ratio:
+                intervals.append((begin, until, periods[0] * ratio.numerator))
+        return intervals
 
     def displacement_at(self, t: float) -> tuple[float, float]:
         """Return the lateral displacement (x, y) [m] at time t [s]."""
@@ -183,6 +235,16 @@ class Schedule:
             elif after:
                 periods.append(after[0] - t)
         return 1e-3 * min(periods)
+
+
+def rate_before(axis: Axis, time: float) -> float:
+    """Return the rate of change of an axis just before a time [s]."""
+    before = [segment for segment in axis if segment.start < time]
+    return before[-1].rate(max(time * JUST_BEFORE, before[-1].start)) if before else 0.0
+
+
+def _moving(axis: Axis) -> bool:
+    return any(s.kind != motion.POLYNOMIAL or s.b or s.c for s in axis)
 
 
 def _period(segment: Segment) -> float:

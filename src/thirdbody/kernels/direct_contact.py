@@ -44,6 +44,7 @@ def book_direct_contact(A, P, p, motion, old):
     drag = mu * normal / speed if speed > 0.0 else 0.0
     work = mu * speed * motion.dt * (old * A[run_totals.DIRECT_FORCE + 2] + (1.0 - old) * normal)
     A[run_totals.DIRECT_WORK] += work
+    A[run_totals.DRAG_WORK] += work
     A[run_totals.PLATE_WORK] += work
     A[run_totals.PLATE_WORK_SIZE] += work
     now = (-drag * motion.v_x, -drag * motion.v_y, normal)

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
-from thirdbody.quantity import quantity_text, scale_values
+from thirdbody.quantity import quantity_text, scale_values, unit_for
+from thirdbody.trajectory.friction import force_on_plate
 from thirdbody.trajectory.statistics import running_mean
 
 WINDOW_FRACTION = 0.1
@@ -20,7 +21,7 @@ FRICTION_NOTE = (
 )
 LOOP_NOTE = (
     "Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the upper plate;"
-    " the area times the load is the work of one cycle."
+    " the area times the load is the work of one cycle. On a path along both axes each has a loop, and their areas add up."
 )
 
 
@@ -122,7 +123,8 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
 def loop_area(data: RunData) -> float:
     """Return the area of the loop of the last whole cycle [m]: sum of mean coefficient times displacement over the intervals.
 
-    An unloaded interval adds nothing. NaN before the first whole cycle.
+    On a path along both axes it is that of both loops, of the coefficient along the velocity times the path. An unloaded interval
+    adds nothing. NaN before the first whole cycle.
     """
     if not data.drag.cycles:
         return float("nan")
@@ -141,19 +143,30 @@ def loop_title(data: RunData) -> str:
 
 
 def draw_loop(axes: Axes, data: RunData) -> None:
-    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised."""
-    u, unit = scale_values(data.drag.displacement, "m")
-    middle = u.copy()
-    middle[1:] = 0.5 * (u[1:] + u[:-1])  # abscissa of the mean over the interval
-    mu = data.name("friction_coefficient", False)
-    shown = slice(data.start + 1, None)
-    axes.plot(middle[shown], mu[shown], color=LINES["sky"], linewidth=0.9, label="all of the drag")
-    if data.drag.cycles:
-        inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
-        # closed by its first point
-        x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
-        axes.fill(x[np.isfinite(y)], y[np.isfinite(y)], color=LINES["blue"], alpha=0.12, linewidth=0.0, label="its area")
-        axes.plot(x, y, color=LINES["blue"], linewidth=1.8, label="last whole cycle")
+    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised.
+
+    On a path along both axes there is a loop for each of them.
+    """
+    if data.drag.straight:
+        loops = [("", LINES["blue"], data.drag.displacement, data.name("friction_coefficient", False))]
+    else:
+        force, normal = force_on_plate(data.run), np.abs(force_on_plate(data.run)[:, 2])
+        mu = -np.divide(force, normal[:, None], out=np.full_like(force, np.nan), where=normal[:, None] > 0.0)
+        colors = LINES["blue"], LINES["vermilion"]
+        loops = [(f"along {'xy'[k]}: ", colors[k], data.drag.offset[:, k], mu[:, k]) for k in (0, 1)]
+    factor, unit = unit_for(np.concatenate([u for _, _, u, _ in loops]), "m")
+    for name, color, u, mu in loops:
+        middle = u / factor
+        middle[1:] = 0.5 * (middle[1:] + middle[:-1])  # abscissa of the mean over the interval
+        shown = slice(data.start + 1, None)
+        axes.plot(middle[shown], mu[shown], color=color if name else LINES["sky"], linewidth=0.9, label=f"{name}all of the drag")
+        if data.drag.cycles:
+            inside = slice(data.drag.cycles[-1].start + 1, data.drag.cycles[-1].stop)
+            # closed by its first point
+            x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
+            known = np.isfinite(y)
+            axes.fill(x[known], y[known], color=color, alpha=0.12, linewidth=0.0, label=f"{name}its area")
+            axes.plot(x, y, color=color, linewidth=1.8, label=f"{name}last whole cycle")
     _draw_pairs(axes, data, (1.0, -1.0))
     axes.axhline(0.0, color="#222222", linewidth=0.6)
     axes.set_xlabel(f"displacement of the upper plate ({unit})")

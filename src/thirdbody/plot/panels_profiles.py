@@ -41,8 +41,8 @@ def velocity_title(data: RunData) -> str:
 
 def draw_velocity(axes: Axes, data: RunData) -> None:
     """Draw the velocity along the drag, and those of the plates."""
-    speed = np.array([0.0, _mean(data, data.drag.steps / np.diff(data.run.times, prepend=np.nan), True)])
-    values = _mean(data, data.run.profiles["velocity"] @ _direction(data), True)
+    speed = np.array([0.0, _mean(data, np.abs(data.drag.steps) / np.diff(data.run.times, prepend=np.nan))])
+    values = _along(data, data.run.profiles["velocity"])
     factor, unit = unit_for(np.append(values, speed), "m/s")
     _draw(axes, data, values / factor, LINES["blue"], "debris")
     if _axis(data) == "z":
@@ -65,15 +65,15 @@ def draw_solid(axes: Axes, data: RunData) -> None:
 def stress_title(data: RunData) -> str:
     """Return the mean pressure across the slabs in words."""
     k = "xyz".index(_axis(data))
-    return f"Stress: {quantity_text(float(np.mean(_stress(data, k, False))), 'Pa')} across the slabs"
+    return f"Stress: {quantity_text(float(np.mean(_mean(data, _stress(data)[..., k]))), 'Pa')} across the slabs"
 
 
 def draw_stress(axes: Axes, data: RunData) -> None:
     """Draw normal and shear stress across the slabs, and the forces of the plates over their area."""
-    k, e = "xyz".index(_axis(data)), _direction(data)
-    lines = [("normal", _stress(data, k, False), LINES["blue"])]
-    if abs(e[k]) < ALONG:
-        lines.append(("shear", _stress(data, e, True), LINES["vermilion"]))
+    k = "xyz".index(_axis(data))
+    lines = [("normal", _mean(data, _stress(data)[..., k]), LINES["blue"])]
+    if np.abs(data.drag.headings[steady(data.run), k]).max() < ALONG:
+        lines.append(("shear", -_along(data, _stress(data)), LINES["vermilion"]))
     factor, unit = unit_for(np.concatenate([values for _, values, _ in lines]), "Pa")
     for name, values, color in lines:
         _draw(axes, data, values / factor, color, name)
@@ -81,7 +81,7 @@ def draw_stress(axes: Axes, data: RunData) -> None:
         z, area = _scaled(data, _extent(data))[0], float(np.prod(data.run.header["domain"]["size"]))
         forces = np.stack([-data.series["lower_force"], data.series["upper_force"]]) / (area * factor)
         normal = [_mean(data, force[:, 2]) for force in forces]
-        shear = [-_mean(data, force @ e, True) for force in forces]
+        shear = [-_along(data, force) for force in forces]
         axes.plot(normal, z, **PLATE, zorder=3)
         axes.plot(shear, z, **{**PLATE, "label": None}, zorder=3)
     axes.set_xlim(min(0.0, axes.get_xlim()[0]), None)
@@ -133,24 +133,19 @@ def _axis(data: RunData) -> str:
     return str(data.run.header["profiles"]["axis"])
 
 
-def _direction(data: RunData) -> np.ndarray:
-    """Return the unit vector of the first motion of the upper plate, (3,)."""
-    corners = [data.run.plates(k)["position"][4] for k in (data.start, min(data.start + 1, data.frames - 1))]
-    moved = (corners[1] - corners[0]) * [1.0, 1.0, 0.0]
-    size = float(np.linalg.norm(moved))
-    return moved / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
-
-
-def _stress(data: RunData, component: int | np.ndarray, signed: bool) -> np.ndarray:
-    """Return the mean stress on faces across the slabs [Pa], of a component or along a direction; friction is positive."""
+def _stress(data: RunData) -> np.ndarray:
+    """Return the stress on faces across the slabs [Pa], (F, bins, 3)."""
     profiles = data.run.profiles
-    face = (profiles["contact_stress"] + profiles["kinetic_stress"])[..., "xyz".index(_axis(data))]
-    return _mean(data, face[..., component]) if isinstance(component, int) else -_mean(data, face @ component, signed)
+    return (profiles["contact_stress"] + profiles["kinetic_stress"])[..., "xyz".index(_axis(data))]
 
 
-def _mean(data: RunData, values: np.ndarray, signed: bool = False) -> np.ndarray:
-    """Return the mean over the intervals that count, by time; `signed`: along the motion of the plate in each of them."""
+def _along(data: RunData, vectors: np.ndarray) -> np.ndarray:
+    """Return the mean of vectors (F, ..., 3) along the motion of the plate in each interval."""
+    return _mean(data, np.einsum("f...k,fk->f...", vectors, data.drag.headings))
+
+
+def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
+    """Return the mean over the intervals that count, by time."""
     chosen = steady(data.run)
     weights = np.diff(data.run.times, prepend=data.run.times[:1])[chosen]
-    along = weights * (np.sign(data.drag.steps[chosen]) if signed else 1.0)
-    return np.tensordot(along, values[chosen], 1) / weights.sum()
+    return np.tensordot(weights, values[chosen], 1) / weights.sum()

@@ -196,6 +196,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         **({} if scene.output.blocks is None else {"blocks": scene.output.blocks}),
         **({} if scene.output.sample is None else {"scene_bodies": simulation.state.n_bodies}),
         "warnings": simulation.warnings,
+        **({} if simulation.schedule.straight else {"closed_paths": simulation.schedule.closed_paths()}),
         **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
         "versions": {
             "thirdbody": __version__,

@@ -81,7 +81,10 @@ class Pair(Part):
     friction: Annotated[float, Quantity(ge=0)]
     """Friction coefficient. Example: 0.3."""
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
-    """Coefficient of restitution along the normal, the same at every speed; below 1 contacts get dashpots. Example: 0.6."""
+    """Coefficient of restitution of one contact along the normal, the same at every speed; below 1 contacts get dashpots. A body
+    that lands on n equal contacts at once has sqrt(n) times the damping and leaves with less: 0.6 is 0.50 on 2, 0.31 on 7.
+    Example: 0.6.
+    """
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
     """Coefficient of rolling resistance of this pair; replaces that of `effects.rolling_resistance`. Example: 0.05."""
     work_of_adhesion: Annotated[float, Quantity(dimension="energy_per_area", ge=0)] | None = None

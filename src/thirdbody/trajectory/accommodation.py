@@ -1,8 +1,9 @@
 """Velocity accommodation: how the speed V of the upper plate is taken up between the plates (Y. Berthier, Wear 139, 1990).
 
 The surface of a body at a contact moves with v + w x r: velocity and spin of the body, and the contact point from its centre of
-mass. All speeds are components along the first direction of motion of the upper plate, relative to the lower one. Means over the
-bodies at a plate have the weights p (upper plate) and q (lower plate), whose sums are 1:
+mass. All speeds are components along the first direction of motion of the upper plate, relative to the lower one; on a path that
+is no straight line, along its velocity now. Means over the bodies at a plate have the weights p (upper plate) and q (lower
+plate), whose sums are 1:
 
     upper slip    sum p (V - v - w x r)            V minus the surface speed of the bodies at the upper plate
     lower slip    sum q (v + w x r)                the surface speed of the bodies at the lower plate
@@ -26,14 +27,12 @@ import numpy as np
 
 from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.state import State
-from thirdbody.engine.upper_plate import Axis
+from thirdbody.engine.upper_plate import rate_before
 from thirdbody.kernels.columns import record
 from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.trajectory.names import ACCOMMODATION
 
 Array = np.ndarray
-JUST_BEFORE = 1.0 - 1e-9
-"""Factor of a time at which a plate has the speed with which it reaches that time, also at the turn of a stroke."""
 
 
 def has_accommodation(state: State, drag: Array) -> bool:
@@ -47,6 +46,8 @@ def accommodation(drag: Array, state: State, contacts: Closed | None = None) -> 
     The mean of the last number over time is the fraction of the time in which the parts are defined (`parts_of`). `drag` (3,):
     unit vector of the first motion of the upper plate. `contacts`: those of now, if known; they must have records.
     """
+    if state.world.upper is not None and not state.world.upper.schedule.straight:
+        drag = np.array([*state.world.upper.schedule.heading_at(state.time), 0.0])
     (lower, lower_rim), (upper, upper_rim) = plate_contacts(state, drag, contacts or closed_contacts(state))
     weights = transmitting_weights(upper, lower, state.world.debris_meets)
     if weights is None:
@@ -117,10 +118,5 @@ def plate_speed(state: State, drag: Array) -> float:
     """Return the speed of the upper plate along the drag now [m/s]."""
     upper = state.world.upper
     assert upper is not None
-    return sum(_rate(axis, state.time) * float(e) for axis, e in zip((upper.schedule.x, upper.schedule.y), drag, strict=False))
-
-
-def _rate(axis: Axis, time: float) -> float:
-    """Return the rate of change of an axis of the schedule just before a time [s]."""
-    before = [segment for segment in axis if segment.start < time]
-    return before[-1].rate(max(time * JUST_BEFORE, before[-1].start)) if before else 0.0
+    axes = upper.schedule.x, upper.schedule.y
+    return sum(rate_before(axis, state.time) * float(e) for axis, e in zip(axes, drag, strict=False))

@@ -37,6 +37,7 @@ class FrameMaker:
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self.interval_means: dict[str, np.ndarray] = {}  # over the interval that ends with the last frame
+        self.work_and_path = np.zeros(2)  # work [J] and path [m] of the drag in it
         self.interval = 0.0  # since the previous frame [s]
         self.scene_time: Callable[[float], float] | None = None  # time of the scene at a computed time, where they differ
         self._corners = _corners(state)
@@ -214,10 +215,17 @@ class FrameMaker:
         plate; at the first frame the present forces."""
         now, A = impulses_of(self.state), self.state.A
         change, self.impulses = now - self.impulses, now
-        self.interval = float(change[0])
+        self.interval, self.work_and_path = float(change[0]), change[10:]
         if change[0] <= 0.0:
             return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy(), A[run_totals.DIRECT_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0], change[7:10] / change[0]
+
+    def _friction(self, force: np.ndarray) -> float:
+        """Return the friction coefficient of a mean force [N]; of a path that is no straight line from its work and length."""
+        upper, (work, path) = self.state.world.upper, self.work_and_path
+        if upper is None or upper.schedule.straight:
+            return -float(force @ self.drag) / abs(force[2])
+        return float(work) / (abs(float(force[2])) * float(path)) if path > 0.0 else np.nan
 
     def _series(self, clumps: dict[str, np.ndarray], contacts: FrameContacts, stored: Stored | None) -> dict[str, Any]:
         s, states = self.state, clumps.get("state")
@@ -234,13 +242,15 @@ class FrameMaker:
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,
-            "friction_coefficient": -float(both @ self.drag) / normal if normal > 0.0 and dragged else np.nan,
+            "friction_coefficient": self._friction(both) if normal > 0.0 and dragged else np.nan,
             "loaded": loaded,
         }
         if s.world.upper is not None:
             series["active"] = contacts.active()
         if s.world.upper is not None and s.world.upper.direct is not None:
             series |= {"direct_force": direct, "load_share_debris": float(upper[2] / both[2]) if both[2] > 0.0 else np.nan}
+        if dragged:
+            series["drag_work"] = s.A[run_totals.DRAG_WORK]
         if has_accommodation(s, self.drag):
             mean = self.interval_means.get("accommodation")
             closed = Closed(contacts.side, contacts.owner, contacts.normal_force, contacts.arm)
@@ -266,14 +276,13 @@ class FrameMaker:
 
 
 def impulses_of(state: State) -> np.ndarray:
-    """Return the time [s] and the impulses since the start [N s], (10,).
+    """Return the time [s], the impulses since the start [N s], and work [J] and path [m] of the drag, (12,).
 
-    They are those of the debris on the upper and on the lower plate, and of direct contact on the upper one.
+    Impulses are those of the debris on the upper and on the lower plate, and of direct contact on the upper one.
     """
     A = state.A
-    return np.concatenate(
-        [[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3], A[run_totals.DIRECT_IMPULSE3]]
-    )
+    impulses = A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3], A[run_totals.DIRECT_IMPULSE3]
+    return np.concatenate([[A[run_totals.TIME]], *impulses, [A[run_totals.DRAG_WORK], A[run_totals.DISTANCE]]])
 
 
 def _sphere_velocities(state: State) -> np.ndarray:

@@ -32,7 +32,8 @@ class Friction:
     ----------
     value : float
         For one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
-        sliding distance; for strokes the mean of |T|/N over the last whole cycle. NaN where there is none.
+        sliding distance; for strokes the mean of |T|/N over the last whole cycle. On a path that is no straight line the force
+        counts along the velocity. NaN where there is none.
     error : float
         Standard error of that mean, corrected for autocorrelation; for strokes the standard deviation between cycles. NaN with
         fewer than eight independent values.
@@ -48,7 +49,7 @@ class Friction:
     cycles : int
         Whole cycles of a stroke, 0 for one-way sliding.
     energy_per_cycle : float
-        Work of the friction force over the last cycle [J].
+        Work of the friction force over the last cycle, along both axes [J].
     """
 
     value: float = NAN
@@ -172,10 +173,11 @@ def friction_cycles(run: Run) -> dict[str, np.ndarray]:
     drag, frames = run.drag, run.frames
     mu = run.series.get("friction_coefficient", np.full(frames, NAN))
     force = _friction_force(run, mu)
+    work = np.diff(run.series["drag_work"], prepend=np.nan) if "drag_work" in run.series else force * drag.steps
     columns: dict[str, list[float]] = {name: [] for name in CYCLES}
     for number, cycle in enumerate(drag.cycles):
         inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the previous cycle
-        energy = float(np.sum(force[inside] * drag.steps[inside]))
+        energy = float(np.sum(work[inside]))
         row = [number + 1, run.times[cycle.start], run.times[cycle.stop - 1], energy, _known(np.mean, np.abs(mu[inside]))]
         for values in (mu[inside], force[inside], drag.displacement[cycle]):
             row += _extremes(values)
@@ -185,14 +187,19 @@ def friction_cycles(run: Run) -> dict[str, np.ndarray]:
 
 
 def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:
-    """Return the friction force (F,) [N] on the upper plate against its first direction of motion, mean per output interval.
+    """Return the friction force (F,) [N] on the upper plate against its first direction of motion, mean per output interval; on a
+    path that is no straight line against its velocity, mean along the path.
 
     The series holds the coefficient, which is that force over the normal one; an unloaded interval has none.
     """
     if "upper_force" not in run.series:
         return np.full(run.frames, NAN)
-    normal = run.series["upper_force"][:, 2] + (run.series["direct_force"][:, 2] if "direct_force" in run.series else 0.0)
-    return np.nan_to_num(mu) * np.abs(normal)
+    return np.nan_to_num(mu) * np.abs(force_on_plate(run)[:, 2])
+
+
+def force_on_plate(run: Run) -> np.ndarray:
+    """Return the mean force (F, 3) [N] of debris and direct contact on the upper plate in each output interval."""
+    return run.series["upper_force"] + run.series.get("direct_force", 0.0)
 
 
 def _extremes(values: np.ndarray) -> tuple[float, float]:

@@ -20,9 +20,11 @@ SERIES = {
     "lower_force": Name("N", "Force of the debris on the lower plate, x, y, z: mean over the output interval."),
     "friction_coefficient": Name(
         "1",
-        "-(upper_force . first direction of motion) / |normal force|; NaN where nothing presses. With `plates.contact` of "
+        "-(upper_force . first direction of motion) / |normal force|; on a path that is no straight line the part along "
+        "the velocity: work of the motion / (|normal force| path). NaN where nothing presses. With `plates.contact` of "
         "upper_force + direct_force.",
     ),
+    "drag_work": Name("J", "Work of the plate's sideways motion against the force on it since the start; none without motion."),
     "loaded": Name("1", "Number of bodies that carry load."),
     "active": Name("1", "Fraction of bodies that are pressed from above and from below; the others are idle."),
     "direct_force": Name(
@@ -162,7 +164,11 @@ CYCLES = {
     "cycle": Name("1", "Number of the cycle, from 1."),
     "start_time": Name("s", "Time at its start."),
     "end_time": Name("s", "Time at its end."),
-    "energy": Name("J", "Work of the friction force: sum of mean force times displacement over the output intervals."),
+    "energy": Name(
+        "J",
+        "Work of the plate's sideways motion against the force on it, along both axes: of `drag_work`; in runs that lack it the "
+        "sum of mean friction force times displacement over the output intervals.",
+    ),
     "friction_coefficient": Name("1", "Mean of |friction force| / normal force."),
     "friction_coefficient_min": Name("1", "Least friction coefficient, signed by the first direction of motion."),
     "friction_coefficient_max": Name("1", "Largest friction coefficient, signed likewise."),

@@ -1,6 +1,11 @@
-"""Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke."""
+"""Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke.
+
+A path along one line is signed by its first direction. One that is no straight line goes forward everywhere: its steps are
+lengths of the path, and its cycles are those after which it closes on itself.
+"""
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,7 +15,7 @@ BACK = 0.05
 """A return by this fraction of the range of displacement is a stroke."""
 
 CLOSED = 1e-3
-"""A cycle is whole if it ends where it began, to this fraction of the range of displacement."""
+"""A cycle is whole if it ends where it began, to this fraction of the range of displacement, or of its period."""
 
 
 class Drag:
@@ -45,13 +50,33 @@ class Drag:
             return np.nan_to_num(recorded)
         return self._displacement_of_corners()
 
-    def _displacement_of_corners(self) -> np.ndarray:
-        """Return the displacement from the corners of the plates: runs of earlier versions lack the series."""
+    @cached_property
+    def straight(self) -> bool:
+        """Whether the path is along one line."""
+        return "closed_paths" not in self.run.header
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """Displacement of the upper plate along x and y (F, 2) [m]; zero without plates."""
         corners = [self.run.plates(k)["position"] for k in range(self.frames)]
         if not corners or not len(corners[0]):
-            return np.zeros(self.frames)
-        offset = np.array([points[4, :2] - points[0, :2] for points in corners])
-        steps = np.diff(offset, axis=0, prepend=offset[:1])
+            return np.zeros((self.frames, 2))
+        return np.array([points[4, :2] - points[0, :2] for points in corners])
+
+    @cached_property
+    def headings(self) -> np.ndarray:
+        """Unit vectors of the motion since the previous frame (F, 3), zero at rest; of a straight path its first direction,
+        with the sign of the step."""
+        moved = np.zeros((self.frames, 3))
+        moved[1:, :2] = np.diff(self.offset, axis=0)
+        if self.straight:
+            moved = np.outer(np.sign(self.steps), moved[min(self.start + 1, self.frames - 1)])
+        size = np.linalg.norm(moved, axis=1, keepdims=True)
+        return np.divide(moved, size, out=np.zeros_like(moved), where=size > 0.0)
+
+    def _displacement_of_corners(self) -> np.ndarray:
+        """Return the displacement from the corners of the plates: runs of earlier versions lack the series."""
+        steps = np.diff(self.offset, axis=0, prepend=self.offset[:1])
         size = np.linalg.norm(steps, axis=1)
         moved = np.flatnonzero(size > 1e-9 * size.max(initial=0.0))
         if not len(moved):
@@ -60,8 +85,9 @@ class Drag:
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """Change of displacement since the previous frame (F,) [m]."""
-        return np.diff(self.displacement, prepend=self.displacement[:1])
+        """Change of displacement since the previous frame (F,) [m]; the length of a path that is no straight line."""
+        position = self.displacement if self.straight else self.distance
+        return np.diff(position, prepend=position[:1])
 
     @cached_property
     def reversals(self) -> list[int]:
@@ -79,23 +105,35 @@ class Drag:
 
     @property
     def stroke(self) -> bool:
-        """Whether the plate moves back and forth."""
-        return bool(self.reversals)
+        """Whether the plate moves back and forth; on a path that is no straight line, whether it closes on itself."""
+        return bool(self.reversals if self.straight else self.run.header["closed_paths"])
 
     @cached_property
     def cycles(self) -> list[slice]:
         """Frames of the whole cycles, both ends included, in order; counted back from the last turn.
 
-        Start and end of the drag count as turns where the plate is at the position of the nearest turn of the same kind.
+        Start and end of the drag count as turns where the plate is at the position of the nearest turn of the same kind. On a
+        path that is no straight line cycles are counted from its start, and end at the nearest frames.
         """
         if not self.stroke:
             return []
+        if not self.straight:
+            return self._closed_cycles()
         u, ends = self.displacement, [self.start, *self.reversals, self.frames - 1]
         near = CLOSED * float(np.ptp(u))
         first, last = abs(u[ends[0]] - u[ends[2]]) <= near, abs(u[ends[-1]] - u[ends[-3]]) <= near
         ends = ends[0 if first else 1 : None if last else -1]
         pairs = [(ends[k - 2], ends[k]) for k in range(len(ends) - 1, 1, -2)]
         return [slice(first, last + 1) for first, last in reversed(pairs)]
+
+    def _closed_cycles(self) -> list[slice]:
+        """Return the frames of the whole cycles of a path that closes on itself."""
+        times, cycles = self.run.times, []
+        for begin, until, period in self.run.header["closed_paths"]:
+            number = int((min(until, times[-1]) - begin) / period + CLOSED)
+            ends = [int(np.argmin(np.abs(times - begin - k * period))) for k in range(max(number, 0) + 1)]
+            cycles += [slice(first, last + 1) for first, last in pairwise(ends) if first < last]
+        return cycles
 
     @cached_property
     def second_half(self) -> np.ndarray:

@@ -35,6 +35,7 @@ _HEADER: dict[str, type] = {
     "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
     STATIC_TEXT: dict, PROFILES: dict, "measures": list, "blocks": list, "scene_bodies": int,
+    "closed_paths": list,
 }  # fmt: skip
 _WORDS = ("blocks", "state_names", "reason_names", "materials", "populations", "effects", "measures", "warnings")
 
@@ -105,6 +106,9 @@ def _refuse_header(header: Mapping[str, Any]) -> None:
     slabs = header.get(PROFILES, {"bins": 1, "axis": "z"})
     if not isinstance(slabs["bins"], int) or slabs["bins"] < 1 or slabs["axis"] not in ("x", "y", "z"):
         raise ValueError(f"/scene/{PROFILES}: {str(slabs)[:60]}")
+    for begin, until, period in header.get("closed_paths", ()):
+        if not (0.0 <= begin < until and 0.0 < period < np.inf):
+            raise ValueError(f"/scene/closed_paths: {begin}, {until}, {period}")
     size = header.get("domain", {}).get("size", [1.0, 1.0])
     if len(size) != 2 or not all(isinstance(x, int | float) and 0.0 < x < np.inf for x in size):
         raise ValueError(f"/scene/domain: size {str(size)[:60]}")

@@ -114,6 +114,7 @@ def book_step(A, begin, end, powers, context, step):
         + (A[run_totals.UPPER_FORCE + 1] + extract(upper, 1)) * step.v_y
     )
     plate = drag + half * (A[run_totals.LOAD_POWER] + lifted)
+    A[run_totals.DRAG_WORK] += drag
     A[run_totals.PLATE_WORK] += plate
     A[run_totals.PLATE_WORK_SIZE] += abs(plate)
     up, low = (extract(upper, 0), extract(upper, 1), extract(upper, 2)), (extract(lower, 0), extract(lower, 1), extract(lower, 2))

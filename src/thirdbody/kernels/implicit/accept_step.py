@@ -210,6 +210,7 @@ def update_ledger(context, active, motion, works, common, space):
     plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
     if has_heights(context.lower) or has_heights(context.upper):
         plate += curved_drag(active, motion, step_ratio(T, context.settings, dt), sums)
+    A[run_totals.DRAG_WORK] += plate
     lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = of_dashpots, plate - drag
     if P[p, patch.FREE] != 0.0:
