@@ -82,26 +82,26 @@ class DmtParameters(NamedTuple):
 def with_neck(c, p, h):
     """Force, area and energy of the neck (`jkr.neck`); what the jumps lose is booked as the neck forms.
 
-    h: whether there was a neck; what it lost [J]; the overlap before [m], 0 in a contact that was out of reach.
+    h: whether there was a neck; what it lost [J].
     """
-    n = neck_since(c.overlap, h[2], c.radius, p.adhesion, h[0])
+    n = neck_since(c.overlap, c.overlap - c.moved, c.radius, p.adhesion, h[0])
     forms = n.joined * (1.0 - h[0])
     lost = forms * JUMPS * energy_unit(n, c.radius, p.e_star)
-    jumps = p.part_steps > 0.0 and h[2] != 0.0 and n.joined != h[0]
-    of_jump = force_of_a_jump(n, c.overlap - h[2], forms, 1.0 if p.part_steps == 1.0 else 0.0, c.radius, p.e_star)
+    jumps = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0]
+    of_jump = force_of_a_jump(n, c.moved, forms, 1.0 if p.part_steps == 1.0 else 0.0, c.radius, p.e_star)
     answer = Normal(
         of_jump if jumps else force_of(n, c.radius, p.e_star), n.joined * n.scale * n.y * n.y,
         stored_of(n, c.radius, p.e_star), lost, peak_pressure_of(n, c.radius, p.e_star), squared_radius_rate_of(n, c.radius),
     )  # fmt: skip
-    return answer, (n.joined, h[1] + lost, c.overlap)
+    return answer, (n.joined, h[1] + lost)
 
 
 @helper
 def stiffness_with_neck(c, p, h):
     """dF/dd of `with_neck` [N/m]."""
-    n = neck_since(c.overlap, h[2], c.radius, p.adhesion, h[0])
-    jumps = p.part_steps > 0.0 and h[2] != 0.0 and n.joined != h[0]
-    of_jump = stiffness_of_a_jump(n, c.overlap - h[2], n.joined, c.radius, p.e_star)
+    n = neck_since(c.overlap, c.overlap - c.moved, c.radius, p.adhesion, h[0])
+    jumps = p.part_steps > 0.0 and c.moved != 0.0 and n.joined != h[0]
+    of_jump = stiffness_of_a_jump(n, c.moved, n.joined, c.radius, p.e_star)
     return of_jump if jumps else stiffness_of(n, p.e_star)
 
 
@@ -139,7 +139,7 @@ def auto(c, p, h):
         necked.peak_pressure if has_neck else p.e_star * (2.0 * overlap / (math.pi * max(a, 1e-300))),
         necked.squared_radius_rate if has_neck else touches * c.radius,
     )
-    return answer, (memory[0] if has_neck else touches, memory[1] if has_neck else 0.0, memory[2])
+    return answer, (memory[0] if has_neck else touches, memory[1] if has_neck else 0.0)
 
 
 @kernel
@@ -269,7 +269,7 @@ ADHESION = Law(
     parameters=AutoParameters,
     mix=mix_auto,
     in_steps=in_steps,
-    history=("joined", "adhesion_work", "overlap"),
+    history=("joined", "adhesion_work"),
     replaces="hertz",
     reach=neck_length_where_necks,
     added_load=auto_grip,

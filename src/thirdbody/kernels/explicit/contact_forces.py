@@ -20,6 +20,7 @@ from thirdbody.jit.simd import (
     get,
     less_mask,
     load,
+    put,
     select_greater,
     store,
     transpose,
@@ -41,7 +42,7 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
 from thirdbody.kernels.contact_history import store_history
-from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
+from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.explicit.group_forces import add_force, shift_of
 from thirdbody.kernels.measures import measure_tile
@@ -307,10 +308,21 @@ def book_losses(n, c, opened, flat, context, step, box, tile):
     return end_contacts(n, shift_of(c >> 1, context), opened, context, tile), damped
 
 
+@njit(**BARE_CHUNK)
+def gather_moved(n, dt, context, tile):
+    """Write the overlap that n contacts gained in the step, and one over its length."""
+    behind = (law_input.HISTORY + context.n_history) * TILE
+    for q in range(0, n, LANES):
+        put(tile.inputs, q + behind + rolling_input.MOVED * TILE, broadcast(-dt) * separation_rate(q, tile.geometry))
+        put(tile.inputs, q + behind + rolling_input.INVERSE_DT * TILE, broadcast(1.0 / dt if dt > 0.0 else 0.0))
+
+
 @njit(**BARE)
 def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
     gather_tile(n, slots, flat, context, step, box, tile)
+    if context.jumps != 0:
+        gather_moved(n, step.dt, context, tile)
     if flat and close_spots.interact(context):
         close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
