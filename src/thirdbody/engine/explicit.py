@@ -210,8 +210,9 @@ class Explicit:
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             self.team, self.announced,
             len(physics.history), *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
-            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.jumps), int(physics.has_effects), physics.stride,
-            int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,
+            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.jumps), int(physics.has_effects),
+            physics.stride, int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work,
+            **self.measures,
         )  # fmt: skip
         return self.packer(given)
 

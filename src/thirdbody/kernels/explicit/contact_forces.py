@@ -20,7 +20,6 @@ from thirdbody.jit.simd import (
     get,
     less_mask,
     load,
-    put,
     select_greater,
     store,
     transpose,
@@ -42,8 +41,8 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
 from thirdbody.kernels.contact_history import store_history
-from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
+from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
+from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_moved, gather_tile, store_remote_force
 from thirdbody.kernels.explicit.group_forces import add_force, shift_of
 from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
@@ -306,15 +305,6 @@ def book_losses(n, c, opened, flat, context, step, box, tile):
     if context.dashpots >= 0:
         damped = book_opened_dashpots(n, step.dt, context, tile)
     return end_contacts(n, shift_of(c >> 1, context), opened, context, tile), damped
-
-
-@njit(**BARE_CHUNK)
-def gather_moved(n, dt, context, tile):
-    """Write the overlap that n contacts gained in the step, and one over its length."""
-    behind = (law_input.HISTORY + context.n_history) * TILE
-    for q in range(0, n, LANES):
-        put(tile.inputs, q + behind + rolling_input.MOVED * TILE, broadcast(-dt) * separation_rate(q, tile.geometry))
-        put(tile.inputs, q + behind + rolling_input.INVERSE_DT * TILE, broadcast(1.0 / dt if dt > 0.0 else 0.0))
 
 
 @njit(**BARE)

@@ -66,7 +66,7 @@ def head_of(chain: Sequence[Law]) -> str:
     return HEAD.format(title=" > ".join(law.name for law in chain), tuples=tuples_for(chain), imports="\n".join(imports))
 
 
-TOUCH = ("touch_share", "touch_growth")
+TOUCH = ("touch_fraction", "touch_growth")
 
 
 def touching(chain: Sequence[Law]) -> list[int]:

@@ -15,7 +15,7 @@ from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.fragments import energy_column, field_of, history_of, jumps, memory_names, viscous_names, width_of
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import STAGES, STIFF, Law
-from thirdbody.laws.touch import touch_growth, touch_share
+from thirdbody.laws.touch import touch_fraction, touch_growth
 
 SPRINGS = (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y")), ("twisting", ("moment",)))
 """Stages with springs, and the names of the forces or moments that their laws remember."""
@@ -157,5 +157,5 @@ def compose(laws: Iterable[Law]) -> Chain:
 def _functions(chain: Sequence[Law]) -> list[Callable]:
     """Return all functions on which a module generated from these laws depends."""
     others = [more for law in chain for more in (law.tangent, law.added_load) if more]
-    others += [touch_share, touch_growth] if jumps(chain) else []
+    others += [touch_fraction, touch_growth] if jumps(chain) else []
     return [law.kernel for law in chain] + others
