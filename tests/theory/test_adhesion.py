@@ -27,10 +27,14 @@ PAIR = Pair(STEEL, STEEL, 0.3, 0.6)
 E_STAR = 210e9 / (2.0 * (1.0 - 0.3**2))
 RADIUS, WORK = 1e-6, 0.05
 PULL_OFF = 1.5 * math.pi * WORK * RADIUS
-JKR = {
-    "contact": ContactTable(law="hertz_mindlin", level="frictionless"),
-    "effects": Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
-}
+JKR, DMT, AUTO = (
+    {
+        "contact": ContactTable(law="hertz_mindlin", level="frictionless"),
+        "effects": Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": model}}),
+    }
+    for model in ("jkr", "dmt", "auto")
+)
+NONE = {"contact": JKR["contact"]}
 
 
 def law(model="jkr", **options):
@@ -170,8 +174,8 @@ def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_mixes():
         added = plain(chosen.added_load)(contact(d, radius), loaded, p) / (math.pi * WORK * radius)
         assert added == pytest.approx(3.0 * neck + 2.0 * (1.0 - neck), rel=1e-9)
     for model, low, high, said, words in (
-        ("auto", 20e-9, 40e-9, "auto", ""), ("jkr", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "15 % too strongly"),
-        ("jkr", 20e-9, 1e-6, "jkr", "24 % too weakly"),
+        ("auto", 20e-9, 40e-9, "auto", ""), ("jkr", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "12 % too strongly"),
+        ("jkr", 20e-9, 1e-6, "jkr", "23 % too weakly"),
     ):  # fmt: skip
         text, warns = ADHESION.remark(PAIR, law(model)[2], low, high)
         assert warns == bool(words) and words in text and f"w = 50 mJ/m2, {said}; Tabor's number" in text, text
@@ -196,7 +200,7 @@ def dugdale(number):
 
 
 def test_the_pull_off_of_auto_is_that_of_maugis():
-    """At every Tabor number, from 2 pi w R to 3/2 pi w R without a jump: 0.5 %, where the fit is worst, 0.6 with the grid of a."""
+    """At every Tabor number, from 2 pi w R to 3/2 pi w R without a jump: 0.5 % where the fit is worst, 0.1 % for the grid."""
     numbers = np.geomspace(0.01, 20.0, 30)
     radii = numbers**3 * E_STAR**2 * 2e-10**3 / WORK**2
     ours = ADHESION.pull_off(PAIR, law("auto")[2], radii) / (math.pi * WORK * radii)
@@ -215,20 +219,14 @@ def test_the_load_of_friction(case):
     assert plain(chosen.added_load)(contact(0.0), Normal(*6 * [0.0]), p) == 0.0
 
 
-@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
-def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
-    """From a gap to 0.5 nm deep in both plates and back, at 0.9 mm/s: both necks form, and break at the largest pull.
-
-    The upper plate has a `share` of the lower one's work of adhesion w, by its pair of materials; the loop goes with w^(5/3). The
-    weaker neck breaks, and the ball hangs on the lower plate.
-    """
+def pressed(make, monkeypatch, integrator, share=1.0, restitution=0.5, tables=JKR):
+    """Press a ball from a gap to 0.5 nm deep in both plates and pull back, at 0.9 mm/s; return ledger, state, and all pulls."""
     gap, depth, period = 2.0004e-6, 1.4e-9, 3.2e-6
     path = Segment(0.0, TRIANGLE, gap, -depth, 1.0 / period)
     monkeypatch.setattr(upper_plate, "schedule", lambda scene, start: Schedule(gap=(path,)))
     scene = make.scene(
-        [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL, "plate": make.STEEL}, lower="ball", restitution=0.5,
-        upper=make.UpperPlate(material="plate", gap=gap, closing=1e-3),
-        **JKR,
+        [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL, "plate": make.STEEL}, lower="ball",
+        restitution=restitution, upper=make.UpperPlate(material="plate", gap=gap, closing=1e-3), **tables,
         solver=Solver(duration=period, integrator=integrator),
     )  # fmt: skip
     assert scene.pairs[1].between == ("ball", "plate")
@@ -238,12 +236,68 @@ def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, in
         simulation.integrator.advance_to(time=k / 160 * period)
         ledger.watch(simulation.state)
         pulls.append(float(simulation.state.slots.R[:, record.NORMAL_FORCE].min(initial=0.0)))
+    return ledger, simulation, pulls
+
+
+def residual(ledger, simulation):
+    ledger.watch(simulation.state)
+    return ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"])
+
+
+@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
+def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
+    """Both necks form, and break at the largest pull.
+
+    The upper plate has a `share` of the lower one's work of adhesion w, by its pair of materials; the loop goes with w^(5/3). The
+    weaker neck breaks, and the ball hangs on the lower plate.
+    """
+    ledger, simulation, pulls = pressed(make, monkeypatch, integrator, share)
     # where it is flat: one output of 20 ns from the largest, 4.5 pm of each of two equal necks; 9 pm of the weaker of two, which
     # is half as long, so its force is off by up to 14 times as much
     assert min(pulls) == pytest.approx(-share * PULL_OFF, rel=4e-3 if share == 1.0 else 5e-2)
     assert share == 1.0 or simulation.state.slots.partner[make.touching(simulation)].tolist() == [-1]
     lines = ledger.lines(simulation.state)
     assert lines["adhesion"] == pytest.approx((1.0 + share ** (5.0 / 3.0)) * LOST, rel=1e-8)
+
+
+@pytest.mark.parametrize("restitution", [1e-6, 0.5, 1.0])
+@pytest.mark.parametrize("tables", [DMT, JKR, AUTO], ids=["dmt", "jkr", "auto"])
+def test_the_energy_of_pressing_and_pulling_at_any_restitution(make, monkeypatch, tables, restitution):
+    assert residual(*pressed(make, monkeypatch, "implicit", 1.0, restitution, tables)[:2]) < 1e-6
+
+
+def thrown(make, radius, speed, gap, integrator, restitution, tables):
+    keys = {"restitution": restitution, "solver": Solver(duration=make.LONG, integrator=integrator)} | tables
+    plate = make.UpperPlate(material="ball", gap=10.0 * radius)  # far off: implicit steps need one
+    balls = [make.ball(radius, (5e-6, 5e-6, radius + gap), (0.0, 0.0, -speed))]
+    simulation = build(make.scene(balls, {"ball": make.STEEL}, lower="ball", upper=plate, size=1e-5, **keys))
+    return Ledger(simulation.state), simulation
+
+
+@pytest.mark.parametrize("restitution", [1e-6, 0.5, 1.0])
+@pytest.mark.parametrize("tables", [NONE, DMT, JKR, AUTO], ids=["none", "dmt", "jkr", "auto"])
+def test_a_ball_thrown_at_a_plate(make, tables, restitution):
+    """At 0.5 m/s in steps of 0.1 nm: touch and release count for their part of a step, and steps do not grow past the touch.
+
+    Without that it leaves DMT with 1.3 % too much energy, and at e = 1e-6 the dashpot of the first step throws it back.
+    """
+    ledger, simulation = thrown(make, RADIUS, 0.5, 2e-8, "explicit", restitution, tables)
+    simulation.integrator.advance_to(time=6e-8 if restitution > 0.1 else 4.5e-8)
+    assert residual(ledger, simulation) < 1e-3
+    if restitution == 1.0:  # the energy lost to a neck is that of `adhesion`
+        lost = ledger.lines(simulation.state).get("adhesion", 0.0)
+        left = math.sqrt(1.0 - 2.0 * lost / (make.ball_mass(make.STEEL, RADIUS) * 0.25))
+        assert make.velocity(simulation)[2] / 0.5 == pytest.approx(left, rel=1e-3)
+
+
+@pytest.mark.parametrize(("tables", "restitution"), [(DMT, 1.0), (JKR, 0.5), (AUTO, 0.5)], ids=["dmt", "jkr", "auto"])
+def test_an_implicit_step_that_ends_at_touch(make, tables, restitution):
+    """To rounding: forces of a full step, with 8 to 38 times the energy of the ball, would be there after the last iteration."""
+    ledger, simulation = thrown(make, 2e-7, 0.05, 1e-9, "implicit", restitution, tables)
+    for k in range(1, 7):
+        simulation.integrator.advance_to(time=4e-9 * k)
+        ledger.watch(simulation.state)
+    assert residual(ledger, simulation) < 1e-6
 
 
 def impact(make, ratio, step=2.1e-10, start=1e-10):
@@ -278,4 +332,4 @@ def test_the_rebound_above_it(make, ratio, bound):
     coarse, fine = (max(miss(n, start) for start in starts) for n in (1, 4))
     assert coarse < bound and fine < coarse / 4.0
     _, ledger, simulation = impact(make, ratio)
-    assert ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"]) < 2.0 * bound
+    assert residual(ledger, simulation) < 2.0 * bound
