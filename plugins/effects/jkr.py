@@ -9,7 +9,8 @@ Let a_s = (pi w R^2/(8 E*))^(1/3), the contact radius at which a neck breaks as 
     d = (a_s^2/R) (y^4 - 4 y)     F = (4 E* a_s^3/(3 R)) (y^6 - 6 y^3)     U = (8 E* a_s^5/(15 R^2)) (y^10 - 10 y^7 + 15 y^4 - 6)
 
 where U, the integral of F over d, is zero where the neck breaks: y = 1, d = -3 a_s^2/R. At y^3 = 3 the force is least,
--3/2 pi w R; at y^3 = 4 the overlap is zero.
+-3/2 pi w R; at y^3 = 4 the overlap is zero. A constant pull P beside the neck, as long as that lasts, adds -P to F and
+-P (d + 3 a_s^2/R) to U.
 """
 
 import math
@@ -29,11 +30,12 @@ FOLD = 1e-9
 
 
 class Neck(NamedTuple):
-    """A neck at some overlap: `scale` a_s [m]; y; `joined`: 1, or 0 where the bodies are apart."""
+    """A neck at some overlap: `scale` a_s [m]; y; `joined`: 1, or 0 where the bodies are apart; constant `pull` beside it [N]."""
 
     scale: float
     y: float
     joined: float
+    pull: float
 
 
 @helper
@@ -72,7 +74,7 @@ def root(excess):
 
 
 @helper
-def neck_since(overlap, before, radius, adhesion, joined):
+def neck_since(overlap, before, radius, adhesion, pull, joined):
     """`Neck` at an overlap [m]. `adhesion`: w/E* [m]; `joined`: 1 if there was one before. It forms at touch, breaks at y = 1.
 
     Where it breaks in this step, y is that of the overlap `before` it [m].
@@ -82,7 +84,7 @@ def neck_since(overlap, before, radius, adhesion, joined):
     still = joined if LONGEST + overlap * per_overlap > 0.0 else 0.0
     now = 1.0 if overlap > 0.0 else still
     excess = LONGEST + (overlap if now > 0.0 or joined == 0.0 else before) * per_overlap
-    return Neck(scale, root(max(excess, 0.0)), now)
+    return Neck(scale, root(max(excess, 0.0)), now, pull)
 
 
 @helper
@@ -94,10 +96,10 @@ def force_of_a_jump(n, moved, forms, explicit, radius, e_star):
     Verlet (`explicit` 1, else 0) books the mean of its forces at both ends, (F_0 + F)/2, and the next one F/2 more, so F that is
     off by f changes the work by f times `moved`: F = W/`moved` + F_1/2 - F_0/2.
     """
-    whole = Neck(n.scale, n.y, 1.0)
+    whole = Neck(n.scale, n.y, 1.0, n.pull)
     half, stored = 0.5 * explicit * force_of(whole, radius, e_star), stored_of(whole, radius, e_star)
-    jump = JUMPS * energy_unit(n, radius, e_star)
-    return half + (stored + jump) / max(moved, 1e-300) if forms > 0.0 else -stored / min(moved, -1e-300) - half
+    gained = stored + loss_of(n, radius, e_star)
+    return half + gained / max(moved, 1e-300) if forms > 0.0 else -stored / min(moved, -1e-300) - half
 
 
 @helper
@@ -111,7 +113,7 @@ def stiffness_of_a_jump(n, moved, forms, radius, e_star):
 def force_of(n, radius, e_star):
     """Force [N], negative: attractive."""
     cube = n.y * n.y * n.y
-    return n.joined * (4.0 / 3.0 * e_star / radius * n.scale * n.scale * n.scale * cube * (cube - 6.0))
+    return n.joined * (4.0 / 3.0 * e_star / radius * n.scale * n.scale * n.scale * cube * (cube - 6.0) - n.pull)
 
 
 @helper
@@ -126,7 +128,15 @@ def stored_of(n, radius, e_star):
     """Energy [J] to break the neck is minus this: zero where it breaks."""
     fourth = n.y * n.y * n.y * n.y
     cube = n.y * n.y * n.y
-    return n.joined * energy_unit(n, radius, e_star) * (fourth * (cube * (cube - 10.0) + 15.0) - 6.0)
+    stretch = (n.y - 1.0) * (n.y - 1.0) * (n.y * (n.y + 2.0) + 3.0) * n.scale * n.scale / radius  # overlap + 3 a_s^2/R
+    elastic = energy_unit(n, radius, e_star) * (fourth * (cube * (cube - 10.0) + 15.0) - 6.0)
+    return n.joined * (elastic - n.pull * stretch)
+
+
+@helper
+def loss_of(n, radius, e_star):
+    """Energy [J] lost as a neck forms at touch and as it breaks: the negative of U at y^3 = 4."""
+    return JUMPS * energy_unit(n, radius, e_star) + n.pull * LONGEST * n.scale * n.scale / radius
 
 
 @helper

@@ -19,12 +19,12 @@ def still_joined(c, p, joined):
 
 @kernel
 def pulled(c, p, h):
-    return jkr(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
+    return jkr(c, p, (still_joined(c, p, h[0]), h[1]))
 
 
 @kernel
 def pulled_tangent(c, p, h):
-    return jkr_tangent(c, p, (still_joined(c, p, h[0]), h[1], h[2]))
+    return jkr_tangent(c, p, (still_joined(c, p, h[0]), h[1]))
 
 
 PULLED = replace(JKR, name="neck_at_pull_off", kernel=pulled, tangent=pulled_tangent, in_steps=None)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from each import each
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from thirdbody.assembly import upper_plate
 from thirdbody.assembly.simulation import build
@@ -26,10 +27,14 @@ PAIR = Pair(STEEL, STEEL, 0.3, 0.6)
 E_STAR = 210e9 / (2.0 * (1.0 - 0.3**2))
 RADIUS, WORK = 1e-6, 0.05
 PULL_OFF = 1.5 * math.pi * WORK * RADIUS
-JKR = {
-    "contact": ContactTable(law="hertz_mindlin", level="frictionless"),
-    "effects": Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": "jkr"}}),
-}
+JKR, DMT, AUTO = (
+    {
+        "contact": ContactTable(law="hertz_mindlin", level="frictionless"),
+        "effects": Effects(named={"adhesion": {"work_of_adhesion": f"{WORK} J/m2", "model": model}}),
+    }
+    for model in ("jkr", "dmt", "auto")
+)
+NONE = {"contact": JKR["contact"]}
 
 
 def law(model="jkr", **options):
@@ -38,13 +43,13 @@ def law(model="jkr", **options):
     return chosen, chosen.mix(PAIR, values), values
 
 
-def contact(overlap, radius=RADIUS):
-    return Contact(overlap, radius, 1e-14, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def contact(overlap, radius=RADIUS, moved=0.0):
+    return Contact(overlap, radius, 1e-14, *7 * (0.0,), moved)
 
 
 def at(overlap, joined=1.0, radius=RADIUS, **choice):
     chosen, p, _ = law(**choice)
-    return plain(chosen.kernel)(contact(overlap, radius), p, (joined, 0.0, 0.0))
+    return plain(chosen.kernel)(contact(overlap, radius), p, (joined, 0.0))
 
 
 def force(a):
@@ -84,7 +89,7 @@ def test_the_curve(ratio):
     a = ratio * A_BREAKS
     answer, memory = at(overlap(a))
     noise = 1e-15 / (ratio - 1.0)
-    assert memory == (1.0, 0.0, overlap(a)) and answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
+    assert memory == (1.0, 0.0) and answer.contact_radius == pytest.approx(a, rel=1e-13 + noise)
     assert answer.force == pytest.approx(force(a), rel=1e-12 + 10.0 * noise, abs=1e-14 * PULL_OFF)
     middle = 2.0 * E_STAR * a / (math.pi * RADIUS) - math.sqrt(2.0 * WORK * E_STAR / (math.pi * a))  # Hertz' and the punch's
     assert answer.peak_pressure == pytest.approx(max(middle, 0.0), rel=1e-9, abs=1e-9 * E_STAR * a / RADIUS)
@@ -112,18 +117,18 @@ def test_the_work_of_a_step_with_a_jump(integrator):
     kernel, tangent = plain(chosen.kernel), plain(chosen.tangent)
     breaks = overlap(A_BREAKS)
     for before, after, joined in ((-2e-11, 3e-12, 0.0), (-1e-12, 3e-11, 0.0), (0.97 * breaks, 1.2 * breaks, 1.0)):
-        h = (joined, 0.0, before)
-        first, answer = (kernel(contact(d), law()[1], (joined, 0.0, 0.0))[0] for d in (before, after))
-        found, memory = kernel(contact(after), p, h)
-        assert memory[0] == 1.0 - joined and memory[2] == after
+        h, step = (joined, 0.0), after - before
+        first, answer = (kernel(contact(d), law()[1], h)[0] for d in (before, after))
+        found, memory = kernel(contact(after, moved=step), p, h)
+        assert memory[0] == 1.0 - joined
         work = answer.stored + found.dissipated - first.stored
         booked = found.force if integrator == "implicit" else found.force + 0.5 * (first.force - answer.force)
-        assert booked * (after - before) == pytest.approx(work, rel=1e-9)
-        assert kernel(contact(after), p, (memory[0], 0.0, before))[0].force == pytest.approx(answer.force)  # no jump, no change
+        assert booked * step == pytest.approx(work, rel=1e-9)
+        # no jump, no change
+        assert kernel(contact(after, moved=step), p, (memory[0], 0.0))[0].force == pytest.approx(answer.force)
         if integrator == "implicit":
-            step = 1e-6 * (after - before)
-            ahead, behind = (kernel(contact(after + x), p, h)[0].force for x in (step, -step))
-            assert tangent(contact(after), p, h) == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5)
+            ahead, behind = (kernel(contact(after + x, moved=step + x), p, h)[0].force for x in (1e-6 * step, -1e-6 * step))
+            assert tangent(contact(after, moved=step), p, h) == pytest.approx((ahead - behind) / (2e-6 * step), rel=1e-5)
 
 
 def test_the_energy_of_pressing_and_pulling():
@@ -140,32 +145,66 @@ def test_the_energy_of_pressing_and_pulling():
     assert answer.contact_radius == pytest.approx(math.sqrt(RADIUS * d), rel=1e-7)
 
 
-def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_chooses():
+def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_mixes():
     chosen, p, _ = law("dmt")
     hertz = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
     answer = plain(chosen.kernel)(contact(1e-10), hertz, p)
     assert answer.force == pytest.approx(-2.0 * math.pi * WORK * RADIUS, rel=1e-15)
     assert answer.stored == 1e-10 * answer.force and plain(chosen.kernel)(contact(0.0), hertz, p).force == 0.0
-    # R = mu^3 E*^2 z_0^3/w^2 at mu = 0.1: 43 nm
-    divide = 1e-3 * E_STAR**2 * 2e-10**3 / WORK**2
-    assert 42e-9 < divide < 43e-9
-    for radius, factor in ((0.99 * divide, 2.0), (1.01 * divide, 8.0 / 9.0 * 1.5)):
-        pull = -at(1e-18, 0.0, radius, model="auto")[0].force
-        assert pull == pytest.approx(factor * math.pi * WORK * radius, rel=1e-4)  # 1e-18 over the neck, 1e-11
+    # R = mu^3 E*^2 z_0^3/w^2
+    radii = [mu**3 * E_STAR**2 * 2e-10**3 / WORK**2 for mu in (0.05, 0.352, 5.0)]
     chosen, p, values = law("auto")
-    assert chosen.reach(PAIR, values, 42e-9) == 0.0 < chosen.reach(PAIR, values, 43e-9)
-    assert chosen.pull_off(PAIR, values, np.array([42e-9, 43e-9])) / (math.pi * WORK) == pytest.approx([84e-9, 64.5e-9])
-    small, loaded = at(1e-10, radius=40e-9, model="auto")[0], 4.0 / 3.0 * E_STAR * math.sqrt(40e-9 * 1e-10**3)
-    pull, a = 2.0 * math.pi * WORK * 40e-9, math.sqrt(40e-9 * 1e-10)
-    assert small[:3] == pytest.approx((loaded - pull, a, (0.4 * loaded - pull) * 1e-10), rel=1e-12, abs=0.0)
-    assert small[-2:] == pytest.approx((2.0 * E_STAR * 1e-10 / (math.pi * a), 40e-9))  # p_0; d(a^2)/dd = R
-    assert plain(chosen.tangent)(contact(1e-10, 40e-9), p, (1.0, 0.0, 0.0)) == pytest.approx(2.0 * E_STAR * a)
+    kernel, tangent = plain(chosen.kernel), plain(chosen.tangent)
+    for radius, pull in zip(radii, chosen.pull_off(PAIR, values, np.array(radii)), strict=True):
+        depth = chosen.reach(PAIR, values, radius)
+        overlaps = np.linspace(-0.5, 1.0, 4001) * depth  # to the longest neck of all of w
+        rows = [kernel(contact(d, radius), p, (1.0, 0.0))[0] for d in overlaps]
+        assert min(row.force for row in rows) == pytest.approx(-pull, rel=1e-4)  # a parabola; the step is 4e-4 of the depth
+        # the integral of the force, less the loss at touch, in the trapezoids of a fold; at small mu with a jump of the pull
+        energy = [row.stored for row in rows if row.contact_radius > 0.0]
+        force = [row.force for row in rows if row.contact_radius > 0.0]
+        assert np.trapezoid(force, dx=1.5 / 4000.0 * depth) == pytest.approx(energy[-1] - energy[0], rel=2e-3)
+        d, h = 0.3 * depth, (1.0, 0.0)
+        ahead, behind = (kernel(contact(d + x, radius), p, h)[0].force for x in (1e-5 * d, -1e-5 * d))
+        assert tangent(contact(d, radius), p, h) == pytest.approx((ahead - behind) / (2e-5 * d), rel=1e-6)
+        touch = kernel(contact(1e-6 * d, radius), p, (0.0, 0.0))[0]
+        assert touch.dissipated == pytest.approx(-touch.stored, rel=1e-4)
+        loaded = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
+        neck = 4.0 - 2.0 * pull / (math.pi * WORK * radius)
+        added = plain(chosen.added_load)(contact(d, radius), loaded, p) / (math.pi * WORK * radius)
+        assert added == pytest.approx(3.0 * neck + 2.0 * (1.0 - neck), rel=1e-9)
     for model, low, high, said, words in (
-        ("auto", 20e-9, 40e-9, "dmt", ""), ("auto", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "third too strongly"),
-        ("auto", 20e-9, 1e-6, "dmt below R = 42.6 nm, jkr above", "quarter too weakly"),
+        ("auto", 20e-9, 40e-9, "auto", ""), ("jkr", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "12 % too strongly"),
+        ("jkr", 20e-9, 1e-6, "jkr", "23 % too weakly"),
     ):  # fmt: skip
         text, warns = ADHESION.remark(PAIR, law(model)[2], low, high)
-        assert warns == bool(words) and words in text and f"w = 50 mJ/m2, {said}; Tabor's number" in text
+        assert warns == bool(words) and words in text and f"w = 50 mJ/m2, {said}; Tabor's number" in text, text
+
+
+def dugdale(number):
+    """Pull-off force over pi w R at a Tabor number (Maugis 1992, Eqs. 6.16 and 6.17, lambda = 1.157 mu)."""
+    k = 1.157 * number
+
+    def pull(a):
+        angle = lambda m: (math.sqrt(m * m - 1.0), math.atan(math.sqrt(m * m - 1.0)))  # noqa: E731
+
+        def energy(m):
+            root, t = angle(m)
+            return 0.5 * k * a * a * (root + (m * m - 2.0) * t) + 4.0 / 3.0 * k * k * a * (root * t - m + 1.0) - 1.0
+
+        m = brentq(energy, 1.0, 1e6)
+        root, t = angle(m)
+        return -(a**3 - k * a * a * (root + m * m * t))
+
+    return max(pull(a) for a in np.linspace(1e-3, 1.6, 400))
+
+
+def test_the_pull_off_of_auto_is_that_of_maugis():
+    """At every Tabor number, from 2 pi w R to 3/2 pi w R without a jump: 0.5 % where the fit is worst, 0.1 % for the grid."""
+    numbers = np.geomspace(0.01, 20.0, 30)
+    radii = numbers**3 * E_STAR**2 * 2e-10**3 / WORK**2
+    ours = ADHESION.pull_off(PAIR, law("auto")[2], radii) / (math.pi * WORK * radii)
+    assert ours == pytest.approx([dugdale(x) for x in numbers], rel=6e-3)
 
 
 @each([("jkr", 3.0), ("dmt", 0.0)])
@@ -178,26 +217,16 @@ def test_the_load_of_friction(case):
     left = -2.0 * math.pi * WORK * RADIUS if model == "dmt" else 0.0
     assert plain(chosen.added_load)(contact(1e-10), loaded, p) == pytest.approx(left)
     assert plain(chosen.added_load)(contact(0.0), Normal(*6 * [0.0]), p) == 0.0
-    # auto, below a Tabor number of 0.1
-    for choice, added in (("with_pull_off", 2.0 * math.pi * WORK * 40e-9), ("external", 0.0)):
-        chosen, p, _ = law("auto", friction_load=choice)
-        assert plain(chosen.added_load)(contact(1e-10, 40e-9), loaded, p) == pytest.approx(added)
 
 
-@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
-def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
-    """From a gap to 0.5 nm deep in both plates and back, at 0.9 mm/s: both necks form, and break at the largest pull.
-
-    The upper plate has a `share` of the lower one's work of adhesion w, by its pair of materials; the loop goes with w^(5/3). The
-    weaker neck breaks, and the ball hangs on the lower plate.
-    """
+def pressed(make, monkeypatch, integrator, share=1.0, restitution=0.5, tables=JKR):
+    """Press a ball from a gap to 0.5 nm deep in both plates and pull back, at 0.9 mm/s; return ledger, state, and all pulls."""
     gap, depth, period = 2.0004e-6, 1.4e-9, 3.2e-6
     path = Segment(0.0, TRIANGLE, gap, -depth, 1.0 / period)
     monkeypatch.setattr(upper_plate, "schedule", lambda scene, start: Schedule(gap=(path,)))
     scene = make.scene(
-        [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL, "plate": make.STEEL}, lower="ball", restitution=0.5,
-        upper=make.UpperPlate(material="plate", gap=gap, closing=1e-3),
-        **JKR,
+        [make.ball(RADIUS, (5e-6, 5e-6, 0.5 * gap))], {"ball": make.STEEL, "plate": make.STEEL}, lower="ball",
+        restitution=restitution, upper=make.UpperPlate(material="plate", gap=gap, closing=1e-3), **tables,
         solver=Solver(duration=period, integrator=integrator),
     )  # fmt: skip
     assert scene.pairs[1].between == ("ball", "plate")
@@ -207,12 +236,68 @@ def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, in
         simulation.integrator.advance_to(time=k / 160 * period)
         ledger.watch(simulation.state)
         pulls.append(float(simulation.state.slots.R[:, record.NORMAL_FORCE].min(initial=0.0)))
+    return ledger, simulation, pulls
+
+
+def residual(ledger, simulation):
+    ledger.watch(simulation.state)
+    return ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"])
+
+
+@pytest.mark.parametrize(("integrator", "share"), [("explicit", 1.0), ("implicit", 0.4)])
+def test_a_ball_is_pressed_and_pulled_apart_between_plates(make, monkeypatch, integrator, share):
+    """Both necks form, and break at the largest pull.
+
+    The upper plate has a `share` of the lower one's work of adhesion w, by its pair of materials; the loop goes with w^(5/3). The
+    weaker neck breaks, and the ball hangs on the lower plate.
+    """
+    ledger, simulation, pulls = pressed(make, monkeypatch, integrator, share)
     # where it is flat: one output of 20 ns from the largest, 4.5 pm of each of two equal necks; 9 pm of the weaker of two, which
     # is half as long, so its force is off by up to 14 times as much
     assert min(pulls) == pytest.approx(-share * PULL_OFF, rel=4e-3 if share == 1.0 else 5e-2)
     assert share == 1.0 or simulation.state.slots.partner[make.touching(simulation)].tolist() == [-1]
     lines = ledger.lines(simulation.state)
     assert lines["adhesion"] == pytest.approx((1.0 + share ** (5.0 / 3.0)) * LOST, rel=1e-8)
+
+
+@pytest.mark.parametrize("restitution", [1e-6, 0.5, 1.0])
+@pytest.mark.parametrize("tables", [DMT, JKR, AUTO], ids=["dmt", "jkr", "auto"])
+def test_the_energy_of_pressing_and_pulling_at_any_restitution(make, monkeypatch, tables, restitution):
+    assert residual(*pressed(make, monkeypatch, "implicit", 1.0, restitution, tables)[:2]) < 1e-6
+
+
+def thrown(make, radius, speed, gap, integrator, restitution, tables):
+    keys = {"restitution": restitution, "solver": Solver(duration=make.LONG, integrator=integrator)} | tables
+    plate = make.UpperPlate(material="ball", gap=10.0 * radius)  # far off: implicit steps need one
+    balls = [make.ball(radius, (5e-6, 5e-6, radius + gap), (0.0, 0.0, -speed))]
+    simulation = build(make.scene(balls, {"ball": make.STEEL}, lower="ball", upper=plate, size=1e-5, **keys))
+    return Ledger(simulation.state), simulation
+
+
+@pytest.mark.parametrize("restitution", [1e-6, 0.5, 1.0])
+@pytest.mark.parametrize("tables", [NONE, DMT, JKR, AUTO], ids=["none", "dmt", "jkr", "auto"])
+def test_a_ball_thrown_at_a_plate(make, tables, restitution):
+    """At 0.5 m/s in steps of 0.1 nm: touch and release count for their part of a step, and steps do not grow past the touch.
+
+    Without that it leaves DMT with 1.3 % too much energy, and at e = 1e-6 the dashpot of the first step throws it back.
+    """
+    ledger, simulation = thrown(make, RADIUS, 0.5, 2e-8, "explicit", restitution, tables)
+    simulation.integrator.advance_to(time=6e-8 if restitution > 0.1 else 4.5e-8)
+    assert residual(ledger, simulation) < 1e-3
+    if restitution == 1.0:  # the energy lost to a neck is that of `adhesion`
+        lost = ledger.lines(simulation.state).get("adhesion", 0.0)
+        left = math.sqrt(1.0 - 2.0 * lost / (make.ball_mass(make.STEEL, RADIUS) * 0.25))
+        assert make.velocity(simulation)[2] / 0.5 == pytest.approx(left, rel=1e-3)
+
+
+@pytest.mark.parametrize(("tables", "restitution"), [(DMT, 1.0), (JKR, 0.5), (AUTO, 0.5)], ids=["dmt", "jkr", "auto"])
+def test_an_implicit_step_that_ends_at_touch(make, tables, restitution):
+    """To rounding: forces of a full step, with 8 to 38 times the energy of the ball, would be there after the last iteration."""
+    ledger, simulation = thrown(make, 2e-7, 0.05, 1e-9, "implicit", restitution, tables)
+    for k in range(1, 7):
+        simulation.integrator.advance_to(time=4e-9 * k)
+        ledger.watch(simulation.state)
+    assert residual(ledger, simulation) < 1e-6
 
 
 def impact(make, ratio, step=2.1e-10, start=1e-10):
@@ -247,4 +332,4 @@ def test_the_rebound_above_it(make, ratio, bound):
     coarse, fine = (max(miss(n, start) for start in starts) for n in (1, 4))
     assert coarse < bound and fine < coarse / 4.0
     _, ledger, simulation = impact(make, ratio)
-    assert ledger.relative_residual(simulation.state, ledger.lines(simulation.state)["residual"]) < 2.0 * bound
+    assert residual(ledger, simulation) < 2.0 * bound

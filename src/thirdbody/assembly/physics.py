@@ -23,6 +23,7 @@ from thirdbody.laws.measures import Measure, layout_of
 from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.radial_return import MEMORY
 from thirdbody.laws.registry import Registry
+from thirdbody.laws.touch import EXPLICIT, FULL, IMPLICIT
 from thirdbody.scene.model import Scene
 
 
@@ -73,7 +74,8 @@ class CompiledPhysics:
         for pair in self.pairs:
             limited = replace(pair, friction=min(pair.friction, largest))
             mixed = [(law, _mixed_law(law, limited, self.options[law.name])) for law in self.chain.laws]
-            rows.append([x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)])
+            row = [x for law, p in mixed for x in (law.in_steps(p, integrator) if law.in_steps else p)]
+            rows.append(row + [{"explicit": EXPLICIT, "implicit": IMPLICIT}[integrator]] * self.chain.jumps)
         parameters = np.array(rows, float).ravel()
         if parameters.size > 0:  # else a scene without pairs, whose table holds zeros
             self.physics.pairs[:] = parameters
@@ -310,7 +312,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
     for k, pair in enumerate(pairs):
         a, b = index[pair.a.name], index[pair.b.name]
         kinds[a, b] = kinds[b, a] = k
-    parameters = np.array([[x for values in row for x in values] for row in rows], float)
+    parameters = np.array([[x for values in row for x in values] + [FULL] * chain.jumps for row in rows], float)
     if parameters.size == 0:
         parameters = np.zeros((1, chain.width))
     observe, label = compose_labeller(labeller or NO_LABELS, bool(effects))
@@ -325,6 +327,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
         dashpots=chain.dashpots,
         loss_column=chain.loss_column,
         loss=chain.loss,
+        jumps=chain.jumps,
         pairs=np.ascontiguousarray(parameters.ravel()),
         interaction=interaction,
         kinds=kinds,

@@ -210,8 +210,9 @@ class Explicit:
             s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
             self.team, self.announced,
             len(physics.history), *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
-            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride,
-            int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work, **self.measures,
+            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.jumps), int(physics.has_effects),
+            physics.stride, int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work,
+            **self.measures,
         )  # fmt: skip
         return self.packer(given)
 
@@ -227,7 +228,19 @@ class Explicit:
             if self.fixed > self.bound.stability and not self.force and self.state.time > 0.0:
                 raise GuardStop(self._explain_step(self.bound))
         else:
-            self.state.dt = self._next_step(self.bound.step, self.state.dt)
+            self._grow(self.bound.step, steps, largest)
+
+    def _grow(self, allowed: float, steps: int, largest: float) -> None:
+        """Set the automatic step for a bound of `allowed` [s]. Longer steps come to contacts that shorter ones did not foresee:
+        a step that these would make unstable grows by less."""
+        state, now = self.state, self.state.dt
+        state.dt = self._next_step(allowed, now)
+        if 0.0 < now < state.dt:
+            ahead = bound(state, self.materials, steps, largest, self.pairs)
+            refused = state.dt > ahead.stability
+            while refused and now < state.dt > ahead.step:
+                state.dt = max(0.5 * state.dt, now)
+                ahead = bound(state, self.materials, steps, largest, self.pairs)
 
     def _next_step(self, allowed: float, now: float) -> float:
         """Return the automatic time step [s] for a bound of `allowed` [s]; `now`: the present step [s]."""

@@ -54,8 +54,8 @@ class World:
 class Physics:
     """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
 
-    `rolling`: see `kernels.rolling_kinematics`; `field`, `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none):
-    `Chain`.
+    `rolling`: see `kernels.rolling_kinematics`; `field`, `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none),
+    `jumps`: `Chain`.
     """
 
     law: Callable
@@ -68,6 +68,7 @@ class Physics:
     dashpots: int
     loss_column: int
     loss: str
+    jumps: bool
     pairs: Array
     interaction: Array
     kinds: Ints

@@ -23,10 +23,8 @@ def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> Res
     """Return the response of virgin contacts at an overlap (n,) [m]."""
     count = len(overlap)
     force, stiffness, pressure = np.empty(count), np.full(count, np.nan), np.empty(count)
-    width = law_input.HISTORY + len(physics.history)
+    width = law_input.HISTORY + len(physics.history) + rolling_input.WIDTH
     answers = law_output.HISTORY + len(physics.history) + rolling_output.WIDTH
-    if physics.rolling:
-        width += rolling_input.WIDTH
     for first in range(0, len(overlap), TILE):
         part = slice(first, min(first + TILE, len(overlap)))
         n = part.stop - part.start

@@ -48,7 +48,7 @@ KINDS: Kinds = {
     "team": _I1, "announced": _ROW,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
-    **dict.fromkeys(("stored", "dashpots", "loss_column", "width"), _I),
+    **dict.fromkeys(("stored", "dashpots", "loss_column", "width", "jumps"), _I),
     **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
     # measures: columns of a contact (0: none), address, parameters
     "measured": _I, "measure": _I, "measure_parameters": _ROW,

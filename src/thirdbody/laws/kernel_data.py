@@ -22,6 +22,8 @@ class Contact(NamedTuple):
         Slip velocity, synchronised with the overlap [m/s].
     roll_x, roll_y : float
         Travel of the contact area over both surfaces in the step, their mean [m]; 0 unless the law `rolls`.
+    moved : float
+        Overlap gained in the step [m]; 0 where nothing moves, and unless the force of a law jumps (`Law.in_steps`).
     """
 
     overlap: float
@@ -34,6 +36,7 @@ class Contact(NamedTuple):
     v_y: float
     roll_x: float
     roll_y: float
+    moved: float = 0.0
 
 
 class Normal(NamedTuple):

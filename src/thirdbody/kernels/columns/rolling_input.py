@@ -11,6 +11,7 @@ RATE_Y = table.scalar("rate_y", "rad/s", "about the second one")
 TRAVEL_X = table.scalar("travel_x", "m", "travel of the contact area over the surfaces in the step, along the first axis")
 TRAVEL_Y = table.scalar("travel_y", "m", "along the second one")
 INVERSE_DT = table.scalar("inverse_dt", "1/s", "one over the length of the step, for tangents; 0 where nothing moves in time")
+MOVED = table.scalar("moved", "m", "overlap gained in the step, for laws whose force jumps at touch; else not set")
 TWIST = table.scalar("twist", "rad", "relative rotation of the step about the normal")
 TWIST_RATE = table.scalar("twist_rate", "rad/s", "relative angular velocity about the normal at the end of the step")
 WIDTH = table.width

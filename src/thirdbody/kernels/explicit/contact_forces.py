@@ -42,7 +42,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
-from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_tile, store_remote_force
+from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_moved, gather_tile, store_remote_force
 from thirdbody.kernels.explicit.group_forces import add_force, shift_of
 from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
@@ -311,6 +311,8 @@ def book_losses(n, c, opened, flat, context, step, box, tile):
 def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
     gather_tile(n, slots, flat, context, step, box, tile)
+    if context.jumps != 0:
+        gather_moved(n, step.dt, context, tile)
     if flat and close_spots.interact(context):
         close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)

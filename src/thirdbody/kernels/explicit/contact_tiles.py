@@ -4,8 +4,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import store
-from thirdbody.kernels.columns import body_force, law_output, remote_force
+from thirdbody.jit.simd import LANES, broadcast, put, store
+from thirdbody.kernels.columns import body_force, law_input, law_output, remote_force, rolling_input
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import (
     gather_pair_contacts,
@@ -15,6 +15,7 @@ from thirdbody.kernels.contact_geometry import (
     transport_frames,
 )
 from thirdbody.kernels.contact_history import reset_history
+from thirdbody.kernels.explicit.contact_dissipation import separation_rate
 from thirdbody.kernels.measures import measure_opened
 from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.rolling_kinematics import gather_rolling
@@ -50,6 +51,15 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
     if context.rolling > 0:
         for q in range(n):
             gather_rolling(q, slots[q], context, motion, tile)
+
+
+@njit(**BARE_CHUNK)
+def gather_moved(n, dt, context, tile):
+    """Write the overlap that n contacts gained in the step, and one over its length."""
+    behind = (law_input.HISTORY + context.n_history) * TILE
+    for q in range(0, n, LANES):
+        put(tile.inputs, q + behind + rolling_input.MOVED * TILE, broadcast(-dt) * separation_rate(q, tile.geometry))
+        put(tile.inputs, q + behind + rolling_input.INVERSE_DT * TILE, broadcast(1.0 / dt if dt > 0.0 else 0.0))
 
 
 @njit(**BARE)

@@ -29,6 +29,7 @@ from thirdbody.kernels.implicit.residual import (
     contact_force,
     contact_moment,
     contact_point,
+    depth_at,
     frame_of,
     law_at,
     scale_slip,
@@ -95,8 +96,10 @@ def finish_gathering(q, k, context, island, motion, tile):
     if context.rolling > 0:
         gather_rolling(q, k, context, motion, tile)
     now = context.starts[island.bodies[a], step_start.NOW] + context.starts[island.bodies[b], step_start.NOW]
-    tile.inputs[(law_input.HISTORY + context.n_history + rolling_input.INVERSE_DT) * TILE + q] = 0.5 * now / motion.dt
-    scale_slip(q, context.initial_overlaps[k], context, tile.inputs)
+    at, before = (law_input.HISTORY + context.n_history) * TILE + q, context.initial_overlaps[k]
+    tile.inputs[at + rolling_input.INVERSE_DT * TILE] = 0.5 * now / motion.dt
+    tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
+    scale_slip(q, before, context, tile.inputs)
 
 
 @njit(**BARE)

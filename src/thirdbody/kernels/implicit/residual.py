@@ -167,9 +167,10 @@ def active_contacts(context, active, y, motion, space):
     for q in range(m):
         if context.rolling > 0:
             gather_rolling(q, slots[q], context, motion, tile)
-        at = (law_input.HISTORY + context.n_history + rolling_input.INVERSE_DT) * TILE + q
-        tile.inputs[at] = active.start[step_start.NOW] / motion.dt
-        scale_slip(q, space.before[slots[q] - context.edges[b]], context, tile.inputs)
+        at, before = (law_input.HISTORY + context.n_history) * TILE + q, space.before[slots[q] - context.edges[b]]
+        tile.inputs[at + rolling_input.INVERSE_DT * TILE] = active.start[step_start.NOW] / motion.dt
+        tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
+        scale_slip(q, before, context, tile.inputs)
     if interact(context):
         solve_body(m, slots, context, spots_of(tile))
     return m

@@ -25,6 +25,7 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
     text = _Text(chain, law_input.HISTORY + len(names), law_output.HISTORY + len(names))
     space = {name: getattr(text, name) for name in dir(text) if not name.startswith("_")}
     space |= columns | stages | {"tangents": tangents, "laws": chain, "TILE": TILE, "STILL": STILL, "at": _at}
+    integrator, rate = f"U[{_at(fragments.width_of(chain) - 1)}]", text.behind(rolling_input.INVERSE_DT)
     return _template()(space | {
         "head": fragments.head_of(chain), "width": fragments.width_of(chain), "history": len(names), "own": own,
         "field": fragments.field_of(chain)[1],
@@ -33,7 +34,11 @@ def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
         "rotation": f"Turn({', '.join(map(text.behind, rotation))})",
         "twist": f"Twist({', '.join(map(text.behind, twist))})", "STILL_TWIST": "Twist(0.0, 0.0)",
         "dashpots": len(fragments.viscous_names(chain)), "energy_is_added": fragments.energy_column(chain) == own,
-        "rolls": any(law.rolls for law in chain), "reach": any(law.reach for law in chain),
+        "fraction": f"touch_fraction(c.overlap, c.moved, -c.moved - 2.0 * c.v_n / max({rate}, 1e-300), {integrator})",
+        "landing_fraction": f"touch_fraction(c.overlap, c.moved, 0.0, {integrator})",
+        "growth": f"touch_growth(c.overlap, c.moved, {integrator})",
+        "rolls": any(law.rolls for law in chain), "touching": fragments.touching(chain),
+        "jumps": fragments.jumps(chain), "reach": any(law.reach for law in chain),
         "pulls": chain[0].reach is not None,  # the normal force may be negative
         "stiff": all(law.tangent is not None for law in chain if law.stage in STIFF),
     })  # fmt: skip

@@ -34,8 +34,11 @@ def field_names(parameters: Any) -> tuple[str, ...]:
 
 
 def width_of(chain: Sequence[Law]) -> int:
-    """Number of parameters per material pair; at least one, so that the table is never empty."""
-    return max(sum(len(field_names(law.parameters)) for law in chain), 1)
+    """Number of parameters per material pair; at least one, so that the table is never empty.
+
+    The last one of a chain that `jumps` is the integrator (`laws.touch`).
+    """
+    return max(sum(len(field_names(law.parameters)) for law in chain) + (1 if jumps(chain) else 0), 1)
 
 
 def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
@@ -58,7 +61,22 @@ def head_of(chain: Sequence[Law]) -> str:
                 function = plain(more)
                 imports.append(f"from {function.__module__} import {function.__name__} as {name}_{k}")
                 imports.append(f"{name}_{k} = as_kernel({name}_{k})")
+    for name in TOUCH if jumps(chain) else ():
+        imports += [f"from thirdbody.laws.touch import {name}", f"{name} = as_kernel({name})"]
     return HEAD.format(title=" > ".join(law.name for law in chain), tuples=tuples_for(chain), imports="\n".join(imports))
+
+
+TOUCH = ("touch_fraction", "touch_growth")
+
+
+def touching(chain: Sequence[Law]) -> list[int]:
+    """Numbers of the adhesion laws that act from touch on: their force jumps there."""
+    return [k for k, law in enumerate(chain) if law.stage == "adhesion" and not law.reach]
+
+
+def jumps(chain: Sequence[Law]) -> bool:
+    """Return whether a force jumps as bodies touch or part: then laws see the overlap gained in the step."""
+    return bool(touching(chain)) or any(law.in_steps for law in chain)
 
 
 def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.laws.codegen.contact_module import module_text
-from thirdbody.laws.codegen.fragments import energy_column, field_of, history_of, memory_names, viscous_names, width_of
+from thirdbody.laws.codegen.fragments import energy_column, field_of, history_of, jumps, memory_names, viscous_names, width_of
 from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import STAGES, STIFF, Law
+from thirdbody.laws.touch import touch_fraction, touch_growth
 
 SPRINGS = (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y")), ("twisting", ("moment",)))
 """Stages with springs, and the names of the forces or moments that their laws remember."""
@@ -57,6 +58,14 @@ class Chain:
     def reaching(self) -> tuple[str, ...]:
         """Names of the laws that act before the bodies touch, or on after it."""
         return tuple(law.name for law in self.laws if law.reach)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a force jumps as bodies touch or part.
+
+        Then laws see the overlap gained in the step, and the integrator is the last parameter of each pair (`laws.touch`).
+        """
+        return jumps(self.laws)
 
     @property
     def force_columns(self) -> tuple[int, int, int]:
@@ -148,4 +157,5 @@ def compose(laws: Iterable[Law]) -> Chain:
 def _functions(chain: Sequence[Law]) -> list[Callable]:
     """Return all functions on which a module generated from these laws depends."""
     others = [more for law in chain for more in (law.tangent, law.added_load) if more]
+    others += [touch_fraction, touch_growth] if jumps(chain) else []
     return [law.kernel for law in chain] + others

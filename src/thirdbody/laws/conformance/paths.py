@@ -176,7 +176,7 @@ class Bench:
         tiles = len(requested.overlap)
         radius = self.radius(tiles)
         end = law_input.HISTORY + self.width
-        I = np.zeros((tiles, end + (rolling_input.WIDTH if self.chain.rolling else 0), TILE))  # noqa: E741
+        I = np.zeros((tiles, end + rolling_input.WIDTH, TILE))  # noqa: E741
         I[:, law_input.OVERLAP], I[:, law_input.RADIUS], I[:, law_input.MASS] = requested.overlap, radius, 8e3 * radius**3
         I[:, law_input.NORMAL_VELOCITY] = requested.v_n
         I[:, law_input.SLIP_X : law_input.SLIP_Y + 1] = requested.slip
