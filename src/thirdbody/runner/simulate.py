@@ -227,6 +227,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
         "distance": state.distance,
+        **loop.settling.summary(),
         **loop.pressure.summary(),
         "energy": lines,
         **endings(simulation, loop, lines),
