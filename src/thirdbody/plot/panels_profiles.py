@@ -41,7 +41,7 @@ def velocity_title(data: RunData) -> str:
 
 def draw_velocity(axes: Axes, data: RunData) -> None:
     """Draw the velocity along the drag, and those of the plates."""
-    speed = np.array([0.0, _mean(data, data.drag.steps / np.diff(data.run.times, prepend=np.nan), True)])
+    speed = np.array([0.0, _mean(data, data.drag.steps / np.where(data.drag.durations > 0.0, data.drag.durations, np.nan), True)])
     values = _mean(data, data.run.profiles["velocity"] @ _direction(data), True)
     factor, unit = unit_for(np.append(values, speed), "m/s")
     _draw(axes, data, values / factor, LINES["blue"], "debris")
@@ -151,6 +151,6 @@ def _stress(data: RunData, component: int | np.ndarray, signed: bool) -> np.ndar
 def _mean(data: RunData, values: np.ndarray, signed: bool = False) -> np.ndarray:
     """Return the mean over the intervals that count, by time; `signed`: along the motion of the plate in each of them."""
     chosen = steady(data.run)
-    weights = np.diff(data.run.times, prepend=data.run.times[:1])[chosen]
+    weights = data.drag.durations[chosen]
     along = weights * (np.sign(data.drag.steps[chosen]) if signed else 1.0)
     return np.tensordot(along, values[chosen], 1) / weights.sum()

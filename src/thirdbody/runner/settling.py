@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 LOAD, GAP, BOUNCE, KINETIC = 0.01, 0.01, 0.01, 0.02
 """Largest `Unrest` of a settled scene.
 
-The first three are a half of the 2 % by which load on debris and gap may still change: what is left of a decay is less than its rate
-times the expected settling time. Loose bodies hop between rough plates with some 0.3 % of the elastic energy for ever."""
+The first three are a half of the 2 % by which load on debris and gap may still change: what is left of a decay is less than its
+rate times the expected settling time. Loose bodies hop between rough plates with some 0.3 % of the elastic energy for ever."""
 
 LONGEST, PERIODS = 3.0, 20.0
 """Latest end of settling, in expected times, or so many periods of the plate on its bed after the expected one if that is later:
@@ -33,8 +33,9 @@ LEAD = 0.25
 class Unrest(NamedTuple):
     """What still changes, as fractions.
 
-    `load`: load that nothing carries yet, over the load; `gap`: its change at the present speed in the expected settling time; `bounce`:
-    change of the load by a common rise and fall of plate and debris at their present speed; `kinetic`: kinetic over elastic energy.
+    `load`: load that nothing carries yet, over the load; `gap`: its change at the present speed in the expected settling time;
+    `bounce`: change of the load by a common rise and fall of plate and debris at their present speed; `kinetic`: kinetic over
+    elastic energy.
     """
 
     load: float
@@ -68,7 +69,9 @@ def unrest(state: State, time: float) -> tuple[Unrest, float]:
         momentum, moved = momentum + float(B[:, body.MASS] @ B[:, body.VELOCITY + 2]), mass + float(B[:, body.MASS].sum())
     common = 0.5 * momentum**2 / max(moved, 1e-300) if state.inertial else 0.0
     load = max(abs(load), 1e-300)
-    now = Unrest(abs(carried - load) / load, abs(speed) * time / height, math.sqrt(common / elastic), kinetic / elastic)
+    now = Unrest(
+        abs(carried - load) / load, abs(speed) * time / max(abs(height), 1e-300), math.sqrt(common / elastic), kinetic / elastic
+    )
     # stiffness of a spring that holds the elastic energy under the load; that of Hertz's contacts is 1.2 times as large
     return now, 2.0 * math.pi * math.sqrt(2.0 * elastic * mass) / load
 
@@ -76,16 +79,14 @@ def unrest(state: State, time: float) -> tuple[Unrest, float]:
 class Settling:
     """Looks at a scene that settles, and lets settling last longer until it is steady.
 
-    `begin_drag` is called at the end of settling, once. The expected time is the shortest. The explicit integrator passes a stop by part of a step, so it is looked at `LEAD` before
-    the end; steps of the implicit one end there.
+    The expected time is the shortest. The explicit integrator passes a stop by part of a step, so it is looked at `LEAD` before
+    the end; steps of the implicit one end there. `begin_drag` is called at the end of settling, once.
     """
 
     def __init__(self, simulation: Simulation, begin_drag: Callable[[], None]) -> None:
         self.simulation, self.begin_drag, self.dragged = simulation, begin_drag, False
         upper, self.expected = simulation.scene.plates.upper, simulation.upper.settle
-        self.sought = (
-            simulation.scene.solver.settle == "auto" and self.expected > 0.0 and upper is not None and not upper.closing
-        )
+        self.sought = simulation.scene.solver.settle == "auto" and self.expected > 0.0 and upper is not None and not upper.closing
         self.last: Unrest | None = None
         self.period = math.nan
 
@@ -142,7 +143,7 @@ def settling_warning(found: Mapping[str, Any] | None) -> Iterator[str]:
     load, gap, bounce, kinetic = (f"{100.0 * found[name]:.2g} %" for name in Unrest._fields)
     yield (
         f"the drag began before the debris had settled, after {pretty(found['time'], 'time')} ({found['periods']:.2g} periods of "
-        f"the plate on its bed): {load} of the load was not carried, the gap still fell or rose by {gap} in the expected time, the "
+        f"the plate on its bed): {load} of the load was not carried, the gap still changed by {gap} in the expected time, the "
         f"load by {bounce} as plate and debris bounced, and kinetic energy was {kinetic} of the elastic energy (settled: at most "
         f'{100.0 * LOAD:g}, {100.0 * GAP:g}, {100.0 * BOUNCE:g} and {100.0 * KINETIC:g} %); solver.settle = "'
         f'{pretty(2.0 * found["time"], "time")}" would settle for longer, more plates.upper.damping calms a plate that bounces'
