@@ -221,7 +221,8 @@ def test_every_output_has_the_mean_over_the_steady_part(folder, capsys):
 
 
 DRAGS = [
-    ({"dragged": False}, 20, 40),
+    ({"dragged": False, "during": np.arange(FRAMES) > 0}, 20, 40),
+    ({"dragged": False, "during": np.arange(FRAMES) > 20}, 30, 40),
     ({"dragged": True, "stroke": False, "second_half": np.arange(FRAMES) > 24}, 25, 40),
     # four cycles, then part of a fifth: the last two whole ones, without the frame at which the third begins
     ({"dragged": True, "stroke": True, "cycles": [slice(k, k + 9) for k in (0, 8, 16, 24)]}, 17, 32),

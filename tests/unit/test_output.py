@@ -249,7 +249,8 @@ def test_settling_by_itself_does_not_drown_the_drag_in_frames():
     ):  # fmt: skip
         output, solver = SimpleNamespace(every_kind="time", every=1e-7), SimpleNamespace(settle=wish)
         scene, end = SimpleNamespace(output=output, solver=solver), settle + 1e-6
-        simulation = SimpleNamespace(scene=scene, settle=settle, planned_time=end, end_time=end, end_distance=1.0)
+        simulation = SimpleNamespace(scene=scene, settle=settle, planned_time=end, end_time=end, end_distance=1.0, extended=0)
+        simulation.settle_after = {0: settle}.get
         times = [time for time, _, write in targets(simulation) if write]
         if not thinned:
             assert len([time for time in times if time < settle - 1e-12]) == round(settle / 1e-7) - 1

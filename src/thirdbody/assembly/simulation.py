@@ -18,6 +18,7 @@ from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, implicit, plan, units_of
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
+from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
 from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
 from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, surface_notes, with_surfaces
@@ -52,6 +53,9 @@ SPHERE_STEP, PATIENCE = 1e-7, 90 * 86400.0
 MAX_FRAMES = 1_000_000
 """Largest number of outputs of a run: more would fill any disk."""
 
+EXTENSIONS = 8
+"""Parts of the expected settling time by which settling may be extended, one by one."""
+
 MISMATCH = 0.02
 """Dundurs' beta above which decoupling normal and tangential contact gives a warning."""
 
@@ -61,7 +65,7 @@ class Simulation:
     """Scene, state, integrator and compiled physics, ready to run, with the warnings for `check`.
 
     `scene` has the speed at which it is computed, `requested` the one that was given: files and texts hold the latter. `bed`: the
-    debris between two plates, where bodies meet.
+    debris between two plates, where bodies meet. `extended`: by how many parts of its expected time settling was extended so far.
     """
 
     scene: Scene
@@ -78,6 +82,7 @@ class Simulation:
     bed: Bed | None = None
     speed_scale: SpeedScale | None = None
     surfaces: dict[str, Surface] = field(default_factory=dict)
+    extended: int = 0
 
     @cached_property
     def surface_scales(self) -> dict[str, SurfaceScales]:
@@ -86,8 +91,25 @@ class Simulation:
 
     @property
     def settle(self) -> float:
-        """Time under load before the motion starts [s]."""
-        return self.upper.settle
+        """Time under load before the motion starts [s]; until the end of settling is found, the earliest end."""
+        return self.settle_after(self.extended)
+
+    def settle_after(self, extended: float) -> float:
+        """Return the settling time after so many extensions [s]."""
+        return self.upper.settle * (1.0 + extended / EXTENSIONS)
+
+    def extend_settling(self, extended: int) -> None:
+        """Let settling last longer by so many parts in all: motion, loading and what ends with settling move with its end."""
+        self.extended, plate = extended, self.upper.plate
+        assert plate is not None
+        for name in ("planned_time", "planned_distance"):
+            self.__dict__.pop(name, None)
+        plate = replace(plate, schedule=schedule(self.scene, self.settle))
+        self.upper, self.state.world = replace(self.upper, plate=plate), replace(self.state.world, upper=plate)
+        self.state.schedule[:] = plate.schedule.tables()[0]
+        if not self.integrator.divisible:
+            self.integrator.schedule = plate.schedule
+        _end_settling(self.scene, self.choice, self.settle)
 
     @property
     def schedule(self) -> Schedule:
@@ -167,7 +189,7 @@ def build(
     scale = speed_scale(scene, choice, bed)
     scene = at_computed_speed(scene, scale)
     upper = upper_plate(scene, choice, placed, warnings, rough)
-    _end_settling(scene, choice, upper)
+    _end_settling(scene, choice, upper.settle)
     lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
     bounded = not scene.domain.periodic and lower is not None
     flat = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
@@ -210,15 +232,15 @@ def _number_that_meet(placed: Placed) -> int:
     return sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
 
 
-def _end_settling(scene: Scene, choice: CompiledPhysics, upper: Upper) -> None:
+def _end_settling(scene: Scene, choice: CompiledPhysics, settle: float) -> None:
     """Set the end of settling in the effects that depend on it. Raises InputError for a scene without settling."""
     passing = [effect.name for effect in choice.effects if effect.settling]
     if not passing:
         return
-    if upper.settle <= 0.0:
+    if settle <= 0.0:
         message = 'acts while the debris settles, and this scene has no such phase: give solver.settle, such as "20 us"'
         raise InputError([scene.fault(("effects", name), message) for name in passing])
-    choice.physics.effect_parameters[-1] = upper.settle
+    choice.physics.effect_parameters[-1] = settle
 
 
 def _similarity_warnings(choice: CompiledPhysics) -> list[str]:

@@ -116,8 +116,8 @@ class Schedule:
         speed = math.hypot(v_x, v_y)
         return (v_x / speed, v_y / speed) if speed > 0.0 else self.direction()
 
-    def closed_paths(self) -> list[tuple[float, float, float]]:
-        """Return start, end (possibly infinite) and period [s] of the intervals in which the lateral path closes on itself.
+    def closed_paths(self, origin: float = 0.0) -> list[tuple[float, float, float]]:
+        """Return start and end (possibly infinite) after `origin`, and period [s] of the intervals in which the path closes.
 
         In them each axis goes back and forth or rests; the ratio of the periods of both is one of whole numbers up to WHOLE.
         """
@@ -130,7 +130,7 @@ class Schedule:
                 continue
             ratio = Fraction(periods[-1] / periods[0]).limit_denominator(WHOLE)
             if abs(periods[-1] / periods[0] - ratio) <= ROUNDED * ratio:
-                intervals.append((begin, until, periods[0] * ratio.numerator))
+                intervals.append((begin - origin, until - origin, periods[0] * ratio.numerator))
         return intervals
 
     def displacement_at(self, t: float) -> tuple[float, float]:

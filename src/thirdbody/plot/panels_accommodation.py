@@ -54,7 +54,7 @@ def draw_accommodation(axes: Axes, data: RunData) -> None:
 
 
 def _parts(data: RunData) -> dict[str, np.ndarray]:
-    """Return the parts from the start of the drag [m/s], empty without two plates; the first interval is the pressing."""
+    """Return the parts from the start of the drag [m/s], empty without two plates."""
     if "accommodation_rolling" not in data.series:
         return {}
-    return {name: data.name(f"accommodation_{name}") for name in WORDS}
+    return {name: data.interval_means(f"accommodation_{name}") for name in WORDS}

@@ -41,7 +41,7 @@ def draw_bed(axes: Axes, data: RunData) -> None:
     """Draw the measures that are small in a bed sheared slowly."""
     x, unit = scale_values(data.axis[0], data.axis[1])
     for name, (label, color, style) in MEASURES.items():
-        values = data.name(name)
+        values = data.interval_means(name)
         axes.plot(x, np.where(values > 0.0, values, np.nan), color=color, linestyle=style, linewidth=1.4, label=label)
     axes.axhline(SLOW, color=LINES["grey"], linestyle=":", linewidth=1.0)
     axes.set_yscale("log")

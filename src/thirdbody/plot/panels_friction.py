@@ -55,8 +55,7 @@ def friction_title(data: RunData) -> str:
 def draw_friction(axes: Axes, data: RunData) -> None:
     """Draw the interval means, their running mean, mean and error over the second half, and the coefficients of the pairs."""
     x, unit = scale_values(data.axis[0], data.axis[1])
-    mu = data.name("friction_coefficient").copy()
-    mu[0] = np.nan  # that interval was the pressing
+    mu = data.interval_means("friction_coefficient")
     marker = "." if len(x) < 80 else ""
     axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
     width = max(int(round(WINDOW_FRACTION * len(x))), 3)

@@ -41,7 +41,8 @@ def velocity_title(data: RunData) -> str:
 
 def draw_velocity(axes: Axes, data: RunData) -> None:
     """Draw the velocity along the drag, and those of the plates."""
-    speed = np.array([0.0, _mean(data, np.abs(data.drag.steps) / np.diff(data.run.times, prepend=np.nan))])
+    durations = np.where(data.drag.durations > 0.0, data.drag.durations, np.nan)
+    speed = np.array([0.0, _mean(data, np.abs(data.drag.steps) / durations)])
     values = _along(data, data.run.profiles["velocity"])
     factor, unit = unit_for(np.append(values, speed), "m/s")
     _draw(axes, data, values / factor, LINES["blue"], "debris")
@@ -147,5 +148,5 @@ def _along(data: RunData, vectors: np.ndarray) -> np.ndarray:
 def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
     """Return the mean over the intervals that count, by time."""
     chosen = steady(data.run)
-    weights = np.diff(data.run.times, prepend=data.run.times[:1])[chosen]
+    weights = data.drag.durations[chosen]
     return np.tensordot(weights, values[chosen], 1) / weights.sum()

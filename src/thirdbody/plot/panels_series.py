@@ -127,7 +127,7 @@ def load(data: RunData) -> np.ndarray:
     side, sign = ("upper_force", 1.0) if np.isfinite(data.name("gap")).any() else ("lower_force", -1.0)
     if side not in data.series:
         return np.full(data.frames - data.start, np.nan)
-    return sign * data.series[side][data.start :, 2]
+    return sign * data.interval_means(side)[:, 2]
 
 
 def load_title(data: RunData) -> str:
@@ -155,7 +155,7 @@ def debris_load_title(data: RunData) -> str:
 def draw_debris_load(axes: Axes, data: RunData) -> None:
     """Draw the part of the load that debris carries, and the fraction of bodies that do."""
     x, unit = scale_values(data.axis[0], data.axis[1])
-    axes.plot(x, 100.0 * data.name("load_share_debris"), color=LINES["black"], linewidth=1.4, label="load on debris")
+    axes.plot(x, 100.0 * data.interval_means("load_share_debris"), color=LINES["black"], linewidth=1.4, label="load on debris")
     axes.plot(x, 100.0 * data.name("active"), color=LINES["blue"], linestyle="--", linewidth=1.4, label="active bodies")
     axes.set_ylim(0.0, 105.0)
     axes.set_ylabel("share (%)")

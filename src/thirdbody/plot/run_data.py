@@ -28,6 +28,12 @@ class RunData:
         values = self.series.get(name, np.full(self.frames, np.nan))
         return values[self.start :] if shown else values
 
+    def interval_means(self, name: str) -> np.ndarray:
+        """Return one series of means over output intervals from the start of the drag; the first was of settling, so NaN."""
+        values = np.array(self.name(name), float)
+        values[:1] = np.nan
+        return values
+
     @cached_property
     def axis(self) -> tuple[np.ndarray, str, str]:
         """Abscissa of the series: values from `start` on, SI unit, and name."""

@@ -205,9 +205,9 @@ def _circumstances(data: RunData) -> list[str]:
     if law:
         result.append(f"law {law.get('family')} ({law.get('level')})")
     if data.dragged:
-        if times[data.start] > 0.0:
-            result.append(f"pressed for {quantity_text(times[data.start], 's', 2)}")
-        path, elapsed = float(data.drag.distance[-1]), float(times[-1] - times[data.start])
+        if data.drag.begin > 0.0:
+            result.append(f"pressed for {quantity_text(data.drag.begin, 's', 2)}")
+        path, elapsed = float(data.drag.distance[-1]), float(times[-1] - data.drag.begin)
         what = (
             f"moved back and forth over {quantity_text(path, 'm')} in all"
             if data.stroke

@@ -100,11 +100,7 @@ def start_of_drag(run: Run) -> int | None:
         return None
     if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0) or ROLLING not in run.state_names:
         return None
-    distance = run.series["distance"]
-    if not distance[-1] > 0.0:
-        return None
-    # settling ends within a step of the drag: the first frame well beyond that is the one after the start
-    return max(int(np.argmax(distance > 1e-4 * distance[-1])) - 1, 0)
+    return run.drag.start if run.drag.dragged else None
 
 
 def _was(run: Run, state: str, start: int) -> np.ndarray:

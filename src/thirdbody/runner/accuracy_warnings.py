@@ -10,6 +10,7 @@ import numpy as np
 
 from thirdbody.engine.upper_plate import mean_value
 from thirdbody.kernels.columns import contact_state, patch, record
+from thirdbody.runner.settling import settling_warning
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -100,6 +101,7 @@ def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
     yield from report.get("measure_warnings") or ()
+    yield from settling_warning(report.get("settling"))
     damped, energy = report.get("damping_share"), report.get("energy") or {}
     friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
     if damped is not None and damped > DAMPED and friction > RUBBED:

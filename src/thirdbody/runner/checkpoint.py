@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 13
+VERSION = 14
 SLICE, ROWS = 1 << 24, 1 << 16
 """Bytes of a file and rows of a table that are hashed at once."""
 
@@ -45,7 +45,7 @@ class Checkpoint:
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
     time used so far, `violations` the number of successive checks in which the energy balance was off, `means` the state of the
     means over the output interval, `pressure` the largest peak pressure of the frames so far, `series` those of the last frame,
-    `interval` the time [s] between it and the one before.
+    `interval` the time [s] between it and the one before, `settling` how far settling was extended, and why.
     """
 
     scene: str
@@ -62,6 +62,7 @@ class Checkpoint:
     pressure: dict[str, Any] = field(default_factory=dict)
     series: dict[str, Any] = field(default_factory=dict)
     interval: float = 0.0
+    settling: dict[str, Any] = field(default_factory=dict)
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:

@@ -23,55 +23,78 @@ Settling may last a million output intervals that suit the drag, and a frame cos
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
 
-    A run by distance stops by distance, one by time stops by time. Stops in between only report progress.
+    A run by distance stops by distance, one by time stops by time. Stops in between only report progress, but for one at each end
+    of settling, which may move on while the run is on its way there.
     """
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
     if output.every_kind == "time":
-        settling, spacing = settling_frames(simulation)
-        for x, write in _output_times(0.0, settling * output.every, spacing * output.every) if settling else ():
-            yield x, infinite, write
-        for x, write in _output_times(settling * output.every, simulation.planned_time, output.every):
-            yield x, infinite if x < settle else simulation.end_distance, write
+        whole, spacing = 0, settling_frames(simulation)[1]
+        for end in _ends_of_settling(simulation):
+            last = _whole_intervals(end, output.every)
+            for x, write in _output_times(whole, last, spacing, output.every, end):
+                yield x, infinite, write
+            yield end, infinite, False
+            whole = last
+        last = max(whole + 1, _number_of_outputs(simulation.planned_time, output.every))
+        for x, write in _output_times(whole, last, 1, output.every, simulation.planned_time):
+            yield x, simulation.end_distance, write
         return
     if settle > 0.0:
-        for k in range(1, SUBTICKS + 1):
-            yield settle * k / SUBTICKS, infinite, k == SUBTICKS
-    by_time = math.isfinite(simulation.end_time)
-    for x, write in _output_times(0.0, simulation.planned_distance, output.every):
+        for k in range(1, SUBTICKS):
+            yield settle * k / SUBTICKS, infinite, False
+        for end in _ends_of_settling(simulation):
+            yield end, infinite, False
+        yield simulation.settle, infinite, True
+    by_time, last = math.isfinite(simulation.end_time), _number_of_outputs(simulation.planned_distance, output.every)
+    for x, write in _output_times(0, last, 1, output.every, simulation.planned_distance):
         # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
 
+def _ends_of_settling(simulation: Simulation) -> Iterator[float]:
+    """Yield the end of settling [s] and, while the run extends it, the later ones; none without settling."""
+    extended = 0
+    while simulation.settle > 0.0 and extended <= simulation.extended:
+        yield simulation.settle_after(extended)
+        extended += 1
+
+
 def settling_frames(simulation: Simulation) -> tuple[int, int]:
     """Return (output intervals in a thinned settling phase, intervals per frame there); (0, 1) without thinning."""
-    output, settle = simulation.scene.output, simulation.settle
+    output = simulation.scene.output
     if output.every_kind != "time" or simulation.scene.solver.settle != "auto":
         return 0, 1
-    whole = int(settle / output.every + 1e-9)
-    return (whole, -(-whole // SETTLING)) if whole > SETTLING else (0, 1)
+    expected = _whole_intervals(simulation.settle_after(0), output.every)
+    whole = _whole_intervals(simulation.settle, output.every)
+    return (whole, -(-expected // SETTLING)) if expected > SETTLING else (0, 1)
 
 
-def _output_times(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
-    """Yield stops in (start, end]: outputs `every` apart and at the end, with reports in between."""
-    for k in range(1, _number_of_outputs(start, end, every) + 1):
-        low, high = start + (k - 1) * every, start + k * every
+def _whole_intervals(time: float, every: float) -> int:
+    return int(time / every + 1e-9)
+
+
+def _output_times(first: int, last: int, spacing: int, every: float, end: float) -> Iterator[tuple[float, bool]]:
+    """Yield stops after interval `first` up to interval `last` and `end` [s or m]: outputs `spacing` intervals apart and at the
+    last one, with reports in between."""
+    while first < last:
+        after = min(first + spacing, last)
+        low, high = first * every, after * every
         # a stop that equals the end but for rounding is where a longer run has it too
         high = end if high > end + 1e-9 * every else high
         for part in range(1, SUBTICKS):
             yield low + (high - low) * part / SUBTICKS, False
         yield high, True
+        first = after
 
 
-def _number_of_outputs(start: float, end: float, every: float) -> int:
-    return max(1, int(np.ceil((end - start) / every - 1e-9)))
+def _number_of_outputs(end: float, every: float) -> int:
+    return max(1, int(np.ceil(end / every - 1e-9)))
 
 
 def planned_frames(simulation: Simulation) -> int:
     """Return the number of frames of a whole run: the outputs of `targets`, and the first frame."""
-    output, settle = simulation.scene.output, simulation.settle
+    output = simulation.scene.output
     if output.every_kind == "time":
-        (settling, spacing), every = settling_frames(simulation), output.every
-        thinned = _number_of_outputs(0.0, settling * every, spacing * every) if settling else 0
-        return 1 + thinned + _number_of_outputs(settling * every, simulation.planned_time, every)
-    settled = 1 if settle > 0.0 else 0
-    return 1 + settled + _number_of_outputs(0.0, simulation.planned_distance, output.every)
+        settling, spacing = settling_frames(simulation)
+        return 1 + -(-settling // spacing) + _number_of_outputs(simulation.planned_time, output.every) - settling
+    return 1 + int(simulation.settle > 0.0) + _number_of_outputs(simulation.planned_distance, output.every)

@@ -102,6 +102,8 @@ def prepare_resume(
     _refuse_other(folder, saved.prints, now)
     if saved.prints.get(THE_VERSION) != now[THE_VERSION]:
         simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
+    if extended := saved.settling.get("extended"):
+        simulation.extend_settling(extended)
     if before.solver != scene.solver:  # a longer run
         saved.stop = _stops(saved, simulation)
     return simulation, saved

@@ -14,16 +14,18 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
+from thirdbody.engine.measures import forget_means
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
-from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
+from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.output_schedule import targets
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
+from thirdbody.runner.settling import Settling
 from thirdbody.runner.yield_check import PeakPressure
 from thirdbody.system.freed_memory import keep_freed_memory
-from thirdbody.trajectory.frame import FrameMaker
+from thirdbody.trajectory.frame import FrameMaker, impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
@@ -66,6 +68,7 @@ class RunLoop:
         self.limit = ""
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
+        self.settling = Settling(simulation, self._begin_drag)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
         profiler = profiler_of(simulation)
@@ -86,6 +89,9 @@ class RunLoop:
                 self.means.restore(checkpoint.means)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
+        # those of the scene as it was built, before its settling was extended
+        self.prints = checkpoint.prints | {THE_VERSION: self.prints[THE_VERSION]}
+        self.settling.restore(checkpoint.settling)
         self.maker.impulses = checkpoint.impulses.copy()
         self.pressure.restore(checkpoint.pressure)
         self.series, self.maker.interval = checkpoint.series, checkpoint.interval
@@ -104,11 +110,10 @@ class RunLoop:
         if not writer.frames:
             self.export_state()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
-        for target_time, target_distance, is_output in islice(targets(simulation), self.reached, None):
-            if is_output or integrator.divisible:
-                integrator.advance_to(target_time, target_distance, self._watch, self._stop_or_save)
+        for target in islice(targets(simulation), self.reached, None):
+            self.settling.advance(target, lambda time, path: integrator.advance_to(time, path, self._watch, self._stop_or_save))
             self.reached += 1
-            if is_output and self._moved():
+            if target[2] and self._moved():
                 self._write()
             elif integrator.divisible:
                 self._report_progress({})
@@ -117,7 +122,14 @@ class RunLoop:
 
     def _moved(self) -> bool:
         """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
-        return self.simulation.state.time > self.maker.impulses[0]
+        return self.simulation.state.time > self.series["time"]
+
+    def _begin_drag(self) -> None:
+        """Have means over time, and over the output interval, begin with the drag."""
+        forget_means(self.simulation.state)
+        self.maker.impulses = impulses_of(self.simulation.state)
+        if self.means:
+            self.means.finish()
 
     def export_state(self) -> None:
         """Write a checkpoint."""
@@ -137,7 +149,7 @@ class RunLoop:
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
             self.pressure.export_state(), {name: np.asarray(value).tolist() for name, value in self.series.items()},
-            self.maker.interval,
+            self.maker.interval, self.settling.export_state(),
         )  # fmt: skip
 
     def _watch(self) -> None:

@@ -196,7 +196,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
         **({} if scene.output.blocks is None else {"blocks": scene.output.blocks}),
         **({} if scene.output.sample is None else {"scene_bodies": simulation.state.n_bodies}),
         "warnings": simulation.warnings,
-        **({} if simulation.schedule.straight else {"closed_paths": simulation.schedule.closed_paths()}),
+        **({} if simulation.schedule.straight else {"closed_paths": simulation.schedule.closed_paths(simulation.settle)}),
         **({} if profiles is None else {"profiles": {"bins": profiles.bins, "axis": profiles.axis}}),
         "versions": {
             "thirdbody": __version__,
@@ -228,6 +228,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
         "distance": state.distance,
+        **loop.settling.summary(),
         **loop.pressure.summary(),
         "energy": lines,
         **endings(simulation, loop, lines),

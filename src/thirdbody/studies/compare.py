@@ -11,7 +11,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Outcome:
-    """Compared quantities of a run of F frames and B bodies, in SI.
+    """Compared quantities of a run of F frames of its drag and B bodies, in SI.
 
     `friction`, `normal` [N], `gap` [m], all (F,); `states` (F, B) or None; at the end `position` (B, 3), `quaternion` (B, 4; w
     first), `dissipated` [J], `distance` [m] and `residual`, the relative energy residual. `period` (2,) holds the sides of a
@@ -39,13 +39,13 @@ def read_outcome(folder: Path) -> Outcome | None:
         if not run.frames:
             return None
         series, bodies, domain = run.series, run.bodies(-1), run.header["domain"]
-        size = np.array(domain["size"], float)
+        size, drag = np.array(domain["size"], float), run.drag.during
         spent = [series[name][-1] for name in ("energy_damping", "energy_friction") if name in series]
         return Outcome(
-            friction=series["friction_coefficient"],
-            normal=np.abs(series["upper_force"][:, 2]),
-            gap=series["gap"],
-            states=run.states if run.has_states else None,
+            friction=series["friction_coefficient"][drag],
+            normal=np.abs(series["upper_force"][drag, 2]),
+            gap=series["gap"][drag],
+            states=run.states[drag] if run.has_states else None,
             position=bodies["position"],
             quaternion=bodies["quaternion"],
             dissipated=float(sum(spent)),

@@ -8,6 +8,7 @@ from typing import Any
 
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.runner.output_schedule import targets
+from thirdbody.runner.settling import Settling
 
 EMPTY = 50
 """Number of timed calls that do nothing, for the cost of a call."""
@@ -85,9 +86,9 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
         integrator.advance_bodies = counted
     clock = Clock()
     clock.start()
-    for until, distance, is_output in targets(built):
-        if is_output or integrator.divisible:
-            integrator.advance_to(until, distance, watch)
+    settling = Settling(built, lambda: None)
+    for target in targets(built):
+        settling.advance(target, lambda until, distance: integrator.advance_to(until, distance, watch))
     clock.stop()
     if not calls:
         return clock.wall, clock.cpu

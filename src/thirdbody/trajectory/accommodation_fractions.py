@@ -29,7 +29,7 @@ def accommodation_fractions(run: Run) -> dict[str, float] | None:
     if any(name not in run.series for name in ACCOMMODATION) or not run.drag.dragged:
         return None
     parts = np.array([run.series[name] for name in ACCOMMODATION])
-    along = np.sign(run.drag.steps) * np.diff(run.times, prepend=run.times[:1])
+    along = np.sign(run.drag.steps) * run.drag.durations
     frames = steady(run) & np.isfinite(parts).all(axis=0)
     paths = parts[:, frames] @ along[frames]
     total = float(paths.sum())

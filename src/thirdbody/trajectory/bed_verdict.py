@@ -29,8 +29,8 @@ class Bed:
     ----------
     means, errors : dict of str to float
         Mean of each measure over the output intervals that friction averages, for strokes over whole cycles of the second half,
-        without drag over the second half of the run; its standard error, corrected for autocorrelation, NaN with fewer than eight
-        independent values.
+        without drag over the second half after settling; its standard error, corrected for autocorrelation, NaN with fewer than
+        eight independent values.
     quasi_static : bool or None
         Whether the inertial number is at most 1e-3; None where it is not known.
     verdict, softness_verdict : str
@@ -65,10 +65,11 @@ def bed_of(run: Run) -> Bed | None:
 
 
 def steady(run: Run) -> np.ndarray:
-    """Return the frames (F,), bool, of the steady part: those that friction averages; without drag the second half of the run."""
+    """Return the frames (F,), bool, of the steady part: those that friction averages, without drag the later half of the rest."""
     drag = run.drag
     if not drag.dragged:
-        return np.arange(run.frames) >= run.frames // 2
+        late = np.flatnonzero(drag.during)
+        return np.arange(run.frames) >= (late[(len(late) - 1) // 2] if len(late) else run.frames - 1)
     if not drag.stroke:
         return averaged(run)
     frames = np.zeros(run.frames, bool)

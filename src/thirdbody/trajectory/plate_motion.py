@@ -4,12 +4,16 @@ A path along one line is signed by its first direction. One that is no straight 
 lengths of the path, and its cycles are those after which it closes on itself.
 """
 
+import tomllib
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from thirdbody.trajectory.reader import Run
+from thirdbody.units import parse
 
 BACK = 0.05
 """A return by this fraction of the range of displacement is a stroke."""
@@ -19,10 +23,10 @@ CLOSED = 1e-3
 
 
 class Drag:
-    """Motion of the upper plate relative to the lower one, by frame."""
+    """Motion of the upper plate relative to the lower one, by frame; `stored`: summary that the run stored at its end."""
 
-    def __init__(self, run: Run):
-        self.run, self.frames = run, run.frames
+    def __init__(self, run: Run, stored: Mapping[str, Any] | None = None):
+        self.run, self.frames, self.stored = run, run.frames, stored or {}
 
     @cached_property
     def distance(self) -> np.ndarray:
@@ -41,6 +45,34 @@ class Drag:
             return 0
         # settling ends within a step of the drag: the first frame well beyond that is the one after the start
         return max(int(np.argmax(self.distance > 1e-4 * self.distance[-1])) - 1, 0)
+
+    @cached_property
+    def begin(self) -> float:
+        """Time at which settling ended [s]: of the scene or of the summary; else that of the frame `start`."""
+        if "settling" in self.stored:
+            return float(self.stored["settling"]["time"])
+        try:
+            return parse(str(tomllib.loads(self.run.scene_text)["solver"]["settle"]), "time")
+        except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError, ValueError):
+            return float(self.run.times[self.start]) if self.frames else 0.0
+
+    @cached_property
+    def during(self) -> np.ndarray:
+        """Frames (F,), bool, of the drag: what tells its samples from those of settling, for all means over frames.
+
+        Where settling ends within an output interval, the frame at the end of that interval holds means since then.
+        """
+        number = np.arange(self.frames)
+        if self.dragged:
+            return number > self.start
+        # without sliding, what follows settling is what the loads do
+        return (number > 0) & (np.roll(self.run.times, 1) >= self.begin * (1.0 - 1e-9))
+
+    @cached_property
+    def durations(self) -> np.ndarray:
+        """Times over which the frames of the drag hold means (F,) [s]: since the previous frame, or since settling ended."""
+        times = np.maximum(self.run.times, self.begin)
+        return np.diff(times, prepend=times[:1])
 
     @cached_property
     def displacement(self) -> np.ndarray:
@@ -130,9 +162,10 @@ class Drag:
         """Return the frames of the whole cycles of a path that closes on itself."""
         times, cycles = self.run.times, []
         for begin, until, period in self.run.header["closed_paths"]:
-            number = int((min(until, times[-1]) - begin) / period + CLOSED)
-            ends = [int(np.argmin(np.abs(times - begin - k * period))) for k in range(max(number, 0) + 1)]
-            cycles += [slice(first, last + 1) for first, last in pairwise(ends) if first < last]
+            first = self.begin + begin
+            number = int((min(self.begin + until, times[-1]) - first) / period + CLOSED)
+            ends = [int(np.argmin(np.abs(times - first - k * period))) for k in range(max(number, 0) + 1)]
+            cycles += [slice(low, high + 1) for low, high in pairwise(ends) if low < high]
         return cycles
 
     @cached_property

@@ -62,7 +62,7 @@ class Run(RunArrays):
         """Motion of the upper plate: displacement, turns, whole cycles of a stroke."""
         from thirdbody.trajectory.plate_motion import Drag
 
-        return Drag(self)
+        return Drag(self, self._steady("", self._stored_summary))
 
     @cached_property
     def friction(self) -> Friction:

@@ -93,16 +93,17 @@ def result(name: str) -> Result:
         return RESULTS[name]
     if name.startswith(EVER):
         state = name.removeprefix(EVER)
-        return Result("1", f"Fraction of the bodies that are {state} in at least one frame.", lambda run, _: _ever(run, state))
+        meaning = f"Fraction of the bodies that are {state} in at least one frame of the drag."
+        return Result("1", meaning, lambda run, _: _ever(run, state))
     state = name.removeprefix(FRACTION)
     return Result("1", f"Last frame: fraction of the bodies that are {state}.", _last(name))
 
 
 def _ever(run: Run, state: str) -> float:
-    """Return the fraction of bodies that have this state in any frame; NaN for a run without that state."""
+    """Return the fraction of bodies that have this state in any frame of the drag; NaN for a run without that state."""
     if not run.has_states or state not in run.state_names:
         return math.nan
-    return float(np.mean((run.states == run.state_names.index(state)).any(axis=0)))
+    return float(np.mean((run.states[run.drag.during] == run.state_names.index(state)).any(axis=0)))
 
 
 def with_states(names: Iterable[str], states: Sequence[str]) -> tuple[str, ...]:

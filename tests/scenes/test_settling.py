@@ -1,0 +1,82 @@
+"""Settling of automatic length ends when load on debris, gap and kinetic energy are steady; means of the drag leave it out."""
+
+import pytest
+from balls import BALLS, edited
+from gallery import SCENES
+from slow import slow
+
+import thirdbody
+from thirdbody.kernels.columns.sides import UPPER
+from thirdbody.runner.accuracy_warnings import ending_warnings
+from thirdbody.runner.prepare import prepare
+
+from .test_resume import check_in_pieces
+
+NONE = {"plates.contact": None}
+RIGID = {"plates.upper.support": "rigid", "plates.upper.stiffness": None, "plates.upper.pressure": "20 kPa"}
+EACH = {key: None for key in ("stiffness", "pressure")} | {"support": "load_per_particle", "load": "0.05 mN"}
+SUPPORTS = {
+    "foundation, contact": {}, "foundation": NONE, "rigid, contact": RIGID, "rigid": RIGID | NONE,
+    "held": NONE | {"plates.upper.pressure": None, "plates.upper.gap": "3.2 um"},
+    "load per particle": NONE | {f"plates.upper.{key}": value for key, value in EACH.items()},
+}  # fmt: skip
+
+
+def rough(**changes):
+    """Of the scene rough_plates, with shorter waves."""
+    waves = {
+        f"plates.{side}.surface.{end}": size for side in ("lower", "upper") for end, size in (("long", 14e-6), ("short", 7e-6))
+    }
+    few = {"debris.0.count": 24, "domain.size": ["33 um", "28 um"], "solver.distance": "20 nm", "output.every": "10 nm"}
+    return thirdbody.Scene.load(SCENES / "rough_plates.toml").with_settings(waves | few | changes)
+
+
+def settled(run):
+    """Load on debris (N) and gap (m) at the end of settling."""
+    contacts = run.contacts(1)
+    return contacts["normal_force"][contacts["side"] == UPPER].sum(), run.series["gap"][1]
+
+
+@pytest.mark.parametrize("integrator, support", [
+    ("explicit", "foundation, contact"), *(slow(kind, support) for kind in ("explicit", "implicit") for support in SUPPORTS),
+])  # fmt: skip
+def test_load_and_gap_are_those_of_a_longer_settling(integrator, support, tmp_path):
+    scene = rough(**SUPPORTS[support], **{"solver.integrator": integrator})
+    run = thirdbody.run(scene, tmp_path / "auto", progress=False)
+    time, expected = run.summary()["settling"]["time"], prepare(scene).settle
+    assert time <= 3.0 * expected and run.drag.begin == time and run.summary()["settling"]["steady"]
+    longer = thirdbody.run(scene.with_settings({"solver.settle": 4.0 * time}), tmp_path / "longer", progress=False)
+    assert settled(run) == pytest.approx(settled(longer), rel=0.02)
+
+
+def test_a_plate_that_bounces_on_is_told_with_numbers(tmp_path):
+    text = edited(BALLS, ('settle = "1 us"\n', ""), ("load_per_particle", "rigid"), ('"7e-5 kg/s"', '"1e-12 kg/s"'), ("0.1 um", "10 nm"),
+                  ("0.05 um", "5 nm"), ("restitution = 0.6", "restitution = 1.0"))  # fmt: skip
+    run = thirdbody.run(thirdbody.Scene.parse(text), tmp_path / "run", progress=False)
+    found, (warning,) = run.summary()["settling"], [text for text in ending_warnings(run.summary()) if "settled" in text]
+    assert not found["steady"] and f"{100.0 * found['bounce']:.2g} % as plate" in warning and "periods" in warning
+
+
+@pytest.mark.parametrize("every", [{}, {"output.every": "2 ns"}])
+def test_a_run_in_pieces_is_the_whole_run_where_settling_is_extended(every, tmp_path):
+    whole = check_in_pieces(rough(**every), tmp_path)[0]
+    assert whole.extended > 0
+
+
+def test_means_are_of_the_drag_alone(tmp_path):
+    """By time settling ends within an output interval, by distance with a frame: both hold the means since then."""
+    keys = ('thermal_conductivity = "50 W/m/K"\nheat_capacity = "460 J/kg/K"\n', "[measures]\nflash_temperature = true\n")
+    text = edited(BALLS, ("density", f"{keys[0]}density"), ("[domain]", f"{keys[1]}[domain]"), ('"0.1 um"', '"0.25 um"'))
+    runs = [
+        thirdbody.run(thirdbody.Scene.parse(edited(text, ("0.05 um", every))), tmp_path / every.replace(" ", ""), progress=False)
+        for every in ("0.25 um", "1.5 us")
+    ]
+    bodies, names = [run.bodies(-1) for run in runs], ("upper_force", "lower_force", "friction_coefficient")
+    # sums are collected at every stop, so by distance and by time they are rounded differently
+    for first, second in [[run.series[name][-1] for run in runs] for name in names] + [
+        [b["flash_temperature_mean"] for b in bodies]
+    ]:
+        assert first == pytest.approx(second, rel=1e-9, abs=1e-18)
+    # both contacts of a ball are closed for half a microsecond; one step is 0.3 % of it
+    assert bodies[0]["measured_time"] == pytest.approx(2.0 * 0.5e-6, rel=0.01)
+    assert all(run.drag.durations[-1] == pytest.approx(0.5e-6, rel=0.01) and run.drag.during[-1] for run in runs)
