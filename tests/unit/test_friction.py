@@ -234,7 +234,7 @@ def test_paths_that_close_and_lines():
     one, other = axis(1.0, 2.0, 3.0), axis(1.0, -1.0, 3.0)
     assert Schedule(one, other).straight and Schedule(one).straight and Schedule((), one).heading_at(1.1) == (0.0, 1.0)
     assert not any(Schedule(one, axis(*row)).straight for row in ((1.5, 2.0, 3.0), (1.0, 2.0, 2.0)))
-    assert Schedule(one, axis(1.0, 1.0, 2.0)).closed_paths(0.5) == [(0.5, math.inf, pytest.approx(1.0))]  # 3 and 2 cycles a second
+    assert Schedule(one, axis(1.0, 1.0, 2.0)).closed_paths(0.5) == [(0.5, math.inf, pytest.approx(1.0))]  # 3, 2 cycles a second
     assert not Schedule(one, axis(1.0, 1.0, 3.0 * 2**0.5)).closed_paths()
     drift = Schedule(one, axis(0.0, 5.0, 0.0, schedule.POLYNOMIAL))
     assert not drift.straight and not drift.closed_paths() and drift.heading_at(0.5) == (0.0, 1.0)
