@@ -220,7 +220,9 @@ def test_the_work_of_strokes_is_what_is_lost(tmp_path, integrator, name):
         assert [cycles["start_time"][-1], cycles["end_time"][-1]] == [run.times[first], run.times[last]]
         # the plate does not rise over a cycle; twenty means a cycle, along the first axis, missed 1 to 60 %
         assert run.friction.energy_per_cycle == pytest.approx(lost[last] - lost[first], rel=1e-3)
-        assert run.friction.value == pytest.approx(np.abs(mu[first + 1 : last + 1]).mean())
+        work = (np.abs(run.series["upper_force"][:, 2]) * mu * run.drag.steps)[first + 1 : last + 1].sum()
+        # along the velocity of a curved path; of a line the sum of mean force times displacement, with few means
+        assert run.friction.energy_per_cycle == pytest.approx(work, rel=0.02 if run.drag.straight else 1e-9)
         if name == "a circle" and integrator == "explicit":  # implicit steps are chords of it: 0.8 % less
             assert run.friction.energy_per_cycle == pytest.approx(0.2 * 0.2e-3 * math.pi * 80e-9, rel=2e-3)
         if name == "2 to 3" and integrator == "explicit":

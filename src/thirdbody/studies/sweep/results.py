@@ -76,7 +76,7 @@ RESULTS: dict[str, Result] = _SERIES | {
     "load_ratio": Result("1", "Force on the upper plate over its load, last output interval.", _stored_value("load_ratio")),
     "energy_residual": Result("1", "Residual of the energy balance, relative.", _stored_value("energy_residual")),
     "energy_numerical_share": Result("1", "Loss by the implicit integrator, relative.", _stored_value("energy_numerical_share")),
-    "energy_per_cycle": Result("J", "Work of the friction force over the last cycle of a stroke.",
+    "energy_per_cycle": Result("J", "Work of the sideways motion over the last cycle of strokes.",
                                lambda run, _: run.friction.energy_per_cycle),
     "peak_pressure": Result("Pa", "Largest pressure over contacts and frames, elastic.", _stored_value("peak_pressure")),
     "bodies": Result("1", "Number of bodies.", _stored_value("bodies")),
