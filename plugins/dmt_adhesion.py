@@ -33,7 +33,8 @@ def dmt(c, n, p):
     """F = -2 pi w R, U = -2 pi w R d, with the effective radius R of the contact and the overlap d.
 
     `c` is the contact, `n` the result of the normal law, `p` the parameters; see `thirdbody.plugin` for their
-    fields. Negative forces are attractive. U closes the energy ledger: dU/dd = F, and zero at first touch.
+    fields. Negative forces are attractive. U closes the energy ledger: dU/dd = F, and zero at first touch. The force jumps
+    there: the engine applies it for the part of the step in which the bodies touch.
     """
     pull_off = 2.0 * math.pi * p.work_of_adhesion * c.radius
     # no touch, no force: a select instead of a branch lets the compiler vectorise over contacts

@@ -154,25 +154,16 @@ def test_dmt_is_hertz_less_a_constant_and_the_tabor_number_mixes():
     # R = mu^3 E*^2 z_0^3/w^2
     radii = [mu**3 * E_STAR**2 * 2e-10**3 / WORK**2 for mu in (0.05, 0.352, 5.0)]
     chosen, p, values = law("auto")
-    kernel, tangent = plain(chosen.kernel), plain(chosen.tangent)
     for radius, pull in zip(radii, chosen.pull_off(PAIR, values, np.array(radii)), strict=True):
-        depth = chosen.reach(PAIR, values, radius)
-        overlaps = np.linspace(-0.5, 1.0, 4001) * depth  # to the longest neck of all of w
-        rows = [kernel(contact(d, radius), p, (1.0, 0.0))[0] for d in overlaps]
-        assert min(row.force for row in rows) == pytest.approx(-pull, rel=1e-4)  # a parabola; the step is 4e-4 of the depth
-        # the integral of the force, less the loss at touch, in the trapezoids of a fold; at small mu with a jump of the pull
-        energy = [row.stored for row in rows if row.contact_radius > 0.0]
-        force = [row.force for row in rows if row.contact_radius > 0.0]
-        assert np.trapezoid(force, dx=1.5 / 4000.0 * depth) == pytest.approx(energy[-1] - energy[0], rel=2e-3)
-        d, h = 0.3 * depth, (1.0, 0.0)
-        ahead, behind = (kernel(contact(d + x, radius), p, h)[0].force for x in (1e-5 * d, -1e-5 * d))
-        assert tangent(contact(d, radius), p, h) == pytest.approx((ahead - behind) / (2e-5 * d), rel=1e-6)
-        touch = kernel(contact(1e-6 * d, radius), p, (0.0, 0.0))[0]
-        assert touch.dissipated == pytest.approx(-touch.stored, rel=1e-4)
-        loaded = Normal(1e-7, 1e-8, 0.0, 0.0, 0.0, 0.0)
-        neck = 4.0 - 2.0 * pull / (math.pi * WORK * radius)
-        added = plain(chosen.added_load)(contact(d, radius), loaded, p) / (math.pi * WORK * radius)
-        assert added == pytest.approx(3.0 * neck + 2.0 * (1.0 - neck), rel=1e-9)
+        reach, number = chosen.reach(PAIR, values, radius), pull / (math.pi * WORK * radius)
+        # a parabola there; the step is 4e-4 of the depth
+        assert min(at(d, 1.0, radius, model="auto")[0].force for d in np.linspace(-0.5, 0.5, 2001) * reach) == pytest.approx(
+            -pull, rel=1e-4
+        )
+        touch = at(1e-6 * reach, 0.0, radius, model="auto")[0]
+        assert touch.dissipated == pytest.approx(-touch.stored, rel=1e-4)  # 1e-6 of the reach
+        added = plain(chosen.added_load)(contact(1e-10, radius), hertz, p) / (math.pi * WORK * radius)
+        assert added == pytest.approx(6.0 - 2.0 * number, rel=1e-9)  # 3 s + 2 (1 - s) with s = 4 - 2 number
     for model, low, high, said, words in (
         ("auto", 20e-9, 40e-9, "auto", ""), ("jkr", 6e-3, 7e-3, "jkr", ""), ("dmt", 20e-9, 1e-6, "dmt", "12 % too strongly"),
         ("jkr", 20e-9, 1e-6, "jkr", "23 % too weakly"),
@@ -266,8 +257,8 @@ def test_the_energy_of_pressing_and_pulling_at_any_restitution(make, monkeypatch
     assert residual(*pressed(make, monkeypatch, "implicit", 1.0, restitution, tables)[:2]) < 1e-6
 
 
-def thrown(make, radius, speed, gap, integrator, restitution, tables):
-    keys = {"restitution": restitution, "solver": Solver(duration=make.LONG, integrator=integrator)} | tables
+def thrown(make, radius, speed, gap, integrator, restitution, tables, **solver):
+    keys = {"restitution": restitution, "solver": Solver(duration=make.LONG, integrator=integrator, **solver)} | tables
     plate = make.UpperPlate(material="ball", gap=10.0 * radius)  # far off: implicit steps need one
     balls = [make.ball(radius, (5e-6, 5e-6, radius + gap), (0.0, 0.0, -speed))]
     simulation = build(make.scene(balls, {"ball": make.STEEL}, lower="ball", upper=plate, size=1e-5, **keys))
@@ -303,11 +294,8 @@ def test_an_implicit_step_that_ends_at_touch(make, tables, restitution):
 def impact(make, ratio, step=2.1e-10, start=1e-10):
     """A ball on a plane at `ratio` times the speed below which it sticks; `start` [m] above it, in steps of 11 pm at 1.5."""
     speed = ratio * math.sqrt(2.0 * LOST / make.ball_mass(make.STEEL, RADIUS))
-    balls = [make.ball(RADIUS, (5.0, 5.0, RADIUS + start), (0.0, 0.0, -speed))]
-    simulation = build(make.scene(balls, {"ball": make.STEEL}, lower="ball", time_step=step, **JKR))
-    ledger = Ledger(simulation.state)
+    ledger, simulation = thrown(make, RADIUS, speed, start, "explicit", 1.0, JKR, time_step=step)
     simulation.integrator.advance_to(time=2e-7)
-    ledger.watch(simulation.state)
     return float(make.velocity(simulation)[2]) / speed, ledger, simulation
 
 

@@ -159,7 +159,8 @@ class Law:
     beyond the sum of the normal stages. `pull_off(pair, options, radius)` are the forces [N] that part contacts of effective
     radii (n,) [m]: bodies whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is
     what `check` says of a pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)`
-    returns the parameters of a pair in explicit or implicit steps, of a law whose force jumps: see `plugins/effects/jkr.py`.
+    returns the parameters of a pair in explicit or implicit steps, of a normal law whose force jumps: see
+    `plugins/effects/jkr.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.touch`).
     """
 
     name: str
