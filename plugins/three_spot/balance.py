@@ -248,7 +248,7 @@ class _DragRun:
     def _stop(self, problem: NoStaticState) -> Stop:
         pressed, drag = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
         when = f"at a drag of {drag:.4g} m" if self.points else "while it is pressed"
-        failed = problem.undecided or problem.closest < UNDECIDED
+        failed = problem.closest < UNDECIDED if problem.undecided is None else problem.undecided
         message = f"no static state exists {when}: the particle tips or rolls ({problem})"
         if failed:
             left = f"{problem.closest:.1g} of the forces unbalanced"

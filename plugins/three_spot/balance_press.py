@@ -28,9 +28,14 @@ def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
             try:
                 result = _balance(solver, target)
             except NoStaticState as problem:
+                left = problem
+            if result is None:
                 if seats == SEATS:
-                    raise NoStaticState(f"it left {SEATS} seats again", problem.plate, problem.closest, undecided=True) from None
-                solver = from_first_touch(seat(solver, (_load(solver, target), 0.0, 0.0)), solver)
+                    raise NoStaticState(f"it left {SEATS} seats again", left.plate, left.closest, undecided=True)
+                try:
+                    solver = from_first_touch(solver, _load(solver, target))
+                except NoStaticState as problem:  # found under a load: `plate` is that of the path
+                    raise NoStaticState(str(problem), left.plate, problem.closest, problem.undecided) from None
                 seats += 1
     assert result is not None
     return solver, result

@@ -1,11 +1,8 @@
 """The quasi-static solver against closed forms (Willert, with its signs) and an independent path: one particle, two bodies."""
 
-import csv
-import functools
 import itertools
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,38 +114,13 @@ def test_every_point_of_a_path_is_in_balance():
             assert np.abs(np.cross(place, force).sum(axis=0)).max() < scale * 3e-6
 
 
-@functools.cache
-def partial_slip(level):
-    return walk(level=level, drag=24e-9, steps=480)
-
-
-@OTHER
-@pytest.mark.parametrize("level, tolerance", [("exact", 1e-9), ("mdr", 5e-3)])
-def test_partial_slip_path(level, tolerance):
-    """Straight pieces of the same length are exact for `exact` and the table, so 1e-9, its 10 digits, holds. `mdr` has
-    16 to 32 springs: 1e-3 of the forces in partial slip; in the sum of small differences, u, a few times more."""
-    lines = (Path(__file__).parent / "data" / "three_spot_path.csv").read_text(encoding="utf-8").splitlines()
-    for texts in csv.DictReader(line for line in lines if not line.startswith("#")):
-        row = {key: float(value) for key, value in texts.items()}
-        point, sticks = partial_slip(level).points[round(row["Du_nm"] * 20)], row["Du_nm"] < 8.5
-        assert point.drag == pytest.approx(row["Du_nm"] * 1e-9, rel=1e-12)
-        assert point.N == pytest.approx([row[f"N{k}"] for k in (1, 2, 3)], rel=tolerance, abs=0.0)
-        # T and u pass through zero; 1e-4 N and 1e-9 m are their sizes
-        assert point.T == pytest.approx([row[f"T{k}"] for k in (1, 2, 3)], rel=tolerance, abs=tolerance * 1e-5)
-        assert point.w == pytest.approx(row["w_S_m"], rel=tolerance, abs=0.0)
-        # once both sides slide any u is in balance: the step of the drag, .05 nm, in which that begins leaves it open; springs
-        # are at .99992 to .99996 of mu N, not alike above and below: the side with less slides, which theory leaves open
-        if level == "exact" or sticks:
-            assert point.u == pytest.approx(row["u_S_m"], rel=tolerance, abs=tolerance * 1e-9 if sticks else 0.05e-9)
-        assert point.phi == pytest.approx(row["phi_rad"], rel=tolerance, abs=tolerance * 1e-4)
-
-
 @OTHER
 def test_the_path_of_the_exact_law():
     """The third spot slides first, and slip begins at an edge at once, however little (Cattaneo and Mindlin)."""
-    points = partial_slip("exact").points
+    result = walk(level="exact", drag=24e-9, steps=480)
+    points = result.points
     first = [next(p.drag for p in points if p.spots[k] == "slide") for k in range(3)]
-    assert first[2] < min(first[:2]) and states(partial_slip("exact")) == ["sticking", "sliding"]
+    assert first[2] < min(first[:2]) and states(result) == ["sticking", "sliding"]
     assert list(points[0].spots) == ["stick"] * 3 and all("stick" not in p.spots for p in points[1:])
     # a particle that slides stays where sliding reached it; the neutral motion is found to the tolerance over the stiffness
     slides = [p.u for p in points if p.label == "sliding"]
@@ -248,6 +220,7 @@ def test_what_has_no_static_state_and_what_has(monkeypatch):
     result = walk((PAPER[0], PAPER[1]))
     assert result.points == [] and result.stopped is not None
     assert result.stopped.label == "rolling" and "no static state exists while it is pressed" in result.stopped.message
+    assert 0.0 < result.stopped.indentation <= CLOSING
     # pressed outside its base without friction it tips
     spots = (spot("upper", 3e-6, 1e-6), *EVEN[1:])
     assert walk(spots, mu=0.0).stopped is not None

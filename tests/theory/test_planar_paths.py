@@ -1,4 +1,4 @@
-"""Paths of planar particles at level `exact` against memory diagrams with all their pieces, at other frictions than the paper's.
+"""Paths of planar particles at level `exact` against memory diagrams with all their pieces, at several frictions.
 
 The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag.
 """
@@ -80,24 +80,29 @@ class Verifier:
         for one, d, slip in zip(self.spots, overlap, shift - self.shift, strict=True):
             one.move(d, slip)
         self.shift, self.y, self.gained = shift, z * CLOSING, z * CLOSING - self.y
-        return n, t
+        return n, t, self.y[:2], self.y[2] / (2.0 * MICRO)
 
 
-OTHERS = [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 1.0)]
+OTHERS = [(PAPER, 0.3), (PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 1.0)]
 
 
-@pytest.mark.parametrize(("spots", "mu"), [slow(*case) for case in ((UNEVEN, 0.3), *OTHERS)])
-def test_paths_agree_with_memory_diagrams(spots, mu):
-    verify = Verifier(spots, mu)
-    for k in range(1, PRESSES + 1):
-        expected = [verify.move(CLOSING * k / PRESSES, 0.0)]
-    expected += [verify.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
-    tables = {"materials": MATERIALS, "friction": {"upper": mu, "lower": mu}, "particle": {"spots": list(spots), "weight": 0.0}}
-    result = balance(tables | {"path": {"indentation": CLOSING, "drag": DRAG, "steps": DRAGS}})
-    assert len(result.points) == DRAGS + 1 and not any("bends" in text for text in result.warnings)
-    for point, (n, t) in zip(result.points, expected, strict=True):
-        # Newton's tolerance of 1e-12 of all forces, over the least stiff direction
-        assert np.abs(np.array(point.N) - n).max() < 1e-9 * n.max() and np.abs(np.array(point.T) - t).max() < 1e-9 * n.max()
+@pytest.mark.parametrize(("level", "cases"), [slow("exact", [(UNEVEN, 0.3), *OTHERS]), slow("mdr", OTHERS[:1])])
+def test_paths_agree_with_memory_diagrams(level, cases):
+    """Newton's tolerance of 1e-12 of all forces, over the least stiff direction. `mdr` has 16 to 32 springs: 1e-3 of the forces
+    in partial slip, and a few times more in sums of small differences, such as u."""
+    off = {"exact": 1e-9, "mdr": 5e-3}[level]
+    for spots, mu in cases:
+        verify = Verifier(spots, mu)
+        for k in range(1, PRESSES + 1):
+            expected = [verify.move(CLOSING * k / PRESSES, 0.0)]
+        expected += [verify.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
+        tables = {"materials": MATERIALS, "friction": {"upper": mu, "lower": mu}, "particle": {"spots": list(spots)}}
+        result = balance(tables | {"path": {"indentation": CLOSING, "drag": DRAG, "steps": DRAGS}}, level)
+        assert len(result.points) == DRAGS + 1 and not any("bends" in text for text in result.warnings)
+        for point, (n, t, (w, u), phi) in zip(result.points, expected, strict=True):
+            assert np.abs(np.array(point.N) - n).max() < off * n.max() and np.abs(np.array(point.T) - t).max() < off * n.max()
+            assert abs(point.w - w) < off * CLOSING and abs(point.phi - phi) < off * CLOSING / MICRO
+            assert set(point.spots) == {"slide"} or abs(point.u - u) < off * CLOSING  # where all slide any u balances
 
 
 HALF = 0.5

@@ -87,28 +87,30 @@ def test_rolling_takes_first_what_the_edge_carries(case):
     assert found == pytest.approx(FORCE_LEFT[nu], abs=0.04)
 
 
-@each(LEVELS)
+@each(EVERY)
 def test_creep_curve_beside_carter_and_kalker(level):
     """The whole curve T/(mu N) over its linear part, G a^2 C11 xi/(mu N).
 
     Springs that renew alike everywhere share one elongation and slide from the edge on: T/(mu N) = 1 - (1 - 2 x/3)^1.5. The
     slope is Kalker's; full sliding comes early, at x = 1.5, against 2 of Carter's cylinder and 3 of the ball. At most
-    (of the places looked at, x = 1.3) the curve is 0.07 above Carter's and 0.13 above that of the ball.
+    (of the places looked at, x = 1.3) the curve is 0.07 above Carter's and 0.13 above that of the ball. The one spring of
+    `mindlin` and `coulomb` slides as a whole, at x = 1, up to 0.25 and 0.30 above them.
     """
-    nu, far = 0.25, [0.0, 0.0]
+    nu, far, longer = 0.25, [0.0, 0.0], 10 if level == "coulomb" else 1
     for share in (0.1, 0.6, 1.0, 1.3, 1.5, 3.0):
         spot = RollingSpot(level, pair(nu))
         limit = 0.3 * theory.hertz_force(spot.e_star, RADIUS, OVERLAP)
         creep = share * limit / (80e9 * A**2 * C11[nu][0])
         for _ in range(150):
-            answer = spot.move(0.1 * creep * A, 0.1 * A)
+            answer = spot.move(0.1 * longer * creep * A, 0.1 * longer * A)
         found = -answer.x / limit
-        assert found == pytest.approx(1.0 - (1.0 - min(2.0 * share / 3.0, 1.0)) ** 1.5, abs=0.005)  # springs, and C11 to 1 %
+        expected = min(share, 1.0) if level in SPRINGS else 1.0 - (1.0 - min(2.0 * share / 3.0, 1.0)) ** 1.5
+        assert found == pytest.approx(expected, abs=0.005)  # springs, and C11 to 1 %
         # T/(mu N) of a cylinder (Carter 1926), of a ball (Vermeulen and Johnson 1964, with Kalker's C11)
         carter, johnson = (1.0 - (1.0 - min(share / n, 1.0)) ** n for n in (2, 3))
         far = [max(far[0], found - carter), max(far[1], found - johnson)]
         assert found > carter - 0.005
-    assert far == pytest.approx([0.07, 0.13], abs=0.01)
+    assert far == pytest.approx([0.25, 0.30] if level in SPRINGS else [0.07, 0.13], abs=0.01)
 
 
 @each(["mindlin", "exact"])

@@ -34,12 +34,13 @@ OVERLAP_GROWTH = 0.5
 class NoStaticState(Exception):
     """No equilibrium on the path from the last point.
 
-    `plate`: closing or load, and drag (2,), where the solver failed. `closest`: smallest relative residual reached there. It is
+    `plate`: closing (or load), and drag (2,), where the solver failed. `closest`: smallest relative residual reached there. It is
     some percent where the particle tips; a much smaller value means that the solver failed close to an equilibrium, perhaps
-    because the laws are not smooth enough. `undecided`: the search ended before the particle came to rest or tipped over.
+    because the laws are not smooth enough. `undecided`: whether the search ended before the particle came to rest or tipped
+    over; None where the particle was not followed.
     """
 
-    def __init__(self, message: str, plate: Array, closest: float, undecided: bool = False):
+    def __init__(self, message: str, plate: Array, closest: float, undecided: bool | None = None):
         super().__init__(message)
         self.plate, self.closest, self.undecided = plate, closest, undecided
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.engine.quasistatic import ACCEPTED, Grip, NoStaticState, QuasiStatic, Trial, after
+from thirdbody.engine.quasistatic import ACCEPTED, CONVERGED, NEUTRAL, Grip, NoStaticState, QuasiStatic, Trial, after
 from thirdbody.engine.state import Array
 
 MAX_ROTATION = 0.5
@@ -32,6 +32,10 @@ CAUTION = 0.8
 """Target rotation of the next step over the largest allowed one."""
 STRONGEST, WEAKEST = 1e6, 1e-12
 """Bounds of the resistance over the stiffness."""
+UNLOADINGS, LIGHTER = 5, 1.0 / 64.0
+"""Number of loads, and their ratio: overlaps fall to a sixteenth. After five, rounding of the places is 1e-4 of the overlaps."""
+TOUCHING = 1e-12
+"""Gap over the size of the particle that counts as rounding."""
 
 
 def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
@@ -83,39 +87,70 @@ def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     if moving.comes_to_rest():
         return moving.solver
     assert moving.solver.now is not None
-    residual = moving.solver.now.residual
+    ends = f"it rotates by {MAX_ROTATION} rad and reaches no equilibrium"
     if moving.exhausted:
-        raise NoStaticState(
-            f"the search ended after a rotation of {moving.rotation:.2g} rad", moving.plate, residual, undecided=True
-        )
-    raise NoStaticState(f"it rotates by {MAX_ROTATION} rad and reaches no equilibrium", moving.plate, residual)
+        ends = f"the search ended after a rotation of {moving.rotation:.2g} rad"
+    raise NoStaticState(ends, moving.plate, moving.solver.now.residual, moving.exhausted)
 
 
-def from_first_touch(seated: QuasiStatic, solver: QuasiStatic) -> QuasiStatic:
-    """Return a solver with motion measured from first touch in another posture.
+def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
+    """Return a solver in the seat of a particle. Motion counts from first touch there, where all loaded spots touch at once.
+
+    Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
+    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
 
     Parameters
     ----------
-    seated : QuasiStatic
-        Its last equilibrium gives the posture.
     solver : QuasiStatic
-        Its laws and plates are kept.
+        The particle starts from its last equilibrium, or else upright.
+    load : float
+        Load [N].
 
     Returns
     -------
     QuasiStatic
+
+    Raises
+    ------
+    NoStaticState
+        It tips over.
     """
+    seated = solver
+    for _ in range(UNLOADINGS):
+        seated = seat(seated, (load, 0.0, 0.0))
+        rotation, grip, apart = _first_touch(seated)
+        if apart <= TOUCHING * grip.arm:
+            break
+        load, seated.grip = LIGHTER * load, replace(seated.grip, weight=LIGHTER * seated.grip.weight)
     assert seated.now is not None
-    grip, y, up = seated.grip, seated.now.coordinates.copy(), seated.grip.upper
-    above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
-    y[: seated.vertical] = 0.0
-    y[seated.vertical] += below
-    y[-1] -= above + below
-    result = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), solver.contacts, solver.under_load)
-    result.seat_rotation = after(solver.seat_rotation, seated.rotation_since_touch)
+    grip = replace(grip, weight=solver.grip.weight)
+    # motion from first touch to the seat: the smallest with its overlaps
+    y = np.linalg.lstsq(QuasiStatic(grip, solver.contacts, True).rows[0], seated.now.overlap + grip.gap, rcond=NEUTRAL)[0]
+    result = QuasiStatic(grip, solver.contacts, solver.under_load)
+    result.seat_rotation = after(after(solver.seat_rotation, seated.rotation_since_touch), rotation)
     plate = seated.now.plate if solver.under_load else np.array([y[-1], 0.0, 0.0])
     result.adopt(y if solver.under_load else y[:-1], plate, seated.memory)
     return result
+
+
+def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
+    """Return rotation vector and spots where the loaded spots touch at once, and the largest gap left among them [m]."""
+    assert seated.now is not None
+    up, loaded, rotation = seated.grip.upper, seated.now.overlap > 0.0, np.zeros(3)
+    for _ in range(NEWTON_STEPS):
+        position = _rotated_spots(seated.grip, seated.contacts.radius, rotation)
+        x, y, z = position.T
+        gap = np.where(up, z[up].max() - z, z - z[~up].min())
+        # rows of the differences in height within each side
+        rows = np.column_stack([z, y, -x, 0.0 * x])
+        for side in (up & loaded, ~up & loaded):
+            rows[side] -= rows[side].mean(axis=0)
+        step = np.zeros(3)
+        step[seated.axes] = np.linalg.lstsq(rows[loaded][:, 1:][:, seated.axes], -rows[loaded, 0], rcond=NEUTRAL)[0]
+        if np.abs(step).max() < TOUCHING:
+            break
+        rotation = after(rotation, step)
+    return rotation, replace(seated.grip, position=position, gap=gap), float(gap[loaded].max())
 
 
 def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
@@ -157,6 +192,9 @@ class _Relaxation:
         self.solver, self.plate, self.farthest = solver, plate, farthest
         self.rotation = 0.0  # rotation since the start [rad]
         self.exhausted = False  # whether the search ended undecided
+        # radius of the circles of the spots [m]: a blunt sphere's centre may be farther from the centre of mass than its spot
+        centre = np.linalg.norm(_centres(solver), axis=1)
+        self.reach = max(float(centre.max()), solver.grip.arm)
         # change of the coordinates in the last step times its resistance: the prediction for the next step
         self.push = np.zeros(solver.rows.shape[2])
 
@@ -171,7 +209,7 @@ class _Relaxation:
         """Move until the forces balance; return whether they do before the largest rotation is reached."""
         assert self.solver.now is not None
         stiff = float(np.linalg.norm(self.solver.jacobian(self.solver.trial(self.solver.now.coordinates, self.plate)), 2))
-        resistance = stiff
+        resistance, residual = stiff, float("inf")
         for _ in range(STEPS):
             result = self._step(resistance)
             if result is None:
@@ -181,7 +219,8 @@ class _Relaxation:
                 continue
             self.push = resistance * (result.y - self.solver.now.coordinates)
             self.accept(result)
-            if result.residual <= ACCEPTED:
+            before, residual = residual, self.solver.now.residual
+            if residual <= CONVERGED or residual <= ACCEPTED and residual > 0.5 * before:
                 return True
             if self.rotation > self.farthest:
                 return False
@@ -206,32 +245,42 @@ class _Relaxation:
         guesses = [solver.trial(start, self.plate)]
         if self.push.any():
             guesses.append(solver.trial(start + self.push / resistance, self.plate))
-        trial = min(guesses, key=lambda guess: float(np.linalg.norm(guess.force - resistance * (guess.y - start))))
+        trial = min(guesses, key=lambda guess: float(np.linalg.norm(self._net_force(guess, resistance))))
         for _ in range(NEWTON_STEPS):
-            force = trial.force - resistance * (trial.y - start)
-            if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.residual) * trial.scale or trial.residual <= ACCEPTED:
-                bent = float(np.sum((trial.y[solver.rotations] - start[solver.rotations]) ** 2)) / solver.grip.arm
-                return trial if bent <= BENT * float(trial.overlap.max()) else None
-            jacobian = solver.jacobian(trial) - resistance * np.eye(len(start))
+            force = self._net_force(trial, resistance)
+            if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.residual) * trial.scale or trial.residual <= CONVERGED:
+                bent = float(np.sum((trial.y[solver.rotations] - start[solver.rotations]) ** 2)) / solver.grip.arm**2
+                return trial if bent * self.reach <= BENT * float(trial.overlap.max()) else None
+            jacobian = solver.jacobian(trial) + self.geometric_stiffness(trial) - resistance * np.eye(len(start))
             step = np.linalg.lstsq(jacobian, -force, rcond=None)[0]
-            better = self._search(trial, step, start, resistance)
+            better = self._search(trial, step, resistance)
             if better is None:
                 return None
             trial = better
         return None
 
+    def geometric_stiffness(self, trial: Trial) -> Array:
+        """Return d(force)/d(coordinates) from the way of the spots over the particle as it turns: none in linear kinematics."""
+        return np.zeros((len(trial.y), len(trial.y)))
+
+    def _net_force(self, trial: Trial, resistance: float) -> Array:
+        """Return the unbalanced force less the resistance, with the levers at the end of the step."""
+        assert self.solver.now is not None
+        change = trial.y - self.solver.now.coordinates
+        return np.asarray(trial.force + self.geometric_stiffness(trial) @ change - resistance * change)
+
     def _min_resistance(self, last: Trial) -> float:
         """Return the resistance at which the predicted rotation of the next step is within linear kinematics."""
-        allowed = CAUTION * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) * self.solver.grip.arm)
+        allowed = CAUTION * self.solver.grip.arm * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) / self.reach)
         return float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
 
-    def _search(self, trial: Trial, step: NDArray, start: Array, resistance: float) -> Trial | None:
+    def _search(self, trial: Trial, step: NDArray, resistance: float) -> Trial | None:
         """Backtrack from the full step to the first point with a smaller residual."""
         part = self.solver.longest_part(trial, step)
-        size = float(np.linalg.norm(trial.force - resistance * (trial.y - start)))
+        size = float(np.linalg.norm(self._net_force(trial, resistance)))
         for _ in range(HALVINGS):
             tried = self.solver.trial(trial.y + part * step, self.plate)
-            if float(np.linalg.norm(tried.force - resistance * (tried.y - start))) < (1.0 - 1e-4 * part) * size:
+            if float(np.linalg.norm(self._net_force(tried, resistance))) < (1.0 - 1e-4 * part) * size:
                 return tried
             part *= 0.5
         return None
@@ -257,6 +306,23 @@ class _TippingRelaxation(_Relaxation):
         super().accept(trial)
         self.solver = in_present_posture(self.solver, 0.0)
         self.rotation = float(np.linalg.norm(after(-self.start, self.solver.rotation_since_touch)))
+
+    def geometric_stiffness(self, trial: Trial) -> Array:
+        """Return d(force)/d(coordinates): moments of the forces F on spots that move with the centres c, (theta x c) x F."""
+        solver, centre = self.solver, _centres(self.solver)
+        normal = np.where(solver.grip.upper, -1.0, 1.0) * trial.answer.normal
+        force = np.column_stack([trial.answer.tangential, normal])
+        moment = centre.T @ force - np.sum(centre * force) * np.eye(3)
+        result = super().geometric_stiffness(trial)
+        result[solver.rotations, solver.rotations] = moment[np.ix_(solver.axes, solver.axes)] / solver.grip.arm**2
+        return result
+
+
+def _centres(solver: QuasiStatic) -> Array:
+    """Return the centres (n, 3) [m] of the spheres, from the centre of mass."""
+    result = solver.grip.position.copy()
+    result[:, 2] -= np.where(solver.grip.upper, solver.contacts.radius, -solver.contacts.radius)
+    return result
 
 
 def _rotated_spots(grip: Grip, radius: Array, rotation: Array) -> Array:
