@@ -176,18 +176,12 @@ def dugdale(number):
     """Pull-off force over pi w R at a Tabor number (Maugis 1992, Eqs. 6.16 and 6.17, lambda = 1.157 mu)."""
     k = 1.157 * number
 
-    def pull(a):
-        angle = lambda m: (math.sqrt(m * m - 1.0), math.atan(math.sqrt(m * m - 1.0)))  # noqa: E731
+    def energy(m, a):
+        root, angle = math.sqrt(m * m - 1.0), math.acos(1.0 / m)
+        work = 0.5 * a * a * (root + (m * m - 2.0) * angle) + 4.0 / 3.0 * k * a * (root * angle - m + 1.0)
+        return k * work - 1.0, k * a * a * (root + m * m * angle) - a**3
 
-        def energy(m):
-            root, t = angle(m)
-            return 0.5 * k * a * a * (root + (m * m - 2.0) * t) + 4.0 / 3.0 * k * k * a * (root * t - m + 1.0) - 1.0
-
-        m = brentq(energy, 1.0, 1e6)
-        root, t = angle(m)
-        return -(a**3 - k * a * a * (root + m * m * t))
-
-    return max(pull(a) for a in np.linspace(1e-3, 1.6, 400))
+    return max(energy(brentq(lambda m: energy(m, a)[0], 1.0, 1e6), a)[1] for a in np.linspace(1e-3, 1.6, 400))  # noqa: B023
 
 
 def test_the_pull_off_of_auto_is_that_of_maugis():

@@ -154,7 +154,7 @@ def samples(bench: Bench) -> list[Sample]:
                 numbers = I[k, :, lane].tolist()
                 if numbers[law_input.OVERLAP] > outermost[k, 0]:
                     memory = tuple(moment.before[k, own, lane].tolist())
-                    result.append(Sample(k, Contact(*numbers[: law_input.PAIR_TYPE], 0.0, 0.0), memory))
+                    result.append(Sample(k, Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0, 0.0)), memory))
     return result
 
 
