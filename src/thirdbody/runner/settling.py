@@ -75,8 +75,8 @@ def unrest(state: State, time: float, before: float) -> tuple[Unrest, float]:
         momentum = float(free @ (P[:, patch.MASS] * P[:, patch.VELOCITY])) + float(B[:, body.MASS] @ B[:, body.VELOCITY + 2])
         common = 0.5 * momentum**2 / (mass + float(B[:, body.MASS].sum()))
     change = min(kinetic, abs(kinetic - before))
-    rise = abs(speed) * time / max(abs(height), TINY)
-    now = Unrest(max(left / load, on_debris), rise, math.sqrt(common / elastic), change / elastic)
+    gap_change = abs(speed) * time / max(abs(height), TINY)
+    now = Unrest(max(left / load, on_debris), gap_change, math.sqrt(common / elastic), change / elastic)
     return now, 2.0 * math.pi * math.sqrt(2.0 * elastic * mass) / load
 
 
@@ -97,19 +97,19 @@ class Settling:
     def advance(self, target: tuple[float, float, bool], advance_to: Callable[[float, float], None]) -> None:
         """Advance to a stop of `output_schedule.targets`, with looks on the way there."""
         (time, distance, is_output), integrator = target, self.simulation.integrator
-        for look in self._looks(time):
-            advance_to(look, math.inf)
+        for instant in self._instants(time):
+            advance_to(instant, math.inf)
         if is_output or integrator.divisible or time == self.simulation.settle:
             advance_to(time, distance)
 
-    def _looks(self, until: float) -> Iterator[float]:
+    def _instants(self, until: float) -> Iterator[float]:
         """Yield the instants up to `until` [s] at which the scene is judged."""
         simulation = self.simulation
         while self.sought:
-            look = simulation.settle_after(simulation.extended - (LEAD if simulation.integrator.divisible else 0.0))
-            if look > until:
+            instant = simulation.settle_after(simulation.extended - (LEAD if simulation.integrator.divisible else 0.0))
+            if instant > until:
                 return
-            yield look
+            yield instant
             self.last, self.period = unrest(simulation.state, self.expected, self.kinetic)
             self.kinetic = stored_energies(simulation.state)[0]
             longest = max(LONGEST * self.expected, self.expected + PERIODS * self.period)
@@ -141,15 +141,15 @@ class Settling:
         return {"settling": {"time": time, "steady": self.last.steady, "periods": time / self.period, **self.last._asdict()}}
 
 
-def settling_warning(found: Mapping[str, Any] | None) -> Iterator[str]:
-    """Yield a warning of a drag that began before the scene had settled; `found`: the entry of the summary."""
-    if found is None or found["steady"]:
+def settling_warning(settling: Mapping[str, Any] | None) -> Iterator[str]:
+    """Yield a warning of a drag that began before the scene had settled; `settling`: the entry of the summary."""
+    if settling is None or settling["steady"]:
         return
-    load, gap, bounce, kinetic = (f"{100.0 * found[name]:.2g} %" for name in Unrest._fields)
+    load, gap, bounce, kinetic = (f"{100.0 * settling[name]:.2g} %" for name in Unrest._fields)
     yield (
-        f"the drag began before the debris had settled, after {pretty(found['time'], 'time')} ({found['periods']:.2g} periods of "
+        f"the drag began before the debris had settled, after {pretty(settling['time'], 'time')} ({settling['periods']:.2g} periods of "
         f"the plate on its bed): {load} of the load was not carried, the gap still changed by {gap} in the expected time, the "
         f"load by {bounce} as plate and debris bounced, and kinetic energy by {kinetic} of the elastic energy (settled: at most "
         f'{100.0 * LOAD:g}, {100.0 * GAP:g}, {100.0 * BOUNCE:g} and {100.0 * KINETIC:g} %); solver.settle = "'
-        f'{pretty(2.0 * found["time"], "time")}" would settle for longer, more plates.upper.damping calms a plate that bounces'
+        f'{pretty(2.0 * settling["time"], "time")}" would settle for longer, more plates.upper.damping calms a plate that bounces'
     )
