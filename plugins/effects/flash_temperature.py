@@ -61,7 +61,10 @@ FLASH_TEMPERATURE = Measure(
     mix=mix_heat,
     amounts=(
         Amount(
-            "flash_temperature_mean", "K", "Temperature rise of its contacts by friction, mean over time and contacts.", "mean"
+            "flash_temperature_mean",
+            "K",
+            "Temperature rise of its contacts by friction, mean over contacts and the drag.",
+            "mean",
         ),
         Amount("flash_temperature", "K", "Largest temperature rise of its contacts by friction since the start.", "maximum"),
         Amount("peclet_number", "1", "Largest Peclet number of its contacts since the start.", "maximum"),

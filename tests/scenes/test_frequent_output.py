@@ -15,6 +15,8 @@ from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 
+from .test_resume import check_in_pieces
+
 SHEARED = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 END = 'distance = "150 nm"\nsettle = "0.1 us"\nintegrator = "explicit"'
 SCENE = edited(
@@ -36,34 +38,11 @@ def differences(one, other):
     return [name for name in first if first[name] != second.get(name)]
 
 
-def run_in_pieces(wanted, folder, guard):
-    simulation, kept, pieces = prepare(wanted), None, 0
-    while True:
-        counter, last = itertools.count(1), guard * 3**pieces
-        try:
-            execute(simulation, folder, threads=1 + pieces % 2, checkpoint=kept, stop=lambda: next(counter) >= last)  # noqa: B023
-            return pieces
-        except Interrupted:
-            pieces += 1
-            simulation, kept = prepare_resume(folder)
-
-
-@pytest.mark.parametrize("every, guard", [("4 nm", 6), slow("0.3 nm", 30), slow("10 pm", 1000)])
-def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, guard):
-    wanted = scene(output_every=every, solver_distance="20 nm")
-    execute(prepare(wanted), tmp_path / "whole")
-    assert run_in_pieces(wanted, tmp_path / "cut", guard) >= 2
-    assert differences(tmp_path / "whole", tmp_path / "cut") == []
-
-
-@pytest.mark.full(kind="slow")
-def test_bodies_that_step_together_hear_a_stop_after_every_step(tmp_path):
-    wanted = scene(output_every="0.1 nm", solver_distance="1 nm").with_settings(TOGETHER)
-    simulation = prepare(wanted)
-    assert simulation.integrator.together
-    execute(simulation, tmp_path / "whole")
-    assert run_in_pieces(wanted, tmp_path / "cut", 7) >= 2
-    assert differences(tmp_path / "whole", tmp_path / "cut") == []
+@pytest.mark.parametrize("every, more", [
+    ("4 nm", {}), slow("0.3 nm", {}), slow("10 pm", {}), slow("0.1 nm", TOGETHER | {"solver.distance": "1 nm"}),
+])  # fmt: skip
+def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, more):
+    check_in_pieces(scene(output_every=every, solver_distance="20 nm").with_settings(more), tmp_path)
 
 
 def test_calls_of_one_step_come_to_the_same_bits(tmp_path, monkeypatch):

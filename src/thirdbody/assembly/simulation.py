@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -108,7 +108,7 @@ class Simulation:
         self.upper, self.state.world = replace(self.upper, plate=plate), replace(self.state.world, upper=plate)
         self.state.schedule[:] = plate.schedule.tables()[0]
         if not self.integrator.divisible:
-            self.integrator.schedule = plate.schedule
+            cast("Implicit", self.integrator).schedule = plate.schedule
         _end_settling(self.scene, self.choice, self.settle)
 
     @property

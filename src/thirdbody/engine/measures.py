@@ -99,14 +99,14 @@ def update_measures(state: State) -> None:
         deposit_on_maps(state, collect_measures(state))
 
 
-def forget_means(state: State) -> None:
+def reset_means(state: State) -> None:
     """Let means over time begin now: what was measured before is left out."""
     measures = state.physics.measures
     if measures is not None:
         update_measures(state)
         layout = measures.layout
-        forgotten = [k for k, column in enumerate(layout.bodies) if column.kind == MEAN or k == layout.time]
-        state.W[:, forgotten] = 0.0
+        means = [k for k, column in enumerate(layout.bodies) if column.kind == MEAN or k == layout.time]
+        state.W[:, means] = 0.0
 
 
 def body_amounts(state: State) -> dict[str, Array]:

@@ -16,7 +16,8 @@ import numpy as np
 from thirdbody.laws.contract import Option, Options, Pair
 
 SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
-"""How an amount is collected: summed over the steps; its mean over the time in which its contacts are closed; its maximum."""
+"""How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
+which its contacts are closed; its maximum."""
 
 ADD, MAX = 0, 1
 """Codes of the two operations in `Layout.targets`."""
@@ -145,7 +146,7 @@ def layout_of(measures: Sequence[Measure]) -> Layout:
     if has_means(measures):
         time = len(bodies)
         targets.append((ADD, time, time, time, -1))
-        bodies.append(BodyColumn("measured_time", "s", "Time in which its contacts were closed, summed.", SUM))
+        bodies.append(BodyColumn("measured_time", "s", "Time of the drag in which its contacts were closed, summed.", SUM))
     sums, maxima = len(targets), []
     for k, i in largest(measures):
         amount = measures[k].amounts[i]

@@ -14,7 +14,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
-from thirdbody.engine.measures import forget_means
+from thirdbody.engine.measures import reset_means
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
@@ -126,7 +126,7 @@ class RunLoop:
 
     def _begin_drag(self) -> None:
         """Have means over time, and over the output interval, begin with the drag."""
-        forget_means(self.simulation.state)
+        reset_means(self.simulation.state)
         self.maker.impulses = impulses_of(self.simulation.state)
         if self.means:
             self.means.finish()
