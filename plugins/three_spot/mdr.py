@@ -7,7 +7,7 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
 * On a straight path of overlap and slip a spring receives the fraction of the slip after it touched, and is then returned
   onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give the same as one; on a curved
   path the return makes an error of first order in the angle by which a step turns, down to that of the row: for 32 springs
-  at most 2e-3 of mu N and mostly 3e-4, by where the edge falls between springs (overlaps 1e-3 to 1e-2 of the radius).
+  at most 2e-3 of mu N, by where the edge falls between springs (overlaps 1e-3 to 1e-2 of the radius).
 * Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`spring_grid`):
   n springs suffice for a growing contact, and the state depends on the path only. A shrinking contact keeps its coarse grid
   until it opens. The gap of a spring is the mean over its cell, so merging preserves every field that is linear in x^2, and the
