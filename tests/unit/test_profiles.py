@@ -300,7 +300,8 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     run = SimpleNamespace(profiles=found, header={"profiles": {"axis": "z"}, "domain": {"size": [2e-6, 5e-6]}},
                           times=1e-6 * np.array([0.0, 1.0, 2.0, 5.0]),
                           plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
-    data = SimpleNamespace(run=run, drag=SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3])), start=0, frames=4, fractions=["rolling"],
+    drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]))
+    data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)
     for one, name in zip(axes, ("velocity", "stress", "states_profile"), strict=True):
