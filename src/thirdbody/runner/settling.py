@@ -148,9 +148,10 @@ def settling_warning(settling: Mapping[str, Any] | None) -> Iterator[str]:
     load, gap, bounce, kinetic = (f"{100.0 * settling[name]:.2g} %" for name in Unrest._fields)
     after = f"{pretty(settling['time'], 'time')} ({settling['periods']:.2g} periods of the plate on its bed)"
     yield (
-        f"the drag began before the debris had settled, after {after}: {load} of the load was not carried, the gap changed "
-        f"by {gap} in the expected time, the load by {bounce} as plate and debris bounced, and kinetic energy by {kinetic} of the "
-        f"elastic energy (settled: at most {100.0 * LOAD:g}, {100.0 * GAP:g}, {100.0 * BOUNCE:g} and {100.0 * KINETIC:g} %); "
+        f"the drag began before the debris had settled, after {after}: {load} of the load was not carried, "
+        f"the gap changed by {gap} in the expected time, the load by {bounce} as plate and debris bounced, "
+        f"and kinetic energy by {kinetic} of the elastic energy "
+        f"(settled: at most {100.0 * LOAD:g}, {100.0 * GAP:g}, {100.0 * BOUNCE:g} and {100.0 * KINETIC:g} %); "
         f'solver.settle = "{pretty(2.0 * settling["time"], "time")}" would settle for longer, more plates.upper.damping calms a '
         "plate that bounces"
     )
