@@ -197,6 +197,7 @@ class Reference:
         A[run_totals.EFFECT_WORK] += half * (A[run_totals.EFFECT_POWER] + effects)
         drag = -half * ((A[run_totals.UPPER_FORCE] + upper[0]) * v[0] + (A[run_totals.UPPER_FORCE + 1] + upper[1]) * v[1])
         plate = drag + half * (A[run_totals.LOAD_POWER] + load)
+        A[run_totals.DRAG_WORK] += drag
         A[run_totals.PLATE_WORK] += plate
         A[run_totals.PLATE_WORK_SIZE] += abs(plate)
         for k in range(3):
