@@ -63,10 +63,11 @@ def unrest(state: State, time: float, before: float) -> tuple[Unrest, float]:
         load += float(np.sum(P[:, patch.SPRING] * (plate[patch.HEIGHT] - P[:, patch.HEIGHT])))
     debris, direct = float(A[run_totals.UPPER_FORCE + 2]), float(A[run_totals.DIRECT_FORCE + 2])
     kinetic, *stored, shared = stored_energies(state)
-    load, elastic, mass = max(abs(load), TINY), max(sum(stored) + shared, TINY), float(free @ P[:, patch.MASS])
+    springs = max(sum(map(abs, stored)), TINY)  # that of adhesion is negative
+    load, elastic, mass = max(abs(load), TINY), springs + shared, float(free @ P[:, patch.MASS])
     left = abs(debris + direct - load)
     # what debris takes of it, by the stiffness of springs that hold the energies; that of Hertz's contacts is 1.2 times as large
-    own, other = debris * debris / (2.0 * max(sum(stored), TINY)), direct * direct / max(shared, TINY)
+    own, other = debris * debris / (2.0 * springs), direct * direct / max(shared, TINY)
     on_debris = left * own / max(own + other, TINY) / debris if debris > 0.0 else 0.0
     own_loads = state.world.upper is not None and state.world.upper.foundation is None and len(state.world.upper.heights) > 1
     height, speed = P[:, (patch.HEIGHT, patch.VELOCITY)].mean(axis=0) if own_loads else plate[[patch.HEIGHT, patch.VELOCITY]]
