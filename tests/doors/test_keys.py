@@ -76,7 +76,7 @@ def test_a_key_of_several_tables_is_listed_once(registry):
     assert '"mesh"' in keys["debris.kind", ()].value
     assert keys["debris.placement", ("irregular", "mesh", "spheroid")].default == '"layer"'
     assert keys["debris.size.median", ("lognormal",)].unit == "m"
-    assert keys["contact.memory", ("coulomb", "mindlin")].value .startswith('"auto" or "two_number" or')
+    assert keys["contact.memory", ("coulomb", "mindlin")].value.startswith('"auto" or "two_number" or')
     assert len(keys) == len(all_keys(registry))
     report = next(key for key in all_keys(registry) if key.path == "solver.tolerance").meaning
     assert float(re.search(r"[\d.e-]+(?= where it is not given)", report)[0]) == Accuracy().tolerance
