@@ -88,6 +88,8 @@ SWINGS = {
     "slow beat": (0.1, 0.05, 0.5, 0.137, 0.1),
 }
 """Physics, section 19: about the overlap 1 and the shear .45 kappa, lengths in R."""
+DRAWN = np.random.default_rng(3).uniform([0.0, 0.02, 0.0, 0.05, 0.0], [0.1, 0.12, 6.28, 1.6, 0.1], (12, 5))
+BEATS = {f"beat {k}": tuple(row) for k, row in enumerate(DRAWN.tolist())}
 FORMS = {
     "mindlin": (MINDLIN, MindlinParameters(0.5, 0.5, 1.0, 1.0)),
     "coulomb": (COULOMB, CoulombParameters(0.5, 2.0 / 3.0, 1e9, 1.0)),
@@ -96,7 +98,7 @@ FORMS = {
 
 
 def swing(name, count):
-    overlap, shear, phase, f, second = SWINGS[name]
+    overlap, shear, phase, f, second = (SWINGS | BEATS)[name]
     angles = 2.0 * math.pi * np.arange(1, CYCLE * count + 1) / CYCLE
     deep = 1.0 + overlap * (np.cos(angles + phase) - math.cos(phase)) + second * (np.cos(f * angles) - 1.0)
     slip = 0.45 + shear * (np.cos(angles) - 1.0)
@@ -105,18 +107,21 @@ def swing(name, count):
 
 @pytest.mark.parametrize("count", [40, pytest.param(401, marks=pytest.mark.full(kind="slow"))])
 def test_a_static_force_outlives_swings_of_load_and_shear(count):
-    """With rings; two numbers lose it: the path is hard. 0.085: partial slip at constant overlap, which neither has."""
-    for name in SWINGS:
+    """With rings; two numbers lose it: the path is hard. 0.085: partial slip at constant overlap, which neither has.
+
+    Beats of twelve random pairs of swings stay within 0.11.
+    """
+    for name in SWINGS | (BEATS if count > 100 else {}):
         path, single = swing(name, count), "beat" not in name
         right = exact(path, kappa=1.0)
-        for level, (law, p) in FORMS.items():
+        for level, (law, p) in list(FORMS.items())[: 1 if name in BEATS else 2]:
             after = {word: 1.5 * followed(path, law.sized({"memory": word}), p)[20:] for word in WORDS[:2]}
             third = {word: np.tile(f[2 * CYCLE : 3 * CYCLE], count - 2) for word, f in after.items()}
             lost = {word: np.abs(f[2 * CYCLE :] - third[word]).max() for word, f in after.items()}
             assert not single or lost["two_rings"] < 1e-3, (name, level, lost)
             assert not single or name == "constant overlap" or lost["two_number"] > 0.04, (name, level, lost)
             if level == "mindlin":
-                assert np.abs(after["two_rings"] - 1.5 * right[20:]).max() < 0.085, name
+                assert np.abs(after["two_rings"] - 1.5 * right[20:]).max() < (0.11 if name in BEATS else 0.085), name
 
 
 def gripped(name, count, level, folder):
