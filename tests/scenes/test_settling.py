@@ -59,6 +59,13 @@ def test_a_plate_that_bounces_on_is_told_with_numbers(tmp_path):
     assert not found["steady"] and f"{100.0 * found['bounce']:.2g} % as plate" in warning and "periods" in warning
 
 
+def test_the_negative_energy_of_adhesion_counts_by_its_size(tmp_path):
+    keys = {"effects.adhesion": {"work_of_adhesion": "1 J/m2", "model": "dmt"}, "plates.upper.load": "0.02 mN"}
+    scene = thirdbody.Scene.parse(BALLS).with_settings(keys | {"solver.settle": "auto"})
+    run = thirdbody.run(scene, tmp_path / "run", progress=False)
+    assert run.series["energy_elastic_normal"][1] < 0.0 and run.summary()["settling"]["steady"]
+
+
 @pytest.mark.parametrize("every", [slow({}), {"output.every": "2 ns"}])
 def test_a_run_in_pieces_is_the_whole_run_where_settling_is_extended(every, tmp_path):
     whole = check_in_pieces(rough(**every), tmp_path)[0]
