@@ -216,11 +216,8 @@ class Bench:
     def interpreted(self) -> Callable:
         """Return the tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
-        names = dict(text.__globals__)
-        names["broadcast_parameters"] = plain(names["broadcast_parameters"])
+        names = {name: plain(value) for name, value in text.__globals__.items()}
         names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
-        for k, one in enumerate(self.chain.laws):
-            names[f"kernel_{k}"], names[f"added_{k}"] = plain(one.kernel), plain(one.added_load) if one.added_load else None
         on_lists = types.FunctionType(text.__code__, names)
         block = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
 
