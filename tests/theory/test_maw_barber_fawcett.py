@@ -95,6 +95,6 @@ def test_rebound_at_metres_per_second(make, level, nu, speed, step):
     material = make.solid(210e9, nu, 7850.0)
     e = theory.e_star(material.shear(), nu, math.inf, 0.0)
     overlap = closed_forms.impact_overlap(make.ball_mass(material, RADIUS), RADIUS, e, speed) / RADIUS
-    # 2.5 of psi_2 by the spin at nu = 0; of the automatic step 4e-4, of the next order of the overlap 6e-5
+    # 2.5 of psi_2 by the spin at nu = 0; of the automatic step 4e-4, of the steps of `theoretical` 1.2e-4
     wanted = 2.5 * 0.8176 * overlap * 2.0 * (1.0 - nu) / (2.0 - nu)
-    assert errors[-1] == pytest.approx(wanted, abs=1e-3 if step == "auto" else 1e-4)
+    assert errors[-1] == pytest.approx(wanted, abs=1e-3 if step == "auto" else 1.5e-4)
