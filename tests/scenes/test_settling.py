@@ -66,7 +66,7 @@ def test_the_negative_energy_of_adhesion_counts_by_its_size(tmp_path):
     assert run.series["energy_elastic_normal"][1] < 0.0 and run.summary()["settling"]["steady"]
 
 
-@pytest.mark.parametrize("every", [slow({}), {"output.every": "2 ns"}])
+@pytest.mark.parametrize("every", [slow({}), slow({"output.every": "2 ns"})])
 def test_a_run_in_pieces_is_the_whole_run_where_settling_is_extended(every, tmp_path):
     whole = check_in_pieces(rough(**every), tmp_path)[0]
     assert whole.extended > 0
