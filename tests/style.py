@@ -154,8 +154,8 @@ ROOT_MODULES = {
 }  # fmt: skip
 """Modules of the root: what they may import."""
 
-FACADES = {"trajectory.reader": {"export", "plot", "render"}}
-"""The methods of a run that export and draw it (`Run.export`, `Run.plot`, `Run.render`), which import when they are called."""
+FACADES = {"trajectory.reader": {"export", "plot", "render", "scene"}}
+"""What the methods of a run that export and draw it, and `Run.scene`, import when they are called."""
 
 HEAVY = set("numba vtk vtkmodules pyvista matplotlib h5py scipy pint pandas".split())
 LIGHT = {"__init__", "errors", "dimensions", "units", "runner.progress"}

@@ -34,6 +34,10 @@ class ThirdbodyError(Exception):
         return printable(self.message + self.command)
 
 
+class ThirdbodyWarning(UserWarning):
+    """What a scene or a run is warned of, as the command line prints it; also in `Run.warnings` and the run's `run.log`."""
+
+
 class UsageError(ThirdbodyError):
     """The arguments of a command or function cannot work."""
 

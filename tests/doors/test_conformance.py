@@ -1,16 +1,19 @@
 """Every law that we ship passes the conformance suite, and the suite finds each of a set of bad laws."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from thirdbody.laws.codegen.laws import ordered
 from thirdbody.laws.conformance import paths, suite
+from thirdbody.laws.conformance.parts import check_parts
 from thirdbody.laws.conformance.spots import check_spots
 from thirdbody.laws.conformance.suite import Finding, check, report
-from thirdbody.laws.contract import SpotInteraction
+from thirdbody.laws.contract import Option, Plugin, SpotInteraction, kernel
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 
@@ -79,7 +82,7 @@ def test_a_field_of_a_law_that_is_not_tangential_is_refused():
         ordered((law,))
 
     lines = report([Finding("good", "finite", True), Finding("bad", "swap", False, "tx differs")]).splitlines()
-    assert lines[1].split() == ["FAIL", "bad", "swap", "tx", "differs"] and lines[-1] == "2 laws, 2 tests, 1 failed"
+    assert lines[1].split() == ["FAIL", "bad", "swap", "tx", "differs"] and lines[-1] == "2 parts, 2 tests, 1 failed"
 
 
 def test_our_interactions_of_spots_conform_and_the_suite_finds_what_is_wrong():
@@ -95,3 +98,49 @@ def test_our_interactions_of_spots_conform_and_the_suite_finds_what_is_wrong():
         ({"compliance": lambda material, options: options["none"]}, "parameters"),
     ):
         assert test in failed(check_spots(replace(spots, **changes)))
+
+
+PARTS = discover()
+LABELLER = PARTS.families["three_spot"].labeller
+
+
+@SLOW
+def test_our_measures_effects_and_labeller_conform():
+    findings = check_parts([*PARTS.effects.values(), *PARTS.measures.values(), LABELLER])
+    assert len(findings) > 20 and not failed(findings), report(findings)
+
+
+class Rate(NamedTuple):
+    rate: float
+
+
+@kernel
+def no_state(contacts, n, body, memory, out):
+    out[0] = 7.0
+
+
+def test_faults_of_measures_effects_and_labellers():
+    """Compiled and in Python, for one that passes all tests."""
+    measure, effect = PARTS.measures["wear"], PARTS.effects["gravity"]
+    assert not failed(passed := check_parts([effect])) and {one.test for one in passed} >= {"forces", "compiled"}
+    for part, test, words in (
+        (replace(measure, kernel=lambda s, p: s.slipp), "amounts", "a contact that slides, steel.*no attribute 'slipp'"),
+        (replace(measure, kernel=lambda s, p: s.slip), "amounts", "expected a tuple of"),
+        (replace(measure, mix=lambda pair, options: Rate(1.0)), "parameters", "mix gives a Rate"),
+        (replace(effect, kernel=lambda b, p: (math.nan,) * 6), "forces", "a body that moves, usual options: returns nan"),
+        (replace(effect, source=" "), "declaration", "names no source"),
+        (replace(LABELLER, label=no_state), "states", "a body without contacts: state 7 of 4"),
+    ):
+        found = failed(check_parts([part]))
+        assert found.keys() == {test} and re.search(words, found[test]), found
+
+
+def test_a_forgotten_comma_is_named():
+    for make, words in (
+        (lambda: Plugin("mine", effects=HERTZ), r"effects of 'mine': expected a tuple, as \(EFFECT,\), not Law"),
+        (lambda: Plugin("mine", measures=(HERTZ,)), "measures of 'mine': Law .* does not belong there"),
+        (lambda: replace(HERTZ, options=Option("nodes", "dimensionless", 1.0)), r"options of 'hertz'.*\(OPTION,\), not Option"),
+        (lambda: replace(HERTZ, history="force"), r"history of 'hertz'.*not 'force'"),
+    ):
+        with pytest.raises(TypeError, match=words):
+            make()

@@ -5,13 +5,14 @@ import signal
 import subprocess
 import sys
 import threading
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.errors import Fault, InputError, Interrupted, OutputError
+from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.jit import cache_dir
 from thirdbody.laws.codegen import module_cache
 
@@ -103,6 +104,34 @@ def test_ctrl_c_writes_a_checkpoint_and_resume_takes_the_run(tmp_path):
         assert 2 <= part.frames < 6 and "resume" not in part.summary()["stopped"]
         with thirdbody.resume(part, threads=1, progress=False) as whole:
             assert whole.summary()["finished"] and whole.frames == 6
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    ({"progress": "yes", "overwrite": "no"}, "overwrite = 'no': must be True or False; progress = 'yes': must be True, False or"),
+    ({"plugins": "law.py"}, r"plugins = 'law.py': must be a tuple of paths, such as \('law.py',\)"),
+    ({"threads": "two"}, "threads = 'two': must be a whole number"), ({"threads": True}, "threads = T"), ({"force": 1}, "force"),
+])  # fmt: skip
+def test_wrong_types_are_refused_before_anything_is_written(wrong, message, tmp_path):
+    with pytest.raises(UsageError, match=message):
+        thirdbody.run(BALLS, tmp_path / "run", **wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_python_and_the_log_warn_of_what_the_command_warns_of(tmp_path, command):
+    """Before the run and at its end; also in `Run.warnings`, the table of a notebook and the log of the run."""
+    scene = thirdbody.Scene(**BALLS).with_settings({"plates.upper.load": "1 mN", "pairs.0.friction": 3.0})
+    scene.save(tmp_path / "balls.toml")
+    with pytest.warns(ThirdbodyWarning) as given:
+        run = thirdbody.run(tmp_path / "balls.toml", tmp_path / "run", 1, progress=False)
+    texts = [str(warning.message) for warning in given]
+    assert texts == run.warnings == run.summary()["warnings"] and {warning.filename for warning in given} == {__file__}
+    assert any("friction" in text for text in texts) and any(text.startswith("peak pressure") for text in texts)
+    log = (tmp_path / "run" / "run.log").read_text(encoding="utf-8")
+    printed = command("run", "balls.toml", "-o", "again", "--threads", 1, "-q").err
+    for text in texts:
+        assert f"warning: {text}\n" in printed and f"warning: {text}\n" in log and escape(text) in run._repr_html_()
+    assert len(run) == run.frames == 4 and run.scene.pairs[0].friction == 3.0
+    assert " two balls begins\n" in log and log.index(" 100 %") < log.index("finished") < log.index("peak pressure 4")
 
 
 def test_unknown_names_are_answered_with_the_nearest(run):

@@ -8,7 +8,6 @@ from steel import HOT_STEEL, STEEL
 
 import thirdbody
 from thirdbody.kernels.columns.sides import UPPER
-from thirdbody.runner.accuracy_warnings import ending_warnings
 from thirdbody.runner.prepare import prepare
 
 from .test_resume import check_in_pieces
@@ -55,7 +54,7 @@ def test_a_plate_that_bounces_on_is_told_with_numbers(tmp_path):
     keys = {"support": "rigid", "damping": "1e-12 kg/s"}
     keys = {f"plates.upper.{key}": value for key, value in keys.items()} | {"solver.settle": "auto", "pairs.0.restitution": 1.0}
     run = thirdbody.run(thirdbody.Scene.parse(BALLS).with_settings(keys), tmp_path / "run", progress=False)
-    found, (warning,) = run.summary()["settling"], [text for text in ending_warnings(run.summary()) if "settled" in text]
+    found, (warning,) = run.summary()["settling"], [text for text in run.warnings if "settled" in text]
     assert not found["steady"] and f"{100.0 * found['bounce']:.2g} % as plate" in warning and "periods" in warning
 
 

@@ -111,8 +111,10 @@ def test_wrong_calls_are_named(tmp_path):
     (tmp_path / "balls.toml").write_text(BALLS, encoding="utf-8")
     for arguments, options, text in (
         ((tmp_path / "balls.toml",), {}, "is a scene; give `vary`"), ((SCENE,), {}, "give `vary`"),
-        ((SCENE, {MU: [0.1]}), {"workers": 0}, "workers = 0: must be at least 1"),
+        ((SCENE, {MU: [0.1]}), {"workers": 0}, "workers = 0: must be a whole number of at least 1"),
         ((SCENE, {MU: [0.1]}), {"resume": "all"}, "resume = 'all': must be"),
+        ((SCENE, {MU: [0.1]}), {"executor": "tcp://x:1"}, "executor = 'tcp://x:1': must be a Dask client"),
+        ((SCENE, f"{MU}=0.1"), {}, "vary = 'pairs.*: must be a dictionary"),
     ):  # fmt: skip
         with pytest.raises(UsageError, match=text):
             thirdbody.sweep(*arguments, out=tmp_path / "out", **options)

@@ -86,6 +86,23 @@ def test_faults_of_a_cluster_file_come_in_one_message(tmp_path):
 
 
 @SLOW
+@pytest.mark.parametrize(
+    ("sbatch", "words"), [("", "'sbatch'"), ("#!/bin/sh\necho no such account >&2\nexit 1\n", "no such account")]
+)
+def test_a_queue_that_is_not_there_or_takes_no_job_is_one_message(sbatch, words, tmp_path, monkeypatch, capfd):
+    (tmp_path / "cluster.toml").write_text(CLUSTER)
+    (tmp_path / "sbatch").write_text(sbatch)
+    (tmp_path / "sbatch").chmod(0o755 if sbatch else 0o600)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with (
+        pytest.raises(InputError, match=f"slurm: no job can be submitted: .*{words}"),
+        dask_client(None, tmp_path / "cluster.toml"),
+    ):
+        pass
+    assert capfd.readouterr().err == ""
+
+
+@SLOW
 def test_address_that_nobody_answers_is_one_message_within_seconds():
     began = time.monotonic()
     refused = pytest.raises(UsageError, match="--dask tcp://127.0.0.1:9: no scheduler answers there")

@@ -279,8 +279,6 @@ ENDINGS = [
     ({"load_ratio": 1.0, "patches_not_carried": 1, "bodies": 40}, ["1 of 40 patches", "solver.inertia"]),
     ({"patches_not_carried": None, "histories_shortened": 3}, ["3 contacts", "contact.nodes"]),
     ({"patches_not_carried": None, "histories_shortened": 0}, []),
-    ({"patches_not_carried": 0, "largest_fraction_rolling": 0.25}, ["25 % of the bodies rolled", "momentum"]),
-    ({"patches_not_carried": None, "largest_fraction_rolling": 0.25}, []),
     ({"damping_share": 0.41, "energy": {"friction": 5.1, "plate_work": 10.0}}, ["took 41 %", "friction 51 %"]),
     ({"damping_share": 0.08, "energy": {"friction": 9.1, "plate_work": 10.0}}, []),
 ]  # fmt: skip
@@ -297,5 +295,9 @@ def test_words_for_what_limited_the_steps():
     steps = {"output": 60, "largest_step": 30, "error": 10}
     assert step_words({"steps_limited_by": steps}) == "output 60 %, largest step 30 %, error 10 %"
     assert step_words({"time_step": 1e-9}) == ""
-    run = SimpleNamespace(frames=0, header={}, series={"fraction_rolling": [0.1, 0.5, 0.2]})
-    assert run_summary(run, {"patches_not_carried": 0})["largest_fraction_rolling"] == 0.5  # over all frames
+    run = SimpleNamespace(frames=0, header={"warnings": ["before"]}, series={"fraction_rolling": [0.1, 0.5, 0.2]})
+    summary = run_summary(run, {"patches_not_carried": 0, "warnings": ["at the end"]})
+    assert summary["largest_fraction_rolling"] == 0.5  # over all frames
+    before, at_end, rolled = summary["warnings"]
+    assert (before, at_end) == ("before", "at the end") and "50 % of the bodies rolled" in rolled and "momentum" in rolled
+    assert run_summary(run, {"patches_not_carried": None})["warnings"] == ["before"]  # with inertia

@@ -151,7 +151,9 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
         gap = {"state_reason": np.array([0, 2], np.uint8)}
         gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), LegendScale())
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
-        lengths = np.linalg.norm(run.bodies(0)["velocity"], axis=1)
+        lengths, across = np.linalg.norm(run.bodies(0)["velocity"], axis=1), read_picture_data(run, 0, "velocity_y")
+        assert across.legend.limits == (run.bodies(0)["velocity"][:, 1].min(), run.bodies(0)["velocity"][:, 1].max())
+        assert across.legend.unit == "m/s"
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
     ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()

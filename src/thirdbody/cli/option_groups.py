@@ -81,7 +81,9 @@ class MeshFit:
 class Image:
     """What a picture shows, and its size in pixels."""
 
-    color: Annotated[str, typer.Option("--color", help="state, reason, population, material, speed, or any array")] = "state"
+    color: Annotated[
+        str, typer.Option("--color", help="state, reason, population, material, speed, or an array (velocity_x)")
+    ] = "state"
     view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso"
     forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False
     body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None

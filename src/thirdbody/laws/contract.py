@@ -141,6 +141,16 @@ def _always(_pairs: Sequence[Pair]) -> bool:
     return True
 
 
+def refuse_other_than_tuples(part: Any, **fields: type | tuple[type, ...]) -> None:
+    """Raise TypeError for a field of a part of a plug-in that is no tuple of this type, such as `(OPTION)` without its comma."""
+    for name, kinds in fields.items():
+        value = getattr(part, name)
+        if not isinstance(value, tuple):
+            raise TypeError(f"{name} of '{part.name}': expected a tuple, as ({name.upper().rstrip('S')},), not {value!r:.80}")
+        for wrong in (each for each in value if not isinstance(each, kinds)):
+            raise TypeError(f"{name} of '{part.name}': {type(wrong).__name__} {wrong!r:.80} does not belong there")
+
+
 @dataclass(frozen=True)
 class Law:
     """One contact law at one stage.
@@ -184,6 +194,9 @@ class Law:
     remark: Callable[[Pair, Options, float, float], tuple[str, bool]] | None = None
     in_steps: Callable[[Any, str], Any] | None = None
 
+    def __post_init__(self) -> None:
+        refuse_other_than_tuples(self, options=Option, history=str)
+
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""
         if callable(self.field):
@@ -219,6 +232,9 @@ class BodyEffect:
     sees_forces: bool = False
     settling: bool = False
 
+    def __post_init__(self) -> None:
+        refuse_other_than_tuples(self, options=Option)
+
 
 @dataclass(frozen=True)
 class SpotInteraction:
@@ -234,6 +250,9 @@ class SpotInteraction:
     stiffness: Callable[[Pair, Options], float]
     source: str
     options: tuple[Option, ...] = ()
+
+    def __post_init__(self) -> None:
+        refuse_other_than_tuples(self, options=Option)
 
 
 @dataclass(frozen=True)
@@ -265,6 +284,10 @@ class Labeller:
     label_without_forecasts: Callable | None = None
     forecasts: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        names = "states reasons margins extras memory contact_memory codes forecasts"
+        refuse_other_than_tuples(self, **dict.fromkeys(names.split(), str))
+
 
 @dataclass(frozen=True)
 class LawFamily:
@@ -289,3 +312,8 @@ class Plugin:
     effects: tuple[Law | BodyEffect | SpotInteraction, ...] = ()
     measures: tuple[Measure, ...] = ()
     source: str = ""
+
+    def __post_init__(self) -> None:
+        from thirdbody.laws.measures import Measure  # which derives from this module
+
+        refuse_other_than_tuples(self, families=LawFamily, effects=(Law, BodyEffect, SpotInteraction), measures=Measure)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.laws.contract import Option, Options, Pair
+from thirdbody.laws.contract import Option, Options, Pair, refuse_other_than_tuples
 
 SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
 """How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
@@ -66,6 +66,9 @@ class Measure:
     options: tuple[Option, ...] = ()
     materials: tuple[str, ...] = ()
     warnings: Callable[[dict[str, float]], list[str]] | None = None
+
+    def __post_init__(self) -> None:
+        refuse_other_than_tuples(self, amounts=Amount, options=Option, materials=str)
 
 
 class BodyColumn(NamedTuple):

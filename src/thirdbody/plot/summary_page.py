@@ -110,7 +110,9 @@ def checked_path(path: str | Path) -> Path:
 
 
 def check_names(names: Sequence[str] | None) -> None:
-    """Raise UsageError for an unknown panel."""
+    """Raise UsageError for an unknown panel, and for a text in place of a list."""
+    if isinstance(names, str):
+        raise UsageError(f"panels = {names!r}: must be a list of names")
     for name in names or ():
         if name not in NAMES:
             raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}")

@@ -96,7 +96,7 @@ def compute_coloring(
     if tubes is not None:
         known = np.concatenate([known, tubes[np.isfinite(tubes)]]) if name in bodies else known
     limits = scale.limits or ((float(known.min()), float(known.max())) if len(known) else (0.0, 0.0))
-    unit = ARRAY_UNITS.get(color) or run.header["units"].get(color, "")
+    unit = ARRAY_UNITS.get(color) or ARRAY_UNITS.get(_component(name)[0]) or run.header["units"].get(color, "")
     return Coloring(values, Legend(_in_words(color), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
 
 
@@ -123,7 +123,13 @@ def _in_words(name: str) -> str:
 
 
 def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
-    """Return one value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
+    """Return one value per sphere: its body's, its own, or the largest of its body's contacts.
+
+    Vectors by length, or a component: `velocity_x`.
+    """
+    vector, axis = _component(name)
+    if vector in bodies and axis >= 0:
+        return bodies[vector][row, axis]
     if name in bodies:
         values = bodies[name][row]
     elif name in spheres:
@@ -135,6 +141,11 @@ def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arr
         known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
         raise InputError(f"color: this run has no array '{given}'; {nearest(given, known)}")
     return _length(values)
+
+
+def _component(name: str) -> tuple[str, int]:
+    """Return the vector and the axis that `velocity_x` names; other names without an axis, -1."""
+    return (name[:-2], "xyz".index(name[-1])) if name[-2:] in ("_x", "_y", "_z") else (name, -1)
 
 
 def _length(values: np.ndarray) -> np.ndarray:

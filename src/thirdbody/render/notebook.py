@@ -36,9 +36,8 @@ def _rows(run: Run) -> list[tuple[str, str]]:
     if "fractions" in figures:
         rows += [("states at the end", _states(figures["fractions"]))]
     if figures.get("energy_residual") is not None:
-        why = f"; {escape(figures['energy_verdict'])}" if "energy_verdict" in figures else ""
-        rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work{why}")]
-    return rows
+        rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work")]
+    return rows + [("warning", escape(text)) for text in figures["warnings"]]
 
 
 def _states(fractions: dict[str, float]) -> str:

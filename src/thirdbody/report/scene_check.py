@@ -69,9 +69,10 @@ def check(
     >>> report["bodies"], report["law"]["level"]
     (4, 'mindlin')
     """
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.prepare import check_call, prepare
     from thirdbody.scene.model import Scene
 
+    check_call(plugins, force=force)
     result = check_report(prepare(Scene.of(scene, plugins), plugins, force))
     return Check({"warnings": result.pop("warnings")} | result)
 

@@ -66,10 +66,10 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
-    from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
-    from thirdbody.runner.yield_check import yield_warning, yield_words
+    from thirdbody.runner.accuracy_warnings import step_words
+    from thirdbody.runner.yield_check import yield_words
     from thirdbody.trajectory.accommodation_fractions import accommodation_text
-    from thirdbody.trajectory.bed_verdict import bed_rows, bed_warning
+    from thirdbody.trajectory.bed_verdict import bed_rows
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as result:
@@ -104,8 +104,7 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        verdicts = [yield_warning(report), report.get("energy_verdict"), bed_warning(result.bed)]
-        print_warnings([*filter(None, verdicts), *ending_warnings(report)])
+        print_warnings(text for text in result.warnings if text not in result.header["warnings"])  # those were printed before
 
 
 def _direct_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -342,8 +341,9 @@ def laws_report(registry: Registry, json: bool) -> None:
 
 
 def conformance_report(files: Sequence[Path], json: bool) -> None:
-    """Run the conformance suite on the contact laws and interactions of plug-in files. Raises UsageError if one fails."""
+    """Run the conformance suite on all that plug-in files bring. Raises UsageError if a test fails."""
     from thirdbody.errors import UsageError
+    from thirdbody.laws.conformance.parts import check_parts
     from thirdbody.laws.conformance.spots import check_spots
     from thirdbody.laws.conformance.suite import check, report
     from thirdbody.laws.contract import Law, SpotInteraction
@@ -357,6 +357,8 @@ def conformance_report(files: Sequence[Path], json: bool) -> None:
         findings += check(laws.values())
         for effect in plugin.effects:
             findings += check_spots(effect) if isinstance(effect, SpotInteraction) else []
+        labellers = {family.labeller.name: family.labeller for family in plugin.families if family.labeller}
+        findings += check_parts([*plugin.effects, *plugin.measures, *labellers.values()])
     if json:
         print_json([finding.__dict__ for finding in findings])
     else:

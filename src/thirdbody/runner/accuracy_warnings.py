@@ -11,6 +11,7 @@ import numpy as np
 from thirdbody.engine.upper_plate import mean_value
 from thirdbody.kernels.columns import contact_state, patch, record
 from thirdbody.runner.settling import settling_warning
+from thirdbody.runner.yield_check import yield_warning
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
 
 LOAD = 0.1
 """Deviation of the mean force on the upper plate from its load, over the load, that gives a warning."""
-
-ROLLING = 0.02
-"""Fraction of rolling bodies above which a warning says that inertia decides where they come to rest."""
 
 CARRIED = 0.5
 """Fraction of its load below which a patch counts as not carried."""
@@ -93,14 +91,15 @@ def patches_not_carried(simulation: Simulation) -> int:
 
 
 def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield warnings after a run, from its summary; older summaries give none. Losses of energy: `trajectory.energy_check`."""
+    """Yield warnings at the end of a run, from its summary; those of its frames: `trajectory.run_summary`."""
+    if flow := yield_warning(report):
+        yield flow
     ratio, left = report.get("load_ratio"), report.get("patches_not_carried")
     if ratio is not None and abs(ratio - 1.0) > LOAD and report.get("finished"):
         yield (
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
-    yield from report.get("measure_warnings") or ()
     yield from settling_warning(report.get("settling"))
     damped, energy = report.get("damping_share"), report.get("energy") or {}
     friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
@@ -109,13 +108,6 @@ def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
             f"dashpots took {100.0 * damped:.0f} % of the work of the plates, friction {100.0 * friction:.0f} %: patches of the "
             "upper plate that rise and fall with bodies that roll lose it, so friction work depends on plates.upper.damping; "
             "a lower one or a slower motion leaves more of it to friction"
-        )
-    rolling = report.get("largest_fraction_rolling", 0.0)
-    if left is not None and rolling > ROLLING:
-        yield (
-            f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
-            "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
-            "few bodies may differ by some per cent"
         )
     short = report.get("histories_shortened")
     if short:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from thirdbody.errors import UsageError
 from thirdbody.jit.gc_pause import paused
@@ -53,12 +55,24 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
     return "ensemble" if sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY else "bodies", "labels"
 
 
+def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:
+    """Raise UsageError for wrong types among the arguments of `run`, `check`, `resume` and `sweep`."""
+    wrong = [f"{name} = {flag!r}: must be True or False" for name, flag in flags.items() if not isinstance(flag, bool)]
+    if not isinstance(progress, bool) and not callable(progress):
+        wrong.append(f"progress = {progress!r}: must be True, False or a function")
+    several = isinstance(plugins, Collection) and not isinstance(plugins, str | bytes)
+    if not several or not all(isinstance(path, str | os.PathLike) for path in cast("Collection[object]", plugins)):
+        wrong.append(f"plugins = {plugins!r}: must be a tuple of paths, such as ('law.py',)")
+    if wrong:
+        raise UsageError("; ".join(wrong))
+
+
 def check_threads(threads: int | None) -> list[str]:
-    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
+    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for what is no number of at least 1."""
     if threads is None:
         return []
-    if threads < 1:
-        raise UsageError(f"threads = {threads}: must be at least 1")
+    if not isinstance(threads, Integral) or isinstance(threads, bool) or threads < 1:
+        raise UsageError(f"threads = {threads!r}: must be a whole number of at least 1")
     from thirdbody.jit.threads import max_threads
 
     maximum = max_threads()

@@ -58,13 +58,13 @@ def reporter_for_terminal(title: str, first: Iterable[str] = ()) -> Iterator[Rep
         yield lambda _: None
     elif sys.stderr.isatty():
         with _bar(title) as report:
-            yield _until_closed(report)
+            yield until_closed(report)
     else:
-        yield _until_closed(_plain())
+        yield until_closed(line_reporter(lambda line: print(line, file=sys.stderr, flush=True)))
 
 
-def _until_closed(report: Reporter) -> Reporter:
-    """Return a reporter that stops silently when standard error is closed, full or lost: it ends no run."""
+def until_closed(report: Reporter) -> Reporter:
+    """Return a reporter that stops silently when its stream is closed, full or lost: that ends no run."""
     open_stream = True
 
     def silent(progress: Progress) -> None:
@@ -110,7 +110,8 @@ def _clock(seconds: float) -> str:
     return "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
 
 
-def _plain() -> Reporter:
+def line_reporter(write: Callable[[str], None]) -> Reporter:
+    """Return a reporter that writes a line at every tenth of a run, and one a minute between them."""
     message, due = [-1], [FIRST_LINE]
 
     def report(progress: Progress) -> None:
@@ -119,11 +120,9 @@ def _plain() -> Reporter:
             return
         message[0], due[0] = tenth, progress.elapsed + NEXT_LINES
         remaining = "" if math.isnan(progress.remaining) else f", {progress.remaining:.0f} s left"
-        print(
+        write(
             f"{100.0 * progress.fraction:3.0f} %  t = {progress.simulated:.4g} s, {progress.elapsed:.1f} s{remaining}  "
-            f"{headline(progress)}",
-            file=sys.stderr,
-            flush=True,
+            f"{headline(progress)}"
         )
 
     return report

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
-from thirdbody.runner.prepare import check_threads, prepare
-from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.prepare import check_call, check_threads, prepare
+from thirdbody.runner.progress import Reporter
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
-from thirdbody.runner.simulate import execute
+from thirdbody.runner.simulate import run_with_warnings
 from thirdbody.scene.model import Scene
 from thirdbody.scene.read import read_text
 from thirdbody.scene.tables import Solver
-from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:
@@ -68,13 +66,11 @@ def resume(
     >>> run.summary()["distance"] > 0.19e-6
     True
     """
+    check_call(plugins, progress)
     folder = _folder_of(out)
-    for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=2)
+    notes = check_threads(threads)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
-    with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
-        execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
-    return open_run(folder)
+    return run_with_warnings(simulation, folder, threads, progress, notes, checkpoint=saved)
 
 
 def _folder_of(run: str | Path | Run) -> Path:

@@ -1,4 +1,4 @@
-"""The folder of a run: the files written there, and the replacement of an older run by a new one.
+"""The folder of a run: the files written there, its log, and the replacement of an older run by a new one.
 
 Only these files are ever replaced or deleted. A new run that replaces an older one writes into a folder inside that of the run
 (`REPLACEMENT`); its files replace the old ones once its first frame is on the disk. So they stay on one file system, and the
@@ -10,19 +10,20 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 
-from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.schema import BLOCKS
 
-SCENE_FILE = "scene.toml"
+SCENE_FILE, LOG = "scene.toml", "run.log"
 REPLACEMENT = ".replacement"
 SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
-FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS)
+FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS, LOG)
 """Files that a run leaves in its folder, in the order in which those of a replacement are renamed."""
 
 PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})\.part",
@@ -51,6 +52,11 @@ class RunFolder:
                 f"{self.path}: the folder was moved or removed while the run wrote into it, so the run cannot go on; "
                 "where it was moved to it can be resumed"
             )
+
+    def log(self, text: str) -> None:
+        """Append a line with the local time to the log. Raises OSError."""
+        with open(self.work_folder / LOG, "a", encoding="utf-8") as file:
+            file.write(f"{datetime.now().isoformat(' ', 'seconds')}  {printable(text)}\n")
 
     def publish(self) -> None:
         """Replace the files of an older run, once the new ones can be used. Raises OutputError.

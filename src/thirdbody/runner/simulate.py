@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 import platform
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.atomic_files import write_whole
-from thirdbody.errors import GuardStop, Interrupted, OutputError
+from thirdbody.errors import GuardStop, Interrupted, OutputError, ThirdbodyWarning
 from thirdbody.export.paraview import write_paraview_files
-from thirdbody.runner.accuracy_warnings import endings
+from thirdbody.runner.accuracy_warnings import ending_warnings, endings
 from thirdbody.runner.checkpoint import Checkpoint
-from thirdbody.runner.measured import measured_summary
-from thirdbody.runner.prepare import check_threads, prepare, set_threads
-from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.measured import measure_warnings, measured_summary
+from thirdbody.runner.prepare import check_call, check_threads, prepare, set_threads
+from thirdbody.runner.progress import Progress, Reporter, line_reporter, reporting, until_closed
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
@@ -78,15 +78,37 @@ def run(
     >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
     True
     """
+    check_call(plugins, progress, overwrite=overwrite, force=force)
+    notes = check_threads(threads)
     scene = Scene.of(scene, plugins)
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
-    for warning in check_threads(threads):
-        warnings.warn(warning, stacklevel=2)
-    simulation = prepare(scene, plugins, force)
+    return run_with_warnings(prepare(scene, plugins, force), folder, threads, progress, notes, overwrite=overwrite)
+
+
+def run_with_warnings(
+    simulation: Simulation, folder: Path, threads: int | None, progress: bool | Reporter, notes: Iterable[str], **options: Any
+) -> Run:
+    """Integrate a simulation for `run` and `resume`: with Python's warnings before and after it; return the opened run."""
+    _warn([*notes, *simulation.warnings])
+    before = set(simulation.warnings)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
-        execute(simulation, folder, threads, report, overwrite, stop)
-    return open_run(folder)
+        try:
+            execute(simulation, folder, threads, report, stop=stop, **options)
+        except (GuardStop, Interrupted) as problem:
+            if getattr(problem, "advanced", True) and (folder / FILE_NAME).exists():
+                with open_run(folder) as stopped:
+                    _warn(text for text in stopped.warnings if text not in before)
+            raise
+    result = open_run(folder)
+    _warn(text for text in result.warnings if text not in before)
+    return result
+
+
+def _warn(texts: Iterable[str]) -> None:
+    """Give Python's warnings at the line that called `run` or `resume`."""
+    for text in texts:
+        warnings.warn(text, ThirdbodyWarning, stacklevel=4)
 
 
 def default_folder(scene: Scene) -> Path:
@@ -114,7 +136,19 @@ def execute(
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        return _execute(simulation, RunLoop(simulation, files, report, stop, times or WallTimes()), checkpoint)
+        return _execute(simulation, RunLoop(simulation, files, _logged(report, files), stop, times or WallTimes()), checkpoint)
+
+
+def _logged(report: Reporter | None, files: RunFolder) -> Reporter:
+    """Return a reporter that also writes lines to the log of the run."""
+    log = until_closed(line_reporter(files.log))
+
+    def both(progress: Progress) -> None:
+        log(progress)
+        if report is not None:
+            report(progress)
+
+    return both
 
 
 def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | None) -> dict[str, Any]:
@@ -130,6 +164,11 @@ def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | Non
             problem = error
         summary = _summary(simulation, loop, writer.frames, problem)
         writer.finish(summary)
+    with suppress(OSError), open_run(files.work_folder / FILE_NAME) as run:
+        files.log("finished" if problem is None else f"stopped: {problem.message}")
+        for text in run.warnings:
+            if text not in simulation.warnings:
+                files.log(f"warning: {text}")
     if problem is not None:
         raise problem
     return summary
@@ -142,6 +181,10 @@ def _opened(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
         try:
             write_whole(files.work_folder / SCENE_FILE, header["scene_text"].encode())
             write_paraview_files(files.work_folder / FILE_NAME, header["state_names"])
+            what = "begins" if checkpoint is None else f"goes on after {checkpoint.frames} frames"
+            files.log(f"thirdbody {header['versions']['thirdbody']}: {header['title'] or 'the run'} {what}")
+            for text in loop.simulation.warnings:
+                files.log(f"warning: {text}")
         except OSError as error:
             raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
         yield writer
@@ -216,7 +259,7 @@ def debris_contact(simulation: Simulation) -> str:
 def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:
     state, ledger, wall = simulation.state, loop.ledger, loop.wall_time()
     lines, integration = ledger.lines(state), simulation.integrator.summary()
-    return {
+    result = {
         "finished": problem is None,
         "stopped": None if problem is None else problem.message,
         "wall_time": wall,
@@ -236,3 +279,4 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         # a guard trips in a step that was not recorded: the energy stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }
+    return result | {"warnings": [*ending_warnings(result), *measure_warnings(simulation)]}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import tomllib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -92,8 +92,16 @@ def _started(path: Path) -> Iterator[Any]:
         cluster = kind(**settings)
     except (ValueError, TypeError, OSError, RuntimeError) as error:
         raise InputError(Fault(queue, f"the cluster cannot be started: {error}", str(path))) from error
+    try:
+        for _ in range(jobs):  # as `scale` does, which would not raise
+            cluster.worker_spec.update(cluster.new_worker_spec())
+        cluster.sync(cluster._correct_state)
+    except (OSError, RuntimeError) as error:
+        with suppress(AssertionError):  # of Dask, that every job was submitted
+            cluster.close()
+        reason = [line for line in str(error).splitlines() if line][-1]
+        raise InputError(Fault(queue, f"no job can be submitted: {reason}", str(path))) from error
     with cluster, distributed.Client(cluster, timeout=ANSWER) as client:
-        cluster.scale(jobs=jobs)
         yield client
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pyvista
     from matplotlib.figure import Figure
 
+    from thirdbody.scene.model import Scene
     from thirdbody.trajectory.bed_verdict import Bed
     from thirdbody.trajectory.friction import Friction
     from thirdbody.trajectory.plate_motion import Drag
@@ -51,6 +52,21 @@ class Run(RunArrays):
     >>> run.units["friction_coefficient"], run.units["upper_force"]
     ('1', 'N')
     """
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.frames
+
+    def __bool__(self) -> bool:
+        """Return True, also for a run without frames."""
+        return True
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene that was run. Raises InputError where a plug-in file brought a kind of its debris."""
+        from thirdbody.scene.model import Scene
+
+        return Scene.parse(self.scene_text, str(self.path.with_name("scene.toml")))
 
     @cached_property
     def scene_bodies(self) -> int:
@@ -122,6 +138,11 @@ class Run(RunArrays):
         both = self._steady("the maps", lambda: read_maps(self.file, number))
         return {name: values[PLATES.index(plate)] for name, values in both.items()}
 
+    @cached_property
+    def warnings(self) -> list[str]:
+        """Warnings before the run and at its end, as the command line prints them."""
+        return list(self.summary()["warnings"])
+
     def transitions(self) -> dict[str, np.ndarray]:
         """Return the changes of state between frames.
 
@@ -149,9 +170,10 @@ class Run(RunArrays):
 
         Notes
         -----
-        From the frames: `finished` (False when the run was killed, interrupted or stopped by a guard; then `stopped` may give the
-        reason), `frames`, `bodies`, `duration` [s], `distance` [m], `friction_coefficient`, `friction_coefficient_error` and
-        `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J],
+        `warnings`: those of `Run.warnings`. From the frames: `finished` (False when the run was killed, interrupted or stopped by
+        a guard; then `stopped` may give the reason), `frames`, `bodies`, `duration` [s], `distance` [m],
+        `friction_coefficient`, `friction_coefficient_error` and `friction_verdict` (value, error and verdict of `friction`),
+        for strokes `cycles` and `energy_per_cycle` [J],
         `accommodation` (fractions of the plate's path taken up by `upper_slip`, `lower_slip`, `rolling` and `shear`, over the
         second half of the sliding or of the cycles), `fractions` (state name to fraction of the bodies, last frame), and the
         same by `populations`, `materials` and `sizes` (lists from `trajectory.state_groups.states_by_group`). Of a bed the means

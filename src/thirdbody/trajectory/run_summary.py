@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.trajectory.accommodation_fractions import accommodation_fractions
-from thirdbody.trajectory.bed_verdict import bed_figures
+from thirdbody.trajectory.bed_verdict import bed_figures, bed_warning
 from thirdbody.trajectory.energy_check import energy_verdict
 from thirdbody.trajectory.state_groups import states_by_group
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
+
+
+ROLLING = 0.02
+"""Fraction of rolling bodies above which a warning says that inertia decides where they come to rest."""
 
 
 def run_summary(run: Run, stored: dict[str, Any] | None) -> dict[str, Any]:
@@ -22,7 +26,18 @@ def run_summary(run: Run, stored: dict[str, Any] | None) -> dict[str, Any]:
     if report.get("patches_not_carried") is not None and len(rolling):
         report["largest_fraction_rolling"] = float(np.max(rolling))
     verdict = energy_verdict(report, str(run.header.get("scene_text", "")))
-    return report if verdict is None else report | {"energy_verdict": verdict}
+    report |= {} if verdict is None else {"energy_verdict": verdict}
+    at_end = verdict, bed_warning(run.bed) if run.frames else None, _rolling_warning(report)
+    return report | {"warnings": [*run.header.get("warnings", []), *report.get("warnings", []), *filter(None, at_end)]}
+
+
+def _rolling_warning(report: dict[str, Any]) -> str | None:
+    rolling = report.get("largest_fraction_rolling", 0.0)
+    return None if rolling <= ROLLING else (
+        f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
+        "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
+        "few bodies may differ by some per cent"
+    )  # fmt: skip
 
 
 def figures(run: Run) -> dict[str, Any]:

@@ -21,8 +21,9 @@ from thirdbody.kernels.columns import law_input, law_output, rolling_input, roll
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import pieces
 from thirdbody.laws.codegen.laws import compose
-from thirdbody.laws.contract import Law, Material, Option, Pair, SpotInteraction
+from thirdbody.laws.contract import BodyEffect, Law, Material, Option, Pair, SpotInteraction
 from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.measures import Measure
 from thirdbody.laws.mindlin import MINDLIN
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ class Setting(NamedTuple):
     radius: float
 
 
-def option_sets(law: Law | SpotInteraction) -> list[tuple[str, dict[str, Any]]]:
+def option_sets(law: Law | SpotInteraction | BodyEffect | Measure) -> list[tuple[str, dict[str, Any]]]:
     """Return values for the law's options: typical ones, then all at their lower and upper ends where these are finite."""
     sets: list[tuple[str, dict[str, Any]]] = []
     for label in ("", "lowest", "highest"):

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from thirdbody.laws.conformance.paths import PAIRS, option_sets, plain
-from thirdbody.laws.conformance.suite import Finding
+from thirdbody.laws.conformance.suite import Finding, finding
 from thirdbody.laws.contract import SpotInteraction
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.kernel_data import Contact
@@ -79,15 +79,7 @@ TESTS: tuple[tuple[str, Callable[[SpotInteraction, Options], Result]], ...] = (
 
 def check_spots(effect: SpotInteraction) -> list[Finding]:
     """Return all findings on an interaction, with its usual options and those at their ends. What raises fails the test."""
-    result = [_finding(effect, "declaration", partial(declaration, effect))]
+    result = [finding(effect.name, "declaration", partial(declaration, effect))]
     for label, options in option_sets(effect):
-        result += [_finding(effect, f"{name}{label}", partial(test, effect, options)) for name, test in TESTS]
+        result += [finding(effect.name, f"{name}{label}", partial(test, effect, options)) for name, test in TESTS]
     return result
-
-
-def _finding(effect: SpotInteraction, name: str, test: Callable[[], Result]) -> Finding:
-    try:
-        passed, detail = test()
-    except Exception as problem:  # third-party code: any exception is a finding
-        passed, detail = False, f"{type(problem).__name__}: {problem}"
-    return Finding(effect.name, name, passed, detail)

@@ -7,12 +7,13 @@ are omitted.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from thirdbody.laws.codegen.compile_errors import compile_error
 from thirdbody.laws.conformance.energy import area, energy, ledger, tangent
 from thirdbody.laws.conformance.paths import Bench, forms_of
 from thirdbody.laws.conformance.symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
-from thirdbody.laws.contract import STAGES, Law
+from thirdbody.laws.contract import STAGES, Law, Option
 
 ELASTIC = ("normal", "adhesion", "tangential", "rolling", "twisting")
 VISCOUS = ("damping", "tangential_damping")
@@ -38,7 +39,7 @@ TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], .
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one test of one law; `detail` describes the worst case or the failure."""
+    """Result of one test of a law or another part; `detail` describes the worst case or the failure."""
 
     law: str
     test: str
@@ -68,19 +69,19 @@ def _measured(law: Law) -> list[Finding]:
         faults = [_problem_text(problem)]
     result = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
     if not faults:
-        result += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
+        result += [finding(law.name, name, partial(test, bench)) for name, stages, test in TESTS if law.stage in stages]
     return result
 
 
 def report(findings: Sequence[Finding]) -> str:
     """Format the findings as a plain-text table, failures first, with a line of counts."""
-    rows = [("", "law", "test", "")]
+    rows = [("", "part", "test", "")]
     rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows]
     failed = sum(not f.passed for f in findings)
-    laws = len({f.law for f in findings})
-    lines.append(f"{laws} {'law' if laws == 1 else 'laws'}, {len(findings)} tests, {failed} failed")
+    parts = len({f.law for f in findings})
+    lines.append(f"{parts} {'part' if parts == 1 else 'parts'}, {len(findings)} tests, {failed} failed")
     return "\n".join(lines)
 
 
@@ -103,7 +104,13 @@ def declaration_faults(law: Law) -> list[str]:
         faults.append(f"the {law.stage} stage acts in contact only: no reach")
     if len(set(law.history)) < len(law.history):
         faults.append("a history name occurs twice")
-    for option in law.options:
+    return faults + option_faults(law.options)
+
+
+def option_faults(options: Iterable[Option]) -> list[str]:
+    """Return faults of the defaults of options."""
+    faults = []
+    for option in options:
         values = option.default if isinstance(option.default, Sequence) else [option.default]
         if option.words:
             if option.default not in option.words and (isinstance(option.default, str) or not option.or_number):
@@ -131,12 +138,13 @@ def parameter_faults(bench: Bench) -> list[str]:
     return faults
 
 
-def _tested(name: str, test: Callable[[Bench], tuple[bool, str]], bench: Bench) -> Finding:
+def finding(part: str, name: str, test: Callable[[], tuple[bool, str]]) -> Finding:
+    """Return the result of a test of a part of a plug-in. What raises fails the test."""
     try:
-        passed, detail = test(bench)
-    except Exception as problem:  # as above
+        passed, detail = test()
+    except Exception as problem:  # third-party code: any exception is a finding
         passed, detail = False, _problem_text(problem)
-    return Finding(bench.law.name, name, passed, detail)
+    return Finding(part, name, passed, detail)
 
 
 def _problem_text(problem: Exception) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, InputError, UsageError
+from thirdbody.runner.prepare import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.plan import Plan, make_plan
@@ -74,7 +75,8 @@ def sweep(
     >>> [point.status for point in sweep.points]
     ['done', 'done', 'done']
     """
-    workers = _workers(options.pop("workers", None), resume)
+    check_call(plugins, progress)
+    workers = _workers(options.pop("workers", None), executor, resume)
     plan, folder = _plan_of_python(scene, vary, None if out is None else Path(out), plugins, options)
     with reporting(progress, plan.title) as report, stop_on_ctrl_c() as stop:
         execution = Execution(executor, workers, bool(resume), resume == "failed", report, stop=stop)
@@ -82,10 +84,12 @@ def sweep(
     return Sweep(folder)
 
 
-def _workers(workers: Any, resume: Any) -> int | None:
-    """Return the number of workers. Raises UsageError for a wrong one, and for a wrong `resume`."""
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise UsageError(f"workers = {workers}: must be at least 1")
+def _workers(workers: Any, executor: Any, resume: Any) -> int | None:
+    """Return the number of workers. Raises UsageError for a wrong one, and for a wrong `executor` or `resume`."""
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise UsageError(f"executor = {executor!r}: must be a Dask client, or have the `submit` of concurrent.futures")
+    if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool) or workers < 1):
+        raise UsageError(f"workers = {workers!r}: must be a whole number of at least 1")
     if resume not in (True, False, "failed"):
         raise UsageError(f"resume = {resume!r}: must be True, False or 'failed'")
     return workers
@@ -96,6 +100,9 @@ def _plan_of_python(
 ) -> tuple[Plan, Path]:
     """Return the plan of the arguments of `sweep`, and its folder."""
     if vary is not None:
+        points = isinstance(vary, Sequence) and not isinstance(vary, str) and all(isinstance(point, Mapping) for point in vary)
+        if not isinstance(vary, Mapping) and not points:
+            raise UsageError(f"vary = {vary!r}: must be a dictionary of values by key, or a list of dictionaries")
         base = Scene.of(scene, plugins)
         folder = out or FOLDER / (base.name or "sweep")
         return make_plan(base, sweep_of_python(vary, options), folder, plugins), folder
