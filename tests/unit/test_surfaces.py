@@ -1,6 +1,7 @@
 """Surfaces as data: random ones with their spectrum, waves and grooves, scans made periodic, the spline, the statistics."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -196,6 +197,19 @@ def test_a_ground_surface_keeps_crests_and_wavelength(periods, angle):
     rows = resample(np.moveaxis(z, number, 1)[::10], 16 * z.shape[number], axis=1)
     apart = np.concatenate([np.diff(find_peaks(row, prominence=0.15e-6)[0]) for row in rows])
     assert np.median(apart) * surface.spacing[1 - number] / 16.0 == pytest.approx(wavelength / cosine, rel=0.02)
+
+
+def test_copies_fit_grooves_or_a_domain_that_does_is_named():
+    y, x = np.mgrid[0:200, 0:300] * 0.5e-6
+    grooves = HeightMap(0.2e-6 * np.cos(2.0 * np.pi * x / 10e-6), (0.5e-6,) * 2, "")  # 15 of them, 10 um apart
+    # half a groove is left over of 105 um, and of two copies of 210 um, whereas three have 7 grooves each
+    surface = periodic_scan(grooves, (105e-6, 80e-6), ScanOptions("mean"))
+    assert re.search(r"along x .* \(correlation -1.00\): a domain of 1[01]0 um instead of 105 um would", surface.notes[-1])
+    surface = periodic_scan(grooves, (210e-6, 80e-6), ScanOptions("mean"))
+    assert surface.copies == (3, 1) and len(surface.notes) == 1
+    # the spline through 20 points per groove: 1e-4, and the grid need not have a point on a crest
+    assert surface.heights.max() == pytest.approx(0.2e-6, rel=2e-3)
+    assert np.abs(np.fft.rfft(surface.heights[0])).argmax() == 21
 
 
 def test_a_map_that_is_periodic_is_read_back(tmp_path):

@@ -56,7 +56,7 @@ def x3p_map(file: str, data: bytes) -> HeightMap:
                 message = f"has {len(bits)} bytes, expected {(n_x * n_y + 7) // 8}: a bit per point"
                 raise InputError(Fault(texts[f"{_LINK}ValidPointsLink"], message, file))
             valid = np.unpackbits(np.frombuffer(bits, np.uint8), count=n_x * n_y, bitorder="little").reshape(n_y, n_x) == 1
-    notes = ()
+    notes: tuple[str, ...] = ()
     if header.letter in UNSIGNED and _wraps(numbers, valid) and not _wraps(numbers.view(UNSIGNED[header.letter]), valid):
         numbers = numbers.view(UNSIGNED[header.letter])
         notes = (f"{Path(file).name}: whole numbers read as unsigned: as signed ones, which the format asks for, neighbours "
