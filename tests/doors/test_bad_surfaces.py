@@ -62,7 +62,7 @@ ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
 HOLES = np.where(np.random.default_rng(2).random(HEIGHTS.shape) < 0.3, np.nan, HEIGHTS)
 BAD = {
     "missing": ("m.npz", None, ["there is no such file"]),
-    "other suffix": ("a.gwy", b"x", ["suffix '.gwy'", "expected .npz or .x3p", "thirdbody surface FILE"]),
+    "other suffix": ("a.gwy", b"x", ["suffix '.gwy'", "expected .npz or .x3p or .csv or .txt", "thirdbody surface FILE"]),
     "empty": ("a.npz", b"", ["is empty"]),
     "no archive": ("a.npz", b"\x00" * 300, ["is no ZIP archive"]),
     "pickle": ("a.npz", npz(heights=np.array([{}], object)), ["heights", "pickle"]),
@@ -131,6 +131,64 @@ def test_all_faults_of_one_file_come_at_once(tmp_path):
     with pytest.raises(InputError) as error:
         read_scan(tmp_path / "a.x3p")
     assert len(error.value.faults) == 4
+
+
+@pytest.mark.parametrize(("letter", "kind"), [("I", "<u2"), ("L", "<u4")])
+def test_whole_numbers_that_a_writer_wrote_unsigned(letter, kind, tmp_path):
+    half = np.iinfo(kind).max // 2
+    raw = np.rint(half * (1.0 + 0.2 * HEIGHTS / np.abs(HEIGHTS).max())).astype(kind)  # about the middle: signed, they wrap
+    (tmp_path / "a.x3p").write_bytes(x3p(xml(letter, z=f"<Increment>{1e-6 / half}</Increment>"), raw.tobytes()))
+    scan = read_scan(tmp_path / "a.x3p")
+    np.testing.assert_allclose(scan.heights, raw * (1e-6 / half), rtol=1e-15)
+    assert "read as unsigned" in scan.notes[0]
+    signed = (raw.astype(np.int64) - half).astype(kind.replace("u", "i"))
+    (tmp_path / "a.x3p").write_bytes(x3p(xml(letter, z=f"<Increment>{1e-6 / half}</Increment>"), signed.tobytes()))
+    scan = read_scan(tmp_path / "a.x3p")
+    assert not scan.notes and scan.heights.min() < 0.0
+
+
+TEXT = {"unit": 1e-6, "spacing": (5e-7, 1e-6)}
+
+
+@pytest.mark.parametrize(("sign", "end"), [(",", ""), (";", ""), ("\t", ""), (" ", ""), (", ", ","), (";", ";")])
+def test_rows_of_numbers_are_a_height_map(sign, end, tmp_path):
+    heights = HEIGHTS * 1e6
+    heights[3, 4] = np.nan
+    rows = [sign.join(f"{value:.17g}" for value in row) + end for row in heights]
+    if sign.strip() and not end:
+        rows[3] = rows[3].replace("nan", "")
+    (tmp_path / "a.csv").write_text("\n".join(["Topography", "# of a disc, 60 points", *rows, ""]), encoding="utf-8")
+    scan = read_scan(tmp_path / "a.csv", **TEXT)
+    np.testing.assert_allclose(scan.heights, heights * 1e-6, rtol=1e-15)
+    assert scan.spacing == (5e-7, 1e-6)
+    if sign == ";":
+        (tmp_path / "a.csv").write_text("\n".join(rows).replace(".", ","), encoding="utf-8")
+        np.testing.assert_allclose(read_scan(tmp_path / "a.csv", **TEXT).heights, heights * 1e-6, rtol=1e-15)
+
+
+def test_a_text_that_is_no_map_is_told_by_its_lines(tmp_path):
+    rows = ["1,2,3,4"] * 6
+    bad = {
+        "line 3 and 4": (
+            [*rows[:2], "1,2,3", "1,two,3,4", *rows],
+            ["a.txt:3: has 3 values, expected 4", "a.txt:4: column 2: 'two'"],
+        ),
+        "words": (["a b c"] * 5, ["holds no row of numbers"]),
+        "a word before": (["0 um, 1", *rows], ["a.txt:1: column 1: '0 um'"]),
+        "few": (rows[:2], ["4 x 2 points, at least 4 x 4"]),
+    }
+    for case, (lines, words) in bad.items():
+        (tmp_path / "a.txt").write_text("\n".join(lines), encoding="utf-8")
+        with pytest.raises(InputError) as error:
+            read_scan(tmp_path / "a.txt", **TEXT)
+        assert all(word in str(error.value) for word in words), (case, str(error.value))
+    # a scene says what text does not, and only of text
+    keys = SCENE.replace('"FILE"', '"a.txt", unit = "1 um", spacing = ["1 um", "1 um"]')
+    Scene.parse(keys)
+    for text, wrong in ((SCENE.replace("FILE", "a.txt"), "missing, such as"), (keys.replace("a.txt", "a.npz"), "of CSV and TXT")):
+        with pytest.raises(InputError) as error:
+            Scene.parse(text)
+        assert [fault.key.rpartition(".")[2] for fault in error.value.faults] == ["unit", "spacing"] and wrong in str(error.value)
 
 
 @pytest.mark.parametrize("letter", ["I", "L", "F", "D"])

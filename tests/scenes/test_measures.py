@@ -175,6 +175,13 @@ def test_bits_of_threads_and_pieces(runs, case, tmp_path):
     assert [name for name in first if first[name] != second[name]] == []
 
 
+def test_check_counts_maps_in_the_disk(runs):
+    integrator, more = CASES["implicit alone"]
+    disk = thirdbody.check(scene(integrator, MEASURES % "", more))["disk"]
+    # two maps of two plates take 150 kB of each frame; contacts are taken to be three of a body
+    assert disk == pytest.approx(runs("implicit alone").path.stat().st_size, rel=0.02)
+
+
 def test_picture_of_a_map(runs, tmp_path: Path):
     run = runs("explicit")
     file = run.render(tmp_path / "map.png", plate="upper", color="wear_depth", size=(400, 300))

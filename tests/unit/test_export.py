@@ -1,6 +1,7 @@
 """What leaves a run: tables with every digit, files for old readers; each whole or not there at all."""
 
 import csv
+import dataclasses
 import os
 import resource
 import sys
@@ -12,6 +13,8 @@ import pytest
 
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.export.export_run import export_run
+from thirdbody.report.tables import states_report
+from thirdbody.trajectory.names import MAP_STATISTICS
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -213,3 +216,33 @@ def test_a_write_that_fails_is_reported_once_and_changes_nothing(path, tmp_path,
     assert len(str(failed.value).splitlines()) == 1
     assert {file: file.read_bytes() for file in before} == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf", "there"]
+
+
+def test_numbers_of_maps_since_the_start_and_per_cycle(tmp_path, capsys):
+    """Three strokes between 0 and 1 m; the first wears twice as fast, and does not count for the rate: 2 times a row of cells."""
+    cells, worn = np.array([[1.0, 0.0], [2.0, 4.0]]), [0, 2, 4, 5, 6, 7, 8]
+    header = HEADER | {"domain": {"size": [2.0, 1.0]}, "units": HEADER["units"] | {"wear_depth": "m"}}
+    with TrajectoryWriter(tmp_path / "run.vtkhdf", header, STATIC) as writer:
+        for number, depth in enumerate(worn):
+            frame = make_frame(number % 4)
+            series = {"time": float(number), "distance": float(number), "displacement": float(number % 2)}
+            maps = {"wear_depth": np.stack([depth * cells, 0.0 * cells])}
+            writer.append(dataclasses.replace(frame, time=float(number), series=series, maps=maps))
+        writer.finish({"wall_time": 1.0})
+    with open_run(tmp_path) as run:
+        for given, scale in (({}, 8.0), ({"frame": 1}, 2.0), ({"cycles": 1.0}, 2.0), ({"cycles": 1000.0}, 2000.0)):
+            rows = run.map_statistics(**given)
+            assert rows["plate"].tolist() == ["lower", "upper"] and set(rows["map"]) == {"wear_depth"}
+            # of 1, 2 and 4: the 95th percentile lies at 1.9 of the steps from the least; a cell has 0.5 m2
+            for name, value in {"mean": 7.0 / 3.0, "percentile_95": 3.8, "largest": 4.0, "total": 3.5}.items():
+                assert rows[name] == pytest.approx([scale * value, 0.0], rel=1e-12), (given, name)
+            assert rows["area_fraction"].tolist() == [0.75, 0.0] and set(rows["total_unit"]) == {"m3"}
+        with pytest.raises(InputError, match="cycles: -1 must be greater than 0"):
+            run.map_statistics(cycles=-1.0)
+        assert set(run.to_pandas("map_statistics")["over"]) == {"run", "cycle"}
+    table = rows_of(export(tmp_path / "run.vtkhdf", csv=tmp_path / "csv")[-1])
+    assert [row["over"] for row in table] == ["run", "run", "cycle", "cycle"]
+    states_report(tmp_path, None, json=False, cycles=1000.0)
+    shown = capsys.readouterr().out
+    assert "maps of the plates: 1000 cycles, by the mean rate" in shown and "7e+21 um3" in shown
+    assert MAP_STATISTICS.keys() == rows.keys()

@@ -1,11 +1,13 @@
 """Surfaces as data: random ones with their spectrum, waves and grooves, scans made periodic, the spline, the statistics."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from each import each
 from scipy.ndimage import map_coordinates
+from scipy.signal import find_peaks, resample
 
 from thirdbody.assembly.simulation import build
 from thirdbody.assembly.surfaces import plate_surfaces
@@ -174,6 +176,66 @@ def test_a_scan_becomes_a_smooth_periodic_surface():
     parts = surface.heights.reshape(copies[1], surface.heights.shape[0] // copies[1], copies[0], -1)
     assert np.ptp(parts, axis=(0, 2)).max() < 1e-15
     assert any("copies of" in note for note in surface.notes)
+
+
+@pytest.mark.parametrize("periods", [9.3, 17.5, 41.2])
+@pytest.mark.parametrize("angle", [0, 35, 90])
+def test_a_ground_surface_keeps_crests_and_wavelength(periods, angle):
+    n_x, n_y, wavelength = 300, 280, 150e-6 / periods
+    y, x = np.mgrid[0:n_y, 0:n_x] * 0.5e-6
+    rough = self_affine((640, 640), (320e-6, 320e-6), Spectrum(5e-9, 0.8, 20e-6, 3e-6), int(periods), 0)[:n_y, :n_x]
+    direction = math.radians(angle)
+    ground = 0.2e-6 * np.cos(2.0 * np.pi * (x * math.cos(direction) + y * math.sin(direction)) / wavelength) + rough
+    surface = periodic_scan(HeightMap(ground + 0.02 * x, (0.5e-6,) * 2, ""), (120e-6, 110e-6), ScanOptions(short=2e-6))
+    z = surface.heights - 0.5 * (surface.heights.max() + surface.heights.min())  # parts of a period have a mean of their own
+    before = levelled(ground + 0.02 * x, "plane")
+    # the quantile leaves out the highest roughness; a plane takes up to 2 % of grooves of which few are seen, 1/periods^2
+    for part in (0.001, 0.02):
+        high, low = np.quantile(z, (1.0 - part, part)), np.quantile(before, (1.0 - part, part))
+        assert np.ptp(high) == pytest.approx(np.ptp(low), rel=0.02)
+    number, cosine = (0, math.sin(direction)) if angle == 90 else (1, math.cos(direction))
+    rows = resample(np.moveaxis(z, number, 1)[::10], 16 * z.shape[number], axis=1)
+    apart = np.concatenate([np.diff(find_peaks(row, prominence=0.15e-6)[0]) for row in rows])
+    assert np.median(apart) * surface.spacing[1 - number] / 16.0 == pytest.approx(wavelength / cosine, rel=0.02)
+
+
+def test_copies_fit_grooves_or_a_domain_that_does_is_named():
+    y, x = np.mgrid[0:200, 0:300] * 0.5e-6
+    grooves = HeightMap(0.2e-6 * np.cos(2.0 * np.pi * x / 10e-6), (0.5e-6,) * 2, "")  # 15 of them, 10 um apart
+    # half a groove is left over of 105 um, and of two copies of 210 um, whereas three have 7 grooves each
+    surface = periodic_scan(grooves, (105e-6, 80e-6), ScanOptions("mean"))
+    assert re.search(r"along x .* \(correlation -1.00\): a domain of 1[01]0 um instead of 105 um would", surface.notes[-1])
+    surface = periodic_scan(grooves, (210e-6, 80e-6), ScanOptions("mean"))
+    assert surface.copies == (3, 1) and len(surface.notes) == 1
+    # the spline through 20 points per groove: 1e-4, and the grid need not have a point on a crest
+    assert surface.heights.max() == pytest.approx(0.2e-6, rel=2e-3)
+    assert np.abs(np.fft.rfft(surface.heights[0])).argmax() == 21
+
+
+def test_a_map_that_is_periodic_is_read_back(tmp_path):
+    given = plate_surfaces(scene({"rms": 2e-7, "long": 2e-5, "short": 4e-6}))["lower"]
+    np.savez(tmp_path / "map.npz", heights=given.heights, spacing=given.spacing, unit="m")
+    lower = {"file": str(tmp_path / "map.npz"), "join": "periodic"}
+    again = plate_surfaces(scene(lower))["lower"]
+    assert (
+        np.abs(again.heights - given.heights).max() <= 1e-12 * given.statistics.rms_height
+        and "1 x 1 periods of 100 um by 80 um" in again.notes[-1]
+    )
+    # the filter leaves waves from 1.5 times its length on, and the transform knows no edges: rounding only
+    twice = plate_surfaces(scene(lower | {"short": 2e-6}, size=(200e-6, 80e-6)))["lower"]
+    assert twice.copies == (2, 1)
+    step = twice.heights.shape[1] // 2 // given.heights.shape[1], twice.heights.shape[0] // given.heights.shape[0]
+    np.testing.assert_allclose(twice.one_copy[:: step[1], :: step[0]], given.heights, atol=1e-12 * 0.2e-6)
+    with pytest.raises(
+        InputError, match="100 um by 80 um, which does not fit the domain of 120 um by 80 um.*; 100 um by 80 um would"
+    ):
+        plate_surfaces(scene(lower, size=(120e-6, 80e-6)))
+    holes = given.heights.copy()
+    holes[:6, :6], holes[-6:, -6:] = np.nan, np.nan  # over the seams
+    filled = periodic_scan(HeightMap(holes, given.spacing, ""), SIZE, ScanOptions(join="periodic"))
+    assert filled.statistics.max_slope < 1.2 * given.statistics.max_slope
+    error = faults_of(lower | {"level": "plane", "crop": {"x": [0.0, 5e-5]}})
+    assert [fault.key.rpartition(".")[2] for fault in error.faults] == ["crop", "level"]
 
 
 def test_the_inside_of_a_scan_is_left_as_it_is():

@@ -89,8 +89,9 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
 
 def _measured(scene: Scene, given: SurfaceFile) -> Surface:
     crop = (given.crop.x, given.crop.y) if given.crop else (None, None)
-    options = ScanOptions(given.level, crop, given.short, given.join, given.missing)
-    return periodic_scan(read_scan(scene.beside(given.file), "file"), scene.domain.size, options)
+    options = ScanOptions(given.level or "plane", crop, given.short, given.join, given.missing)
+    scan = read_scan(scene.beside(given.file), "file", given.unit, given.spacing)
+    return periodic_scan(scan, scene.domain.size, options)
 
 
 @contextmanager

@@ -122,6 +122,7 @@ def states(
     run: RunPath,
     frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: forecast against fact")] = None,
+    cycles: Annotated[float | None, typer.Option("--cycles", help="maps: of so many cycles of a stroke [1]")] = None,
     slopes: Annotated[bool, typer.Option("--slopes", help="forecast on rough plates, by linear programmes")] = False,
     json: Json = False,
 ) -> None:
@@ -129,6 +130,8 @@ def states(
     from thirdbody.report.slope_report import slopes_report
     from thirdbody.report.tables import states_report
 
+    if cycles is not None and (slopes or frame is not None):
+        raise UsageError("--cycles: for the table over frames, without --frame and --slopes")
     if slopes:
         if out is not None:
             raise UsageError("--slopes: prints tables, without a picture")
@@ -139,7 +142,7 @@ def states(
         from thirdbody.report.forecast_check import draw_forecast
 
         check_format(out)  # before the tables
-    states_report(run, frame, json)
+    states_report(run, frame, json, cycles)
     if out is not None:
         draw_forecast(run, out)
         print_line(out, err=json)

@@ -17,6 +17,9 @@ def surface(
     ] = None,
     plate: Annotated[Literal["lower", "upper"] | None, typer.Option("--plate", help="plate of a scene [the rough one]")] = None,
     unit: Annotated[str | None, typer.Option("--unit", help="unit of a file that names none, such as um")] = None,
+    spacing: Annotated[
+        str | None, typer.Option("--spacing", metavar="LENGTH", help="text: distance of points, or 'x, y'")
+    ] = None,
     settings: Settings = None,
     plugin: Plugins = None,
     json: Json = False,
@@ -33,11 +36,11 @@ def surface(
     )
 
     targets = out or []
-    check_targets(path, targets, plate, unit)
+    check_targets(path, targets, plate, unit or spacing)
     if path.suffix.lower() in SCENES:
         one = describe_plate(path, plate, override_pairs(settings), plugin or (), targets)
     else:
-        one = describe_scan(path, unit, targets)
+        one = describe_scan(path, unit, spacing, targets)
     surface_report(one, json)
     draw_described(one, targets)
     for target in targets:

@@ -10,7 +10,18 @@ from typing import Any
 
 from thirdbody.atomic_files import new_folder
 from thirdbody.errors import printable
-from thirdbody.trajectory.columns import BY_FRAME, CONTACTS, CYCLES, PROFILES, TABLES, TRANSITIONS, Column, table, tables_by_frame
+from thirdbody.trajectory.columns import (
+    BY_FRAME,
+    CONTACTS,
+    CYCLES,
+    MAP_STATISTICS,
+    PROFILES,
+    TABLES,
+    TRANSITIONS,
+    Column,
+    table,
+    tables_by_frame,
+)  # fmt: skip
 from thirdbody.trajectory.reader import Run
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
@@ -19,18 +30,18 @@ FORMULA = ("=", "+", "-", "@")
 
 
 def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
-    """Write series, profiles, bodies, contacts, cycles and transitions into a new folder; return the files.
+    """Write series, profiles, bodies, contacts, cycles, transitions and statistics of maps into a new folder; return the files.
 
     Profiles, bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a
-    stroke none of cycles, without profiles or contacts none of them. Raises IndexError for a frame outside the run, OutputError;
-    then nothing is written.
+    stroke none of cycles, without profiles, contacts or maps none of them. Raises IndexError for a frame outside the run,
+    OutputError; then nothing is written.
     """
     run.frame_number(-1 if frame is None else frame)
     written = []
     with new_folder(folder, overwrite, CSV_FILES) as part:
         for name, file in zip(TABLES, CSV_FILES, strict=True):
             missing = {TRANSITIONS: not run.has_states, CYCLES: not run.drag.stroke, PROFILES: not run.profiles}
-            missing[CONTACTS] = not run.has_contacts
+            missing |= {CONTACTS: not run.has_contacts, MAP_STATISTICS: not run.map_units}
             if missing.get(name):
                 continue
             _write(part / file, tables_by_frame(run, name, frame) if name in BY_FRAME else [table(run, name)])

@@ -15,6 +15,7 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, nearest
 from thirdbody.quantity import GLUE, quantity_text
+from thirdbody.trajectory.map_statistics import NO_MAPS, maps_of_cycles
 from thirdbody.trajectory.plate_maps import PLATES
 from thirdbody.trajectory.reader import Run
 
@@ -55,18 +56,14 @@ def plate_map(run: Run, plate: str, name: str, frame: int | None, cycles: float 
     if plate not in PLATES:
         raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
     if not run.map_units:
-        raise InputError(f"{run.path}: this run has no maps; [measures] with cell and a measure such as wear makes some")
+        raise InputError(f"{run.path}: {NO_MAPS}")
     if name not in run.map_units:
         raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
         return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
-    ends = run.cycles["end_time"]
-    if len(ends) < 2:
-        raise InputError(f"cycles: the run has {len(ends)} whole cycles; a rate needs two, of which the first does not count")
-    first, last = (int(np.argmin(np.abs(run.times - end))) for end in (ends[0], ends[-1]))
-    change = run.maps(plate, last)[name] - run.maps(plate, first)[name]
-    return cycles / (len(ends) - 1) * change, f"{cycles:g} cycles by the rate of cycles 2 to {len(ends)}"
+    values = maps_of_cycles(run, plate, cycles)[name]
+    return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
 
 
 def _readable(largest: float, unit: str) -> tuple[float, str]:

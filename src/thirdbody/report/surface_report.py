@@ -37,21 +37,21 @@ def check_targets(path: Path, out: Sequence[Path], plate: str | None, unit: str 
     if plate is not None and not scene:
         raise UsageError("--plate: for a scene; a file holds one surface")
     if unit is not None and scene:
-        raise UsageError("--unit: for a file of a measured surface")
+        raise UsageError("--unit, --spacing: for a file of a measured surface")
 
 
-def describe_scan(path: Path, unit: str | None, out: Sequence[Path]) -> Described:
+def describe_scan(path: Path, unit: str | None, spacing: str | None, out: Sequence[Path]) -> Described:
     """Return a measured surface after subtraction of its plane, and write it where `out` names NPZ files."""
     from thirdbody.surfaces.levelling import fill_missing, levelled
     from thirdbody.surfaces.npz_scan import npz_bytes
     from thirdbody.surfaces.other_formats import read_any_scan
 
-    scan = read_any_scan(path, unit)
+    scan = read_any_scan(path, unit, spacing)
     for target in out:
         if target.suffix.lower() in SCANS:
             _write(target, npz_bytes(scan))
     heights = levelled(fill_missing(scan.heights), "plane")
-    notes = ["after subtraction of the plane of least squares"]
+    notes = [*scan.notes, "after subtraction of the plane of least squares"]
     if scan.missing:
         notes.append(f"{100.0 * scan.missing:.2g} % of the points have no height; filled here from their surroundings")
     statistics = surface_statistics(heights, scan.spacing, periodic=False)

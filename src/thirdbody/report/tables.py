@@ -164,21 +164,25 @@ def _print_groups(run: Run, frame: int) -> None:
         print()
 
 
-def states_report(path: Path, frame: int | None, json: bool) -> None:
-    """Print states over frames, or body by body for one frame. Raises InputError when the frame or the labels are missing."""
+def states_report(path: Path, frame: int | None, json: bool, cycles: float | None = None) -> None:
+    """Print states over frames with the numbers of maps, also of so many cycles, or body by body for one frame.
+
+    Raises InputError when the frame or the labels are missing, or the cycles that give a rate.
+    """
     from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
         if run.frames and "state" not in run.bodies(0):
             raise InputError(f"{run.path}: this run recorded no states: its bodies were not labelled")
         if frame is None:
-            _states_over_frames(run, json)
+            _states_over_frames(run, json, cycles)
         else:
             _states_of_bodies(run, frame, json)
 
 
-def _states_over_frames(run: Run, json: bool) -> None:
+def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
     from thirdbody.report.forecast_check import compare_forecast
+    from thirdbody.report.map_report import map_report, print_maps
     from thirdbody.trajectory.run_summary import state_counts
     from thirdbody.trajectory.state_groups import states_by_group
 
@@ -190,10 +194,16 @@ def _states_over_frames(run: Run, json: bool) -> None:
         for k in range(run.frames)
     ]  # fmt: skip
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
+    maps = map_report(run, cycles) if rows else {}
     if json:
         groups = {f"{kind}s": rows_of_kind for kind, rows_of_kind in states_by_group(run).items()}
         whole = {"reasons_of_all": of_all} if rows and (of_all := _reasons_of_all(run)) else {}
-        print_json({"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups | whole)
+        print_json(
+            {"frames": rows, "reasons": last, "forecast": compare_forecast(run)}
+            | groups
+            | whole
+            | ({"maps": maps} if maps else {})
+        )
         return
     if not rows:
         print_line(f"{run.path}: no frames yet")
@@ -210,6 +220,7 @@ def _states_over_frames(run: Run, json: bool) -> None:
         print_line(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in by_reason.items()))
     if of_all := _reasons_of_all(run):
         print_line("reasons of all bodies: " + ", ".join(f"{reason} {count}" for reason, count in of_all.items()))
+    print_maps(maps)
     _print_forecast(compare_forecast(run))
 
 

@@ -75,10 +75,13 @@ def _mean_seconds(write: Callable[[], None]) -> float:
 
 
 def frame_bytes(frame: Frame, selection: Selection) -> int:
-    """Return the bytes of such a frame, with three contacts per body where contacts are written, before compression."""
+    """Return the bytes of such a frame, with its series, profiles and maps, and three contacts per body where contacts are
+    written; before compression.
+    """
     contacts = CONTACTS_PER_BODY * len(frame.clumps["points"]) if CONTACTS in selection.blocks else 0
     rows = {SPHERES: len(frame.spheres["points"]), CLUMPS: len(frame.clumps["points"]), CONTACTS: contacts}
-    return sum(
+    whole = sum(8 * np.size(values) for arrays in (frame.series, frame.profiles, frame.maps) for values in arrays.values())
+    return whole + sum(
         count * width * (SINGLE if kind == "f" and _is_single(selection.storage(block), name) else size)
         for block, count in rows.items()
         for name, (kind, size, width) in _columns(frame.block(block)).items()

@@ -12,6 +12,7 @@ from thirdbody.scene.field_types import Choice, Flag, Length, PositiveLength, Qu
 from thirdbody.scene.json_schema import ShortForm
 from thirdbody.scene.schema_base import Part, Wrong, bundle, wrongs_of
 from thirdbody.scene.stages import table_by_leading_key
+from thirdbody.surfaces.height_map import TEXTS
 
 Direction = Annotated[float | Literal["x", "y"], Quantity(dimension="angle", words=("x", "y"))]
 
@@ -152,21 +153,29 @@ class Crop(Part):
 
 
 class SurfaceFile(Part):
-    """A measured surface: NPZ or X3P (ISO 25178-72), made periodic. `thirdbody surface` converts other formats."""
+    """A measured surface: NPZ, X3P (ISO 25178-72) or text, made periodic. `thirdbody surface` converts other formats."""
 
     file: Text
-    """NPZ or X3P file, relative to the scene. Example: "scan.npz"."""
-    level: Annotated[Literal["mean", "plane", "curved"], Choice()] = "plane"
-    """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. Example: "curved"."""
+    """NPZ, X3P, CSV or TXT file, relative to the scene. Example: "scan.npz"."""
+    unit: PositiveLength | None = None
+    """Unit of the heights of a CSV or TXT file, which names none. Example: "1 um"."""
+    spacing: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)] | None = None
+    """Distance of the points along x and y of a CSV or TXT file. Example: ["0.5 um", "0.5 um"]."""
+    level: Annotated[Literal["mean", "plane", "curved"], Choice()] | None = None
+    """What is subtracted: the mean, the plane of least squares, or the polynomial of second order. By default the plane; of a
+    map that is periodic the mean. Example: "curved".
+    """
     crop: Crop | None = None
     """Part of the file that is used, in its own coordinates. Example: {x = ["10 um", "90 um"]}."""
     short: PositiveLength | None = None
-    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file.
+    """Shortest wavelength that is left; waves 1.5 times as long stay as they are. By default four points of the file; a map that
+    is periodic then stays as it is.
 
     Example: "2 um".
     """
-    join: Annotated[Literal["blend", "mirror"], Choice()] = "blend"
-    """How copies meet: "blend" fades a tenth of the length into the next copy, "mirror" turns every second copy round.
+    join: Annotated[Literal["blend", "mirror", "periodic"], Choice()] = "blend"
+    """How copies meet: "blend" cuts each where it differs least from the next and blends about the cut, "mirror" turns every
+    second copy round, "periodic" is for a map that is periodic, such as one of `thirdbody surface SCENE -o map.npz`.
 
     Example: "mirror".
     """
@@ -174,6 +183,19 @@ class SurfaceFile(Part):
     """Largest fraction of points without a value; they are filled from their surroundings. Example: 0.1."""
     curvature: Flag = True
     """As for a self-affine surface. Example: false."""
+
+    def checks(self) -> list[Wrong]:
+        """Return faults of keys that a file or a map that is periodic does not have."""
+        text = self.file.lower().endswith(TEXTS)
+        faults: list[Wrong] = [
+            ((key,), f"missing, such as {example}: text names none" if text else "of CSV and TXT files only: others name it")
+            for key, example in (("unit", '"1 um"'), ("spacing", '["0.5 um", "0.5 um"]')) if (getattr(self, key) is None) is text
+        ]  # fmt: skip
+        if self.join == "periodic" and self.crop is not None:
+            faults.append((("crop",), 'a part of a map that is periodic is not periodic: leave it out, or join = "blend"'))
+        if self.join == "periodic" and self.level not in (None, "mean"):
+            faults.append((("level",), f"'{self.level}': of a map that is periodic only the mean is subtracted"))
+        return faults
 
 
 _SURFACES: dict[str, type[Part]] = {"rms": SelfAffine, "wave": Waves, "file": SurfaceFile}

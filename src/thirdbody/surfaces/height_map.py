@@ -9,6 +9,9 @@ import numpy as np
 from thirdbody.errors import Fault, InputError
 from thirdbody.units import pretty
 
+TEXTS = (".csv", ".txt")
+"""Suffixes of files of text, which name neither a unit nor the spacing of their points."""
+
 FINEST, WIDEST = 1e-12, 1.0
 """Smallest spacing and largest side [m] of a map that is no fault of its unit."""
 
@@ -18,17 +21,20 @@ STEEPEST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Heights (n_y, n_x) [m], NaN where there is none; spacing of the points along x and y [m]; name of the file."""
+    """Heights (n_y, n_x) [m], NaN where there is none; spacing of the points along x and y [m]; name of the file; what a reader
+    has to tell.
+    """
 
     heights: np.ndarray
     spacing: tuple[float, float]
     name: str
+    notes: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[float, float]:
-        """Distance of the first from the last point along x and y [m]."""
+        """Number of points times their spacing along x and y [m]: of a map that is periodic its period."""
         n_y, n_x = self.heights.shape
-        return (n_x - 1) * self.spacing[0], (n_y - 1) * self.spacing[1]
+        return n_x * self.spacing[0], n_y * self.spacing[1]
 
     @property
     def missing(self) -> float:

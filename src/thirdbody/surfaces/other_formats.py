@@ -11,16 +11,30 @@ from thirdbody import units
 from thirdbody.bodies.bounded_read import read_bytes
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError
 from thirdbody.surfaces.grid import MAX_POINTS
-from thirdbody.surfaces.height_map import HeightMap, checked_map
+from thirdbody.surfaces.height_map import TEXTS, HeightMap, checked_map
 from thirdbody.surfaces.read_scan import READERS, read_scan
 
 
-def read_any_scan(path: Path, unit: str | None = None) -> HeightMap:
+def read_any_scan(path: Path, unit: str | None = None, spacing: str | None = None) -> HeightMap:
     """Return the height map of a file of any format that can be read; `unit` is that of a file which names none.
+
+    spacing: that of the points of a text file, one length, or two with a comma, along x and y.
 
     Raises InputError for the file, UsageError for a unit that does not belong there, MissingLibrary for a format that needs
     SurfaceTopography.
     """
+    if path.suffix.lower() in TEXTS:
+        if unit is None or spacing is None:
+            raise UsageError(f"{path}: text names neither its unit nor its points: give --unit um --spacing '0.5 um'")
+        try:
+            steps = [units.parse(text, "length") for text in spacing.split(",")]
+        except ValueError as error:
+            raise UsageError(f"--spacing: {error}") from None
+        if len(steps) > 2:
+            raise UsageError(f"--spacing: '{spacing}': expected one length, or two, along x and y")
+        return read_scan(path, "", _unit(path, None, unit), (steps[0], steps[-1]))
+    if spacing is not None:
+        raise UsageError("--spacing: for text files (.csv, .txt); others have it")
     if path.suffix.lower() in READERS:
         if unit is not None:
             raise UsageError("--unit: NPZ and X3P files name their unit themselves")

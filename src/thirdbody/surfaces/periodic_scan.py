@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +18,14 @@ from thirdbody.surfaces.levelling import fill_missing, levelled
 from thirdbody.surfaces.surface import Surface, about_mean_plane
 from thirdbody.units import pretty
 
-BLEND = 0.1
-"""Length of the blend over that of a copy."""
+OVERLAP = (0.1, 0.5)
+"""Least and largest length over which a copy and the next both have heights, over that of a copy: the cut lies there."""
+
+ALIKE = 0.7
+"""Correlation of heights a copy apart from which on copies go on in each other, as those of grooves can."""
+
+OTHER_LENGTHS = 0.2
+"""Range about the length of a copy, relative, in which a better one is looked for."""
 
 FULLY_PASSED = 1.5
 """Wavelength from which on all is kept, over the short one, below which nothing is: in between the filter is a cosine."""
@@ -33,11 +42,17 @@ class ScanOptions(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """Copies of the map along an axis of the domain, grid points of one, and how many samples are taken for each."""
+    """Copies of the map along an axis of the domain, grid points of one, and how many samples are taken for each.
+
+    `alike`: correlation of heights a copy apart; NaN where copies are not cut. `better`: a length of the domain [m] with one
+    above `ALIKE`, 0 where none is needed or near.
+    """
 
     copies: int
     points: int
     samples: int
+    alike: float
+    better: float
 
     def period(self, length: float) -> float:
         """Return the length of a copy [m]."""
@@ -58,9 +73,11 @@ def periodic_scan(scan: HeightMap, size: tuple[float, float], options: ScanOptio
     if part.missing > options.missing:
         allowed = f"at most {percent(options.missing)} are filled (key missing)"
         raise InputError(Fault("missing", f"{percent(part.missing)} of the points have no height; {allowed}", scan.name))
+    if options.join == "periodic":
+        return _of_periods(part, size, options.short)
     heights, short = levelled(fill_missing(part.heights), options.level), _shortest(part, size, options.short)
-    axes = [_axis(length, step, short, n, options.join == "mirror")
-            for length, step, n in zip(size, part.spacing, heights.shape[::-1], strict=True)]  # fmt: skip
+    axes = [_axis(length, step, short, z, options.join == "mirror")
+            for length, step, z in zip(size, part.spacing, (heights.T, heights), strict=True)]  # fmt: skip
     counts = [(axis.all_samples, axis.points * axis.copies) for axis in axes]
     if max(math.prod(pair) for pair in zip(*counts, strict=True)) > grid.MAX_POINTS:
         text = f"{pretty(short, 'length')} needs a grid of more than {grid.MAX_POINTS:.2g} points: give a longer one"
@@ -68,11 +85,11 @@ def periodic_scan(scan: HeightMap, size: tuple[float, float], options: ScanOptio
     for number, axis in enumerate(axes):
         step = axis.period(size[number]) / axis.all_samples
         sampled = _sampled(heights, step / part.spacing[number], axis, 1 - number, options.join)
-        heights = _joined(sampled, axis, 1 - number, options.join)
+        heights = _joined(sampled, axis, 1 - number, options.join, short / step)
     steps = [axis.period(length) / axis.all_samples for length, axis in zip(size, axes, strict=True)]
     heights = _filtered(heights, steps, short)[:: axes[1].samples, :: axes[0].samples]
     whole = about_mean_plane(np.tile(heights, (axes[1].copies, axes[0].copies)))
-    notes = _notes(part, axes, size, options)
+    notes = _notes(part, axes, size)
     return Surface(whole, size, short, notes=tuple(notes), copies=(axes[0].copies, axes[1].copies))
 
 
@@ -91,7 +108,31 @@ def cropped(scan: HeightMap, crop: tuple[tuple[float, float] | None, tuple[float
         slices.append(slice(first, last + 1))
     if faults:
         raise InputError(faults)
-    return HeightMap(scan.heights[slices[1], slices[0]], scan.spacing, scan.name)
+    return replace(scan, heights=scan.heights[slices[1], slices[0]])
+
+
+def _of_periods(part: HeightMap, size: tuple[float, float], short: float | None) -> Surface:
+    """Return the surface of a domain made of whole periods: the points as they are, or without waves below `short` if given."""
+    copies = [max(1, round(length / period)) for length, period in zip(size, part.size, strict=True)]
+    if any(abs(length - n * period) > grid.FIT * length for length, n, period in zip(size, copies, part.size, strict=True)):
+        (of, domain), fit = (_by(lengths) for lengths in (part.size, size)), _by(np.multiply(copies, part.size))
+        text = f"'periodic': the map repeats after {of}, which does not fit the domain of {domain} a whole number of times"
+        raise InputError(Fault("join", f"{text}; {fit} would", part.name))
+    heights = part.heights
+    if part.missing:
+        around = [(n // 2, n // 2) for n in heights.shape]
+        heights = fill_missing(np.pad(heights, around, mode="wrap"))[tuple(slice(n, -n) for n, _ in around)]
+    if short is not None:
+        from scipy.signal import resample
+
+        heights = _filtered(heights, list(part.spacing), _shortest(part, size, short))
+        for number, length in enumerate(part.size):
+            heights = resample(heights, grid.grid_points(length, short / grid.POINTS_PER_WAVE), axis=1 - number)
+    if heights.size * math.prod(copies) > grid.MAX_POINTS:
+        raise InputError(Fault("file", f"its periods have more than {grid.MAX_POINTS:.2g} points in all", part.name))
+    notes = [*_notes(part), f"{copies[0]} x {copies[1]} periods of {_by(part.size)}"]
+    whole = about_mean_plane(np.tile(heights, copies[::-1]))
+    return Surface(whole, size, short or 4.0 * max(part.spacing), notes=tuple(notes), copies=(copies[0], copies[1]))
 
 
 def _shortest(part: HeightMap, size: tuple[float, float], wanted: float | None) -> float:
@@ -106,20 +147,45 @@ def _shortest(part: HeightMap, size: tuple[float, float], wanted: float | None) 
     return short
 
 
-def _axis(length: float, step: float, short: float, n: int, mirror: bool) -> _Axis:
-    """Return how many copies of at most the length of a map fit an axis of the domain, and their points."""
-    extent = (n - 1) * step * (1.0 + 1e-9)
-    copies = math.ceil(length / (2.0 * extent) if mirror else length * (1.0 + BLEND) / extent)
+def _axis(length: float, step: float, short: float, z: np.ndarray, mirror: bool) -> _Axis:
+    """Return how many copies of at most the length of a map fit an axis of the domain, and their points.
+
+    z (n, m): its heights along that axis. Copies are as few as possible, or up to twice as many where those go on in each other.
+    """
+    extent = (len(z) - 1) * step * (1.0 + 1e-9)
+    copies = math.ceil(length / (2.0 * extent) if mirror else length * (1.0 + OVERLAP[0]) / extent)
+    alike, better = math.nan, 0.0
+    if not mirror:
+        correlation = _correlation(z)
+        steps = {number: round(length / number / step) for number in range(copies, 2 * copies + 1)}
+        copies = next((number for number, n in steps.items() if correlation[n] >= ALIKE), copies)
+        alike, n = float(correlation[steps[copies]]), steps[copies]
+        longest = min(int((1.0 + OTHER_LENGTHS) * n), int((len(z) - 1) / (1.0 + OVERLAP[0])))
+        near = np.arange(int((1.0 - OTHER_LENGTHS) * n), longest + 1)
+        best = near[correlation[near] > correlation[near].max() - 0.02]
+        if alike < ALIKE <= correlation[best].min():
+            better = copies * step * float(best[np.argmin(np.abs(best - n))])
     points = grid.grid_points(length / copies, short / grid.POINTS_PER_WAVE)
-    return _Axis(copies, points, math.ceil(length / copies / points / step * (1.0 - 1e-9)))
+    return _Axis(copies, points, math.ceil(length / copies / points / step * (1.0 - 1e-9)), alike, better)
+
+
+def _correlation(z: np.ndarray) -> np.ndarray:
+    """Return the correlation (n,) of heights (n, m) of mean 0 with those 0 to n - 1 rows further, from some 256 columns."""
+    some = z[:, :: max(1, z.shape[1] // 256)]
+    power = np.sum(np.abs(np.fft.rfft(some, 2 * len(z), axis=0)) ** 2, axis=1)
+    product = np.fft.irfft(power)[: len(z)]
+    energy = np.cumsum(np.sum(some**2, axis=1))
+    first, last = energy[::-1], energy[-1] - np.concatenate([[0.0], energy[:-1]])
+    return product / np.sqrt(np.maximum(first * last, 1e-300))
 
 
 def _sampled(heights: np.ndarray, step: float, axis: _Axis, number: int, join: str) -> np.ndarray:
     """Return heights along one array axis at equal steps, by a cubic spline; `step` in points of the map."""
     from scipy.interpolate import CubicSpline
 
-    count = axis.all_samples // 2 + 1 if join == "mirror" else axis.all_samples + int(BLEND * axis.all_samples)
-    at = np.minimum(np.arange(count) * step, heights.shape[number] - 1.0)
+    last = heights.shape[number] - 1.0
+    wanted = axis.all_samples // 2 + 1 if join == "mirror" else int((1.0 + OVERLAP[1]) * axis.all_samples)
+    at = np.minimum(np.arange(min(wanted, int(last / step * (1.0 + 1e-9)) + 1)) * step, last)
     return np.asarray(CubicSpline(np.arange(heights.shape[number]), heights, axis=number)(at))
 
 
@@ -131,36 +197,67 @@ def _filtered(heights: np.ndarray, spacing: list[float], short: float) -> np.nda
     return np.asarray(np.fft.irfft2(np.fft.rfft2(heights) * (0.5 - 0.5 * np.cos(np.pi * fade)), s=heights.shape))
 
 
-def _joined(heights: np.ndarray, axis: _Axis, number: int, join: str) -> np.ndarray:
-    """Return one period along an array axis.
+def _joined(heights: np.ndarray, axis: _Axis, number: int, join: str, fade: float) -> np.ndarray:
+    """Return one period along an array axis; `fade`: half the least width of the blend about a cut, in samples.
 
-    In the blend the end fades out while the start fades in; both are divided by the root of the sum of squares of the weights,
-    so that the variance of unrelated heights stays.
+    Where a copy and the next overlap, heights are those of one before a cut and of the other behind it, so that crests and
+    wavelengths of both stay. About the cut, which runs where they differ least, one fades into the other, with weights of sum 1,
+    over a width that makes no slopes above the rms one out of what is left of their difference.
     """
     z = np.moveaxis(heights, number, 0)
     if join == "mirror":
-        whole = np.concatenate([z, z[-2:0:-1]])
-    else:
-        end = z[axis.all_samples :]
-        s = (np.arange(len(end)) + 0.5) / len(end)
-        fade = (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))[:, None]
-        whole = z[: axis.all_samples].copy()
-        whole[: len(end)] = (fade * whole[: len(end)] + (1.0 - fade) * end) / np.sqrt(fade**2 + (1.0 - fade) ** 2)
+        return np.moveaxis(np.concatenate([z, z[-2:0:-1]]), 0, number)
+    whole, end = z[: axis.all_samples].copy(), z[axis.all_samples :]
+    start = whole[: len(end)].copy()
+    cut = _cut(start - end, len(end) // 4)
+    gap = float(np.abs(start - end)[cut, np.arange(len(cut))].max())
+    slope = max(float(np.diff(z, axis=0).std()), 1e-300)
+    width = min(max(fade, gap / slope), 0.25 * len(end))
+    weight = 0.5 + 0.5 * np.sin(0.5 * np.pi * np.clip((np.arange(len(end))[:, None] - cut) / width, -1.0, 1.0))
+    whole[: len(end)] = end + weight * (start - end)
     return np.moveaxis(whole, 0, number)
 
 
-def _notes(part: HeightMap, axes: list[_Axis], size: tuple[float, float], options: ScanOptions) -> list[str]:
+def _cut(difference: np.ndarray, margin: int) -> np.ndarray:
+    """Return where two pieces (n, m) that overlap differ least: a row per column, by at most one from column to column.
+
+    It ends where it begins, so that it closes on a period; dynamic programming (Efros and Freeman 2001, Proc. SIGGRAPH, 341).
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    cost = difference.T[:, margin : len(difference) - margin] ** 2
+    first = int(np.argmin(cost[0]))
+    cost[0, np.arange(cost.shape[1]) != first] = np.inf
+    for before, each in itertools.pairwise(cost):
+        each += minimum_filter1d(before, 3, mode="nearest")
+    rows = [first]
+    for each in cost[-2::-1]:
+        low = max(rows[-1] - 1, 0)
+        rows.append(low + int(np.argmin(each[low : rows[-1] + 2])))
+    return margin + np.array(rows[::-1])
+
+
+def _by(lengths: Iterable[float]) -> str:
+    return " by ".join(pretty(float(length), "length") for length in lengths)
+
+
+def _notes(part: HeightMap, axes: Sequence[_Axis] = (), size: tuple[float, float] = (0.0, 0.0)) -> list[str]:
     """Return what was done, in words."""
-    notes = []
+    notes = list(part.notes)
     if part.missing:
         notes.append(f"{percent(part.missing)} of the points had no height and were filled from their surroundings")
-    periods = [length / axis.copies for length, axis in zip(size, axes, strict=True)]
-    of = " by ".join(pretty(length, "length") for length in part.size)
-    copies = f"{axes[0].copies} x {axes[1].copies} copies of {' by '.join(pretty(length, 'length') for length in periods)}"
+    if not axes:
+        return notes
+    periods = [axis.period(length) for length, axis in zip(size, axes, strict=True)]
     joined = (
         "every second one turned round: the surface is even about its seams, with no slope across them"
-        if options.join == "mirror"
-        else f"each faded into the next over {percent(BLEND)} of its length, where heights of both are mixed"
+        if math.isnan(axes[0].alike)
+        else "cut where each differs least from the next, and blended about the cut"
     )
-    notes.append(f"{copies}, from {of}; {joined}")
+    notes.append(f"{axes[0].copies} x {axes[1].copies} copies of {_by(periods)}, from {_by(part.size)}; {joined}")
+    for name, axis, length in zip("xy", axes, size, strict=True):
+        if axis.better:
+            lengths = f"{pretty(axis.better, 'length')} instead of {pretty(length, 'length')}"
+            why = f"copies do not go on in each other (correlation {axis.alike:.2f})"
+            notes.append(f"along {name} {why}: a domain of {lengths} would let them")
     return notes

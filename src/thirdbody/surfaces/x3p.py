@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
+from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
@@ -19,6 +21,9 @@ MAX_COUNT = 1e9
 
 TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
 """Types of the heights by their letter."""
+
+UNSIGNED = {"I": "<u2", "L": "<u4"}
+"""Types that some writers use for whole numbers instead."""
 
 _MATRIX, _LINK = "Record3/MatrixDimension/", "Record3/DataLink/"
 
@@ -44,16 +49,27 @@ def x3p_map(file: str, data: bytes) -> HeightMap:
         if len(raw) != n_x * n_y * dtype.itemsize:
             message = f"has {len(raw)} bytes, expected {n_x * n_y * dtype.itemsize} for {n_x} x {n_y} points"
             raise InputError(Fault(texts[f"{_LINK}PointDataLink"], message, file))
-        heights = np.frombuffer(raw, dtype).astype(np.float64).reshape(n_y, n_x)
-        heights = heights * header.increment + header.offset
+        numbers, valid = np.frombuffer(raw, dtype).reshape(n_y, n_x), np.ones((n_y, n_x), bool)
         if texts.get(f"{_LINK}ValidPointsLink"):
             bits = _data(file, archive, texts, f"{_LINK}ValidPointsLink", f"{_LINK}MD5ChecksumValidPoints")
             if len(bits) != (n_x * n_y + 7) // 8:
                 message = f"has {len(bits)} bytes, expected {(n_x * n_y + 7) // 8}: a bit per point"
                 raise InputError(Fault(texts[f"{_LINK}ValidPointsLink"], message, file))
-            valid = np.unpackbits(np.frombuffer(bits, np.uint8), count=n_x * n_y, bitorder="little").reshape(n_y, n_x)
-            heights[valid == 0] = np.nan
-    return checked_map(heights, header.spacing, file)
+            valid = np.unpackbits(np.frombuffer(bits, np.uint8), count=n_x * n_y, bitorder="little").reshape(n_y, n_x) == 1
+    notes: tuple[str, ...] = ()
+    if header.letter in UNSIGNED and _wraps(numbers, valid) and not _wraps(numbers.view(UNSIGNED[header.letter]), valid):
+        numbers = numbers.view(UNSIGNED[header.letter])
+        notes = (f"{Path(file).name}: whole numbers read as unsigned: as signed ones, which the format asks for, neighbours "
+                 "would differ by more than half the range",)  # fmt: skip
+    heights = np.where(valid, numbers.astype(np.float64) * header.increment + header.offset, np.nan)
+    return replace(checked_map(heights, header.spacing, file), notes=notes)
+
+
+def _wraps(numbers: np.ndarray, valid: np.ndarray) -> bool:
+    """Return whether neighbours differ by more than half the range of their type."""
+    half = 2 ** (8 * numbers.dtype.itemsize - 1)
+    heights = np.where(valid, numbers, np.nan)
+    return any(bool(np.any(np.abs(np.diff(heights, axis=axis)) > half)) for axis in (0, 1))
 
 
 def _header(file: str, texts: dict[str, str]) -> _Header:

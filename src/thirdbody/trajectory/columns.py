@@ -16,8 +16,8 @@ from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import POSITION
 from thirdbody.trajectory.state_groups import code_name
 
-SERIES, PROFILES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = (
-    "series", "profiles", "bodies", "contacts", "cycles", "transitions",
+SERIES, PROFILES, BODIES, CONTACTS, CYCLES, TRANSITIONS, MAP_STATISTICS = TABLES = (
+    "series", "profiles", "bodies", "contacts", "cycles", "transitions", "map_statistics",
 )  # fmt: skip
 BY_FRAME = PROFILES, BODIES, CONTACTS
 """Tables with many rows for each frame."""
@@ -52,6 +52,8 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
         raise ValueError(f"the table of {name} is over all frames; leave `frame` out")
     if name == CYCLES:
         return [Column(key, CYCLE_NAMES[key].unit.replace("1", ""), values) for key, values in run.cycles.items()]
+    if name == MAP_STATISTICS:
+        return _map_statistics(run)
     return _series(run) if name == SERIES else _transitions(run)
 
 
@@ -67,6 +69,14 @@ def _series(run: Run) -> list[Column]:
     first = [name for name in ("time", "distance") if name in run.series]
     names = first + [name for name in run.series if name not in first]
     return [column for name in names for column in _as_columns(name, run.series[name], run.units[name])]
+
+
+def _map_statistics(run: Run) -> list[Column]:
+    """Return the statistics of the run, then those of one cycle, where it has two."""
+    parts = {"run": run.map_statistics()} | ({"cycle": run.map_statistics(1.0)} if len(run.cycles["cycle"]) > 1 else {})
+    over = np.repeat(np.array(list(parts), object), len(parts["run"]["map"]))
+    same = {name: np.concatenate([part[name] for part in parts.values()]) for name in parts["run"]}
+    return [Column("over", "", over), *(Column(name, "", values) for name, values in same.items())]
 
 
 def _transitions(run: Run) -> list[Column]:

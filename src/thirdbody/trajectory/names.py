@@ -177,6 +177,17 @@ CYCLES = {
     "displacement_min": Name("m", "Least displacement."),
     "displacement_max": Name("m", "Largest displacement."),
 }
+MAP_STATISTICS = {
+    "plate": Name("1", "`lower` or `upper`."),
+    "map": Name("1", "Name of the map."),
+    "mean": Name("1", "Mean over the cells that have any, such as the worn ones, in `unit`."),
+    "percentile_95": Name("1", "What 95 % of these cells do not exceed, in `unit`."),
+    "largest": Name("1", "Largest value of a cell, in `unit`."),
+    "unit": Name("1", "Unit of the map."),
+    "area_fraction": Name("1", "Area of these cells over that of the plate."),
+    "total": Name("1", "Integral over the plate, in `total_unit`: the worn volume of `wear_depth`."),
+    "total_unit": Name("1", "Its unit."),
+}
 TRANSITIONS = {
     "frame": Name("1", "Frame that shows the new state."),
     "time": Name("s", "Its time."),
@@ -201,7 +212,7 @@ state as well. Only with `output.profiles`."""
 
 TABLES = {
     "series": SERIES, "profiles": PROFILES, "bodies": CLUMPS, "spheres": SPHERES, "contacts": CONTACTS, "cycles": CYCLES,
-    "transitions": TRANSITIONS,
+    "transitions": TRANSITIONS, "map_statistics": MAP_STATISTICS,
 }  # fmt: skip
 """All tables by the names that `Run` gives them."""
 

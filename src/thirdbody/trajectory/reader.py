@@ -143,6 +143,35 @@ class Run(RunArrays):
         """Warnings before the run and at its end, as the command line prints them."""
         return list(self.summary()["warnings"])
 
+    def map_statistics(self, cycles: float | None = None, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return depth, area and volume of the wear of the plates in numbers, and likewise of every map.
+
+        Parameters
+        ----------
+        cycles : float, optional
+            Of so many cycles of a stroke, at the mean rate of the whole cycles without the first one: an extrapolation, as the
+            shapes of bodies do not change. None: since the start of the run.
+        frame : int
+            Number of the frame, where `cycles` is None; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per plate and map: plate, map, mean, percentile_95 and largest [unit] of the cells that have any, unit,
+            area_fraction of these cells, total over the plate [total_unit], such as the worn volume, total_unit. No rows in a run
+            without maps.
+
+        Raises
+        ------
+        InputError
+            `cycles` is given, and the run has fewer than two whole ones.
+        IndexError
+            There is no such frame.
+        """
+        from thirdbody.trajectory.map_statistics import map_statistics
+
+        return map_statistics(self, cycles, frame)
+
     def transitions(self) -> dict[str, np.ndarray]:
         """Return the changes of state between frames.
 
@@ -203,7 +232,8 @@ class Run(RunArrays):
         Parameters
         ----------
         table : str
-            `series`, `profiles`, `bodies`, `contacts`, `cycles` or `transitions`.
+            `series`, `profiles`, `bodies`, `contacts`, `cycles`, `transitions` or `map_statistics` (of the run, and of a
+            cycle where there is a rate).
         frame : int, optional
             Frame of profiles, bodies and contacts; None: all frames concatenated (column `frame`).
 
