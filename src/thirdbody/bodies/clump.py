@@ -160,7 +160,7 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
 def impossible_moments(inertia) -> tuple[int, str] | None:
     """Return the first row of principal moments (n, 3) that no body has, and what is wrong: one above the sum of the others.
 
-    I1 + I2 - I3 is twice the integral of z2 dm (Landau & Lifshitz 1976, section 32); that of a plate without thickness is rounding.
+    I1 + I2 - I3 is twice the integral of z2 dm (Landau & Lifshitz 1976, section 32); of a plate without thickness it is rounding.
     """
     small, middle, large = np.sort(np.asarray(inertia, float), axis=1).T
     odd = np.flatnonzero(large > (small + middle) * (1.0 + 1e-6))
