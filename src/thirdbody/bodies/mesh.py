@@ -115,7 +115,7 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     extent, middle = _frame(mesh)
     corners = (mesh.corners - middle) / extent
     raw = properties(corners)
-    inertia, axes = principal_axes(raw.inertia)
+    inertia, axes = principal_axes(np.asarray(raw.inertia))
     # Terms of either sign, up to the area times the extent, cancel to the volume; the least moment lies between larger ones.
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     error = np.finfo(np.float64).eps * area / raw.volume * inertia[2] / inertia[0]
