@@ -108,7 +108,7 @@ def test_spheres_follow_the_surface(shape, n, bound):
     assert body.inertia.tolist() == mass.inertia.tolist()
     # the union is in one piece, or the constructor refuses; its volume is off by less than rms times surface.
     union = clump(body.centers, body.radii)
-    assert union.volume / body.volume == pytest.approx(fit.volume_ratio, rel=1e-5)
+    assert union.volume / body.volume == pytest.approx(fit.volume_ratio, rel=5e-3)  # of points on spheres, 2e-3
     assert fit.volume_ratio == pytest.approx(1.0, abs=4.0 * bound)
 
 
@@ -124,8 +124,8 @@ def test_a_ball_needs_no_more_than_itself():
     # z = -s2/2 - s4/8: a parabola over a patch of 0.3 R takes the last term for curvature, some s2/6.
     assert fit.contacts.ratio == pytest.approx([1.0] * len(fit.contacts.ratio), rel=0.02)
     assert fit.contacts.fraction.sum() == pytest.approx(1.0, rel=1e-12)
-    for n in (3, 41):
-        with pytest.raises(InputError, match="outside 4 to 40"):
+    for n in (3, 1501):
+        with pytest.raises(InputError, match="outside 4 to 1500"):
             clump_from_mesh(rock(), n)
 
 
@@ -138,8 +138,9 @@ def test_coarse_and_long_bodies_and_a_dumbbell_are_fitted_in_one_piece():
     x = ball.vertices[:, 0]
     waist = 0.12 + 0.88 * np.abs(x) ** 1.5
     vertices = ball.vertices * np.column_stack((np.full_like(x, 3.0), waist, waist))
-    body, _ = clump_from_mesh(checked_mesh(vertices, ball.faces, "dumbbell"), 6)
+    body, fit = clump_from_mesh(checked_mesh(vertices, ball.faces, "dumbbell"), 12)
     clump(body.centers, body.radii)
+    assert fit.rms < 0.06 and fit.extents.max() < 1.1
 
 
 def test_place_turn_and_unit_only_enter_by_rounding():

@@ -13,6 +13,7 @@ import thirdbody
 from thirdbody.assembly import initial_relaxation
 from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.placement import spheres_of
+from thirdbody.assembly.populate import populate
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.dense_packing import pack
@@ -164,6 +165,23 @@ def deepest(state, periodic=True):
     S = np.column_stack((state.spheres.position, state.spheres.radius))
     between = gaps(S, state.body, SIZE, periodic) / np.minimum(S[:, None, 3], S[:, 3])
     return max(-between.min(), ((S[:, 3] - S[:, 2]) / S[:, 3]).max())
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_body_longer_than_the_period_is_refused_wherever_it_comes_from(tmp_path, axis):
+    """It would meet its own image. Given positions by a table and by the scene, and thrown into a volume."""
+    line = np.zeros((11, 3))
+    line[:, axis], line[:, 2] = np.arange(11) * 4.6, 5.0  # 46 um and two radii, of 2.5 um
+    table = {"center": (line + (1.0, 1.0, 0.0)) * UM, "radius": np.full(11, 2.5 * UM), "clump": np.zeros(11, int)}
+    with pytest.raises(InputError, match=rf"debris\[0\].file: body 0 is 51 um long in {'xy'[axis]}, .* own image.* of 50 um"):
+        populate(prepared(tmp_path, table), [])
+    assert len(populate(prepared(tmp_path, table, PRESSED, False), []).clumps) == 1
+    shape = [{"center": row.tolist(), "radius": 2.5 * UM} for row in line * UM]
+    for more in ({"positions": [[0.0, 0.0, 10 * UM]]}, {"count": 2, "placement": "dilute", "height": 2e-3}):
+        debris = {"kind": "spheres", "material": "steel", "shape": shape, **more}
+        scene = prepared(tmp_path, table).document() | {"debris": [debris]}
+        with pytest.raises(InputError, match=r"body 0 .*(own image|does not fit)"):
+            populate(Scene.of(scene), [])
 
 
 def stored_by_overlaps(table):

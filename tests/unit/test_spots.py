@@ -68,11 +68,13 @@ FAULTS = [
     ({"keys": SPOTS.replace('side = "lower"', 'side = "upper"') + MASS}, "no spot on the lower side"),
     ({"keys": SPOTS.replace('z = "2 um"', 'z = "-3 um"') + MASS}, "the upper spots are not above the lower ones"),
     ({"keys": SPOTS + MASS.replace("2e-25 kg m2", "2e-25 kg")}, "moment of inertia"),
+    ({"keys": SPOTS + MASS.replace('"2e-25 kg m2"', '["1e-25 kg m2", "5e-25 kg m2", "1e-25 kg m2"]')},
+     "debris[0].inertia: 5e-25 is above 1e-25 + 1e-25, the sum of the other moments of inertia"),
     ({"keys": PLANAR.replace('x = "0.2 um"', 'x = "0.2 um", y = "1 um"')}, "spots[0].y: must be 0 in a planar particle"),
     ({"keys": PLANAR, "motion": ', y = {velocity = "1 m/s"}'}, "motion.y: drives planar particles"),
     ({"keys": PLANAR, "more": '[effects]\ngravity = ["0 m/s2", "1 m/s2", "0 m/s2"]'}, "gravity[1]: drives planar particles"),
     ({"keys": PLANAR + 'velocity = ["0 m/s", "1 m/s", "0 m/s"]\n'}, "velocity[1]: must be 0 in a"),
-]
+]  # fmt: skip
 
 
 @each(FAULTS, name_of=lambda row: row[1])

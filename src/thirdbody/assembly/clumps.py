@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.clump import Clump, impossible_moments
 from thirdbody.errors import InputError, UsageError
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.scene.model import Scene
@@ -47,6 +47,8 @@ def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
         raise UsageError(f"the kind of debris '{debris.kind}' gave {len(clumps)} bodies for the count {debris.count}")
     if maximum > 1 and (spheres := max(len(body.radii) for body in clumps)) > maximum:
         raise UsageError(f"the kind of debris '{debris.kind}' gave a body of {spheres} spheres, and its max_spheres is {maximum}")
+    if odd := impossible_moments([body.inertia for body in clumps]):
+        raise InputError(scene.fault(("debris", context.index), f"body {odd[0]}, m5 at unit density: {odd[1]}"))
     context.warnings.extend(f"debris[{context.index}]: {note}" for note in debris.notes())
     return built
 

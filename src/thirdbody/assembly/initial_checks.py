@@ -27,6 +27,9 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
     centres, radii, body = spheres_of(placed.clumps, placed.positions, placed.quaternions)
     sides, relax = placed.sides(), scene.solver.initial_overlap == "relax"
     faults: list[Fault] = _tiny(scene, placed) + _outside(scene, placed)
+    faults += _own_images(
+        scene, placed, np.column_stack((centres[:, :2] - radii[:, None], centres[:, :2] + radii[:, None])), body
+    )
     if scene.contact.debris_contact != "none" and not relax:
         free = sides == EVERYTHING
         result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
@@ -49,6 +52,26 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
             faults.append(scene.fault(position_key(scene, placed, int(body[lowest])), message))
     if faults:
         raise InputError(faults)
+
+
+def _own_images(scene: Scene, placed: Placed, reach: np.ndarray, body: np.ndarray) -> list[Fault]:
+    """Return a fault for the first body longer than the period in x or y; reach (n, 4): least, then largest x, y of spheres.
+
+    Bodies given by spots are left out: radii of curvature are no extents.
+    """
+    if not scene.domain.periodic:
+        return []
+    starts = np.searchsorted(body, np.arange(len(placed.clumps)))
+    extent = np.maximum.reduceat(reach[:, 2:], starts) - np.minimum.reduceat(reach[:, :2], starts)
+    whole = np.array([clump.sides is None for clump in placed.clumps])
+    long = np.argwhere((extent >= np.array(scene.domain.size)) & whole[:, None])
+    if not len(long):
+        return []
+    b, axis = (int(k) for k in long[0])
+    length, period = units.pretty(float(extent[b, axis]), "length"), units.pretty(scene.domain.size[axis], "length")
+    more = f", as are {len(np.unique(long[:, 0])) - 1} others" if len(np.unique(long[:, 0])) > 1 else ""
+    message = f"body {b} is {length} long in {'xy'[axis]}{more}, and would meet its own image in the period of {period}; "
+    return [scene.fault(position_key(scene, placed, b), message + "enlarge domain.size, or turn or shorten it")]
 
 
 def refuse_outside(scene: Scene, placed: Placed) -> None:

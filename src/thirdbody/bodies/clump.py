@@ -157,6 +157,22 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
     return [Clump(*parts) for parts in built], anchor + centroid * scale[:, None], axes
 
 
+def impossible_moments(inertia) -> tuple[int, str] | None:
+    """Return the first row of principal moments (n, 3) that no body has, and what is wrong: one above the sum of the others.
+
+    I1 + I2 - I3 is twice the integral of z2 dm (Landau & Lifshitz 1976, section 32); of a plate without thickness it is rounding.
+    """
+    small, middle, large = np.sort(np.asarray(inertia, float), axis=1).T
+    odd = np.flatnonzero(large > (small + middle) * (1.0 + 1e-6))
+    if not len(odd):
+        return None
+    k = int(odd[0])
+    return (
+        k,
+        f"{large[k]:.3g} is above {small[k]:.3g} + {middle[k]:.3g}, the sum of the other moments of inertia: no body has such",
+    )
+
+
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
     """Return indices (k, i) of spheres k with the center and radius of an earlier sphere i of the body.
 

@@ -3,7 +3,9 @@
 import io
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,9 @@ SUFFIXES = (".stl", ".obj", ".ply")
 _SAME = 2e-7
 # Smallest volume over area times extent of a body; less is a sheet (a leaf of paper has 2e-4).
 _FLAT = 1e-7
+# Lines along which the layers of a surface are counted, and the most of the volume that may be counted twice or negative:
+# scans have folds of the size of a triangle, which change mass and moments by no more than that.
+_LINES, _FOLDED = 500, 1e-3
 # Header, count, and bytes per triangle of a binary STL file.
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 
@@ -26,8 +31,7 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 class Mesh:
     """A closed surface: vertices (v, 3) [m], faces (f, 3) counter-clockwise from outside, name.
 
-    Meshes of `load_mesh` and `checked_mesh` are closed, connected, consistent and of positive volume. Self-intersection is not
-    checked: volume and inertia then count the common part twice.
+    Meshes of `load_mesh` and `checked_mesh` are closed, connected, consistent, of positive volume, and do not cut themselves.
     """
 
     vertices: np.ndarray
@@ -38,6 +42,13 @@ class Mesh:
     def corners(self) -> np.ndarray:
         """Corners of the triangles, (f, 3, 3) [m]."""
         return self.vertices[self.faces]
+
+    @cached_property
+    def surface(self) -> Any:
+        """The same as a `trimesh.Trimesh`; its lengths below 1e-8 count as none, so that those of m suit topology only."""
+        import trimesh
+
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +88,7 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
     """Return the checked mesh, with coincident vertices merged and without empty triangles.
 
     InputError: one fault that names the file and a remedy, for a mesh that is not finite, empty, open, of mixed winding, in
-    several pieces, flat or inside out.
+    several pieces, flat or inside out, or that cuts through itself.
     """
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if not faces.size:
@@ -87,45 +98,49 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
         raise _fault(name, f"{bad} of {len(vertices)} vertices are not finite numbers; export the surface again")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _fault(name, "a triangle names a vertex that is not there: the file is cut short; export it again")
-    largest = float(np.abs(vertices).max())
-    vertices, faces = _merged(vertices, faces)
-    if not faces.size:
+    mesh = _merged(vertices, faces, name)
+    if not mesh.faces.size:
         message = "all triangles are empty: every one has two corners at the same position"
-        raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {largest:.3g} m)")
-    _refuse_planar(vertices, name)
-    _refuse_open(faces, name)
-    _refuse_pieces(faces, name)
-    mesh = Mesh(vertices, faces, name)
-    _refuse_flat(mesh)
+        raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {np.abs(vertices).max():.3g} m)")
+    if problem := _open(mesh) or _without_volume(mesh) or _folded(mesh):
+        raise _fault(name, problem)
     return mesh
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
-    """Return exact volume, centroid and principal inertia of the polyhedron, at unit density.
+    """Return exact volume, centroid and principal inertia of the polyhedron, at unit density (`trimesh`; Eberly 2002)."""
+    from trimesh.triangles import mass_properties as properties
 
-    Divergence theorem: signed tetrahedra from a common point to each triangle (Tonon 2004, J. Math. Stat. 1, 8). With J = det(a,
-    b, c), s = a + b + c: volume J/6, first moment J s/24, second J (aa + bb + cc + ss)/120.
-    """
-    anchor = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-    corners = mesh.corners - anchor
-    jacobian = _determinants(corners)
-    total = corners.sum(axis=1)
-    volume = jacobian.sum() / 6.0
-    centroid = (jacobian @ total) / (24.0 * volume)
-    flat = corners.reshape(-1, 3)
-    second = (np.repeat(jacobian, 3) * flat.T) @ flat + (jacobian * total.T) @ total
-    second = second / 120.0 - volume * np.outer(centroid, centroid)
-    inertia, axes = principal_axes(np.trace(second) * np.eye(3) - second)
-    # Terms of either sign cancel: the rounding is that of the sum of their absolute values.
-    size = np.abs(jacobian) @ ((corners**2).sum(axis=(1, 2)) + (total**2).sum(axis=1)) / 120.0
-    lost = max(np.abs(jacobian).sum() / (6.0 * volume), 2.0 * size / inertia[0])
-    error = 4.0 * np.finfo(np.float64).eps * lost
-    return MassProperties(float(volume), anchor + centroid, inertia, axes, float(error))
+    # From the middle, in units of the extent: offsets cost digits, and the library's limits are lengths of order 1.
+    extent, middle = _frame(mesh)
+    corners = (mesh.corners - middle) / extent
+    raw = properties(corners)
+    inertia, axes = principal_axes(np.asarray(raw.inertia))
+    # Terms of either sign, up to the area times the extent, cancel to the volume; the least moment lies between larger ones.
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    error = np.finfo(np.float64).eps * area / raw.volume * inertia[2] / inertia[0]
+    return MassProperties(
+        float(raw.volume * extent**3), middle + extent * raw.center_mass, inertia * extent**5, axes, float(error)
+    )
 
 
-def _determinants(corners: np.ndarray) -> np.ndarray:
-    """Return six times the signed volumes (f,) of tetrahedra from the origin to triangles (f, 3, 3)."""
-    return np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points (count, 3) sampled by area, unit normals (count, 3), triangle indices (count,)."""
+    a, b, c = mesh.corners.transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(normals, axis=1)
+    levels = (np.arange(count) + rng.random(count)) / count
+    face = np.searchsorted(np.cumsum(doubled) / doubled.sum(), levels).clip(max=len(doubled) - 1)
+    first, second = np.sqrt(rng.random(count)), rng.random(count)
+    weights = np.stack((1.0 - first, first * (1.0 - second), first * second), axis=1)
+    points = np.einsum("pk,pki->pi", weights, mesh.corners[face])
+    return points, normals[face] / doubled[face, None], face
+
+
+def _frame(mesh: Mesh) -> tuple[float, np.ndarray]:
+    """Return the largest extent [m] and the middle (3,) [m]."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return float((high - low).max()), 0.5 * (low + high)
 
 
 def _fault(name: str, message: str) -> InputError:
@@ -187,65 +202,87 @@ def _odd_vertex(data: bytes) -> str | None:
     return None
 
 
-def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the used vertices, coincident ones merged, and faces without those that have collapsed to a line."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+def _merged(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+    """Return the mesh of the used vertices, coincident ones merged, without faces that have collapsed to a line."""
+    from trimesh.grouping import clusters
 
     points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
-    pairs = cKDTree(points).query_pairs(_SAME * float(np.abs(points).max()), output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
-    count, label = connected_components(links, directed=False)
-    merged = np.empty((count, 3))
-    merged[label[::-1]] = points[::-1]
-    faces = label[inverse.reshape(-1, 3)].astype(np.int64)
-    sound = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    used, faces = np.unique(faces[sound], return_inverse=True)
-    return merged[used], faces.reshape(-1, 3)
+    label = np.arange(len(points))
+    for group in clusters(points, _SAME * float(np.abs(points).max())):
+        label[group] = group.min()
+    faces = label[inverse.reshape(-1, 3)]
+    used, faces = np.unique(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], return_inverse=True)
+    return Mesh(points[used], faces.reshape(-1, 3), name)
 
 
-def _refuse_open(faces: np.ndarray, name: str) -> None:
-    """Raise InputError unless every edge belongs to two triangles that run along it in opposite directions."""
-    edges = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2).reshape(-1, 2)
-    _, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+def _open(mesh: Mesh) -> str:
+    """Return what is wrong where not every edge joins two triangles that run along it in opposite directions."""
+    from trimesh.graph import connected_component_labels
+
+    singular_values = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)
+    if singular_values[-1] <= _SAME * singular_values[0]:  # its two sides have merged, and every edge seems doubled
+        return "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness"
+    surface = mesh.surface
+    uses = np.bincount(surface.edges_unique_inverse)
     if (uses == 1).any():
         message = f"is not watertight: {(uses == 1).sum()} edges have a triangle on one side only; close the holes"
-        raise _fault(name, message + " in a mesh editor, or export again if the file was cut short")
+        return message + " in a mesh editor, or export again if the file was cut short"
     if (uses > 2).any():
-        message = f"is not the surface of a body: {(uses > 2).sum()} edges have more than two triangles; "
-        raise _fault(name, message + "remove inner walls and doubled triangles in a mesh editor")
-    _, uses = np.unique(edges, axis=0, return_counts=True)
-    if (uses > 1).any():
-        message = f"has triangles of mixed winding along {(uses > 1).sum()} edges; make all normals point outwards"
-        raise _fault(name, message + " in a mesh editor")
+        message = f"is not the surface of a body: {(uses > 2).sum()} edges have more than two triangles; in a mesh editor, "
+        return message + "remove inner walls and doubled triangles, and part bodies that share an edge"
+    if not surface.is_winding_consistent:
+        mixed = (np.unique(surface.edges, axis=0, return_counts=True)[1] > 1).sum()
+        return f"has triangles of mixed winding along {mixed} edges; make all normals point outwards in a mesh editor"
+    # by edges: bodies that share no more than a vertex are two
+    pieces = connected_component_labels(surface.face_adjacency, len(mesh.faces)).max() + 1
+    return f"holds {pieces} separate surfaces; save each body to its own file, and fill cavities" if pieces > 1 else ""
 
 
-def _refuse_pieces(faces: np.ndarray, name: str) -> None:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    n = int(faces.max()) + 1
-    links = coo_array((np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(n, n))
-    count, _ = connected_components(links, directed=False)
-    if count > 1:
-        message = f"holds {count} separate surfaces; save each body to its own file, and fill cavities"
-        raise _fault(name, message)
-
-
-def _refuse_planar(vertices: np.ndarray, name: str) -> None:
-    """Raise InputError for a flattened body, before the edges: its two sides merge, and every edge seems doubled."""
-    singular_values = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    if singular_values[-1] <= _SAME * singular_values[0]:
-        raise _fault(name, "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness")
+def _without_volume(mesh: Mesh) -> str:
+    """Return what is wrong where the volume is not positive, or no more than that of a sheet."""
+    extent, middle = _frame(mesh)
+    corners = mesh.corners - middle
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = np.einsum("fi,fi->", corners[:, 0], across) / 6.0
+    if abs(volume) <= _FLAT * 0.5 * np.linalg.norm(across, axis=1).sum() * extent:
+        return f"encloses no volume ({volume:.3g} m3): a sheet is not a body; give it a thickness"
+    return "is inside out: its normals point inwards; flip all normals in a mesh editor" if volume < 0.0 else ""
 
 
-def _refuse_flat(mesh: Mesh) -> None:
-    """Raise InputError unless the volume is positive and more than that of a sheet."""
-    corners = mesh.corners - mesh.vertices.mean(axis=0)
-    volume = _determinants(corners).sum() / 6.0
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2.0
-    if abs(volume) <= _FLAT * area * np.ptp(mesh.vertices, axis=0).max():
-        raise _fault(mesh.name, f"encloses no volume ({volume:.3g} m3): a sheet is not a body; give it a thickness")
-    if volume < 0.0:
-        raise _fault(mesh.name, "is inside out: its normals point inwards; flip all normals in a mesh editor")
+def _folded(mesh: Mesh) -> str:
+    """Return where the surface cuts through itself by more than a thousandth of its volume.
+
+    Lines in one direction through random points of the surface: from outside, they enter and leave the body in turn. A stretch
+    that they have entered twice, or left before they entered, counts double or negative in volume and moments.
+    """
+    extent, middle = _frame(mesh)
+    rng = np.random.default_rng(0)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    points = (surface_samples(mesh, _LINES, rng)[0] - middle) / extent @ rotation
+    corners = (mesh.corners - middle) / extent @ rotation
+    low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
+    wrong, length, first = 0.0, 0.0, None
+    for point in points:
+        near = np.flatnonzero(((low <= point[:2]) & (high >= point[:2])).all(axis=1))
+        arm = corners[near, :, :2] - point[:2]
+        ahead = np.roll(arm, -1, axis=1)
+        # Twice the areas that the edges span with the point: equal but for their sign in both triangles of an edge.
+        parts = np.roll(arm[:, :, 0] * ahead[:, :, 1] - arm[:, :, 1] * ahead[:, :, 0], -1, axis=1)
+        inside = (parts > 0.0).all(axis=1) | (parts < 0.0).all(axis=1)
+        parts, near = parts[inside], near[inside]
+        heights = (parts * corners[near, :, 2]).sum(axis=1) / parts.sum(axis=1)
+        order = np.argsort(heights)
+        layers = -np.cumsum(np.sign(parts[order, 0]))
+        if not len(order) or layers[-1] != 0.0:
+            continue  # through an edge, to the last digit
+        steps = np.diff(heights[order])
+        folded = (layers[:-1] < 0.0) | (layers[:-1] > 1.0)
+        wrong, length = wrong + steps[folded].sum(), length + steps[~folded & (layers[:-1] == 1.0)].sum()
+        if first is None and folded.any():
+            k = int(np.where(folded, steps, 0.0).argmax())
+            first = near[order[k : k + 2]]
+    if wrong <= _FOLDED * length or first is None:
+        return ""
+    where = ", ".join(f"{value:.3g}" for value in mesh.corners[first[0]].mean(axis=0))
+    message = f"cuts through itself: about {100.0 * wrong / (wrong + length):.2g} % of its volume counts twice or negative, as "
+    return f"{message}between triangles {first[0]} and {first[1]} near ({where}) m; unite its parts in a mesh editor"

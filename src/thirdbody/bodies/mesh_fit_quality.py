@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from thirdbody.bodies.asperities import sphere_points
-from thirdbody.bodies.mesh import Mesh
+from thirdbody.bodies.mesh import Mesh, surface_samples
 
 # Number of points that distances are averaged over, and of those that distances are measured to. The latter, on
 # spheres, matter only for nearest points on a crease: spaced by 0.025 R, they add less than 1e-3 R to a distance.
@@ -16,6 +16,8 @@ _TARGETS = 20000
 _DIRECTIONS = 500
 # Nearest samples whose triangles may contain the nearest point.
 _CANDIDATES = 8
+# Spheres whose surfaces may be the nearest to a point inside the union; more lie farther away than these.
+_NEIGHBOURS = 40
 # Radius of the patch for the fit of a radius of curvature, over R: smallest and largest.
 _PATCH = (0.1, 0.3)
 _PATCH_POINTS = 18
@@ -54,19 +56,6 @@ class ContactRadii:
         return self.radius / self.local_radius
 
 
-def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (count, 3) sampled by area, unit normals (count, 3), triangle indices (count,)."""
-    a, b, c = mesh.corners.transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    doubled = np.linalg.norm(normals, axis=1)
-    levels = (np.arange(count) + rng.random(count)) / count
-    face = np.searchsorted(np.cumsum(doubled) / doubled.sum(), levels).clip(max=len(doubled) - 1)
-    first, second = np.sqrt(rng.random(count)), rng.random(count)
-    weights = np.stack((1.0 - first, first * (1.0 - second), first * second), axis=1)
-    points = np.einsum("pk,pki->pi", weights, mesh.corners[face])
-    return points, normals[face] / doubled[face, None], face
-
-
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
     free = _exposed_points(centers, radii, count, rng)
@@ -93,18 +82,19 @@ def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
     otherwise to the nearest of the points `union` on the surface, which is never too short.
     """
     nearest, _ = cKDTree(union).query(points)
+    near = _by_power(centers, radii, points, min(len(radii), _NEIGHBOURS))[1]
     for first in range(0, len(points), 512):
-        p = points[first : first + 512]
-        arm = p[:, None] - centers
+        p, block = points[first : first + 512], slice(first, first + 512)
+        c, r = centers[near[block]], radii[near[block]]
+        arm = p[:, None] - c
         length = np.linalg.norm(arm, axis=2)
-        depth = length - radii
-        feet = centers + arm * (radii / np.maximum(length, 1e-12))[:, :, None]
-        square = (feet**2).sum(axis=2)[:, :, None] - 2.0 * feet @ centers.T + (centers**2).sum(axis=1)
-        inside = square < radii**2 * (1.0 - 1e-9)
-        inside[:, np.arange(len(radii)), np.arange(len(radii))] = False
+        depth = length - r
+        feet = c + arm * (r / np.maximum(length, 1e-12))[:, :, None]
+        square = (feet**2).sum(axis=2)[:, :, None] - 2.0 * feet @ c.transpose(0, 2, 1) + (c**2).sum(axis=2)[:, None]
+        inside = square < (r**2 * (1.0 - 1e-9))[:, None]
+        inside[:, np.arange(r.shape[1]), np.arange(r.shape[1])] = False
         reach = np.where(inside.any(axis=2), np.inf, np.abs(depth)).min(axis=1)
         gap = depth.min(axis=1)
-        block = slice(first, first + 512)
         nearest[block] = np.where(gap >= 0.0, gap, np.minimum(nearest[block], reach))
     return nearest
 
@@ -127,7 +117,7 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
     A quadric through the vertex is fitted to the surrounding vertices or, where these are few, to points of the triangles. Edges
     are therefore rounded at the size of the patch. inf: flat or saddle-shaped there.
     """
-    normals = _vertex_normals(mesh)
+    normals = mesh.surface.vertex_normals
     tree = cKDTree(mesh.vertices)
     points, across, _ = surface_samples(mesh, _TARGETS, rng)
     cloud = cKDTree(points)
@@ -157,35 +147,56 @@ def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
     return 1.0 / math.sqrt(gauss) if gauss > 0.0 and a + c < 0.0 else math.inf
 
 
-def _vertex_normals(mesh: Mesh) -> np.ndarray:
-    """Return unit normals (v, 3), area-weighted means of the adjacent triangles."""
-    a, b, c = mesh.corners.transpose(1, 0, 2)
-    across = np.cross(b - a, c - a)
-    normals = np.zeros_like(mesh.vertices)
-    for k in range(3):
-        np.add.at(normals, mesh.faces[:, k], across)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)[:, None]
-
-
 def _exposed_points(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return those of `count` points, distributed over all spheres by area, that no other sphere covers."""
     owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(count)).clip(max=len(radii) - 1)
     distances = rng.normal(size=(count, 3))
     points = centers[owner] + radii[owner, None] * distances / np.linalg.norm(distances, axis=1)[:, None]
-    square = (points**2).sum(axis=1)[:, None] - 2.0 * points @ centers.T + (centers**2).sum(axis=1)
-    inside = square < radii**2 * (1.0 - 1e-9)
-    inside[np.arange(count), owner] = False
-    return points[~inside.any(axis=1)]
+    return points[_exposed(points, radii[owner], centers, radii)]
+
+
+def _exposed(points, own, centers, radii) -> np.ndarray:
+    """Return which points (p,), on spheres of radius `own` (p,), lie in no other sphere."""
+    return _by_power(centers, radii, points, 1)[0][:, 0] >= -1e-9 * own**2
+
+
+def _by_power(centers, radii, points, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least powers |x - c|2 - r2 of the points and the spheres they belong to, (p, count) in rising order.
+
+    With a fourth coordinate sqrt(max r2 - r2) of the centers, powers are squared distances but for a constant.
+    """
+    largest = radii.max() ** 2
+    tree = cKDTree(np.column_stack((centers, np.sqrt(largest - radii**2))))
+    distance, near = tree.query(np.column_stack((points, np.zeros(len(points)))), range(1, count + 1))
+    return distance**2 - largest, near
+
+
+def union_volume(centers, radii) -> float:
+    """Return the volume of the union of spheres, to some 2e-3 of it.
+
+    A third of the integral of x.n over the surface (divergence theorem), by points spread evenly over every sphere.
+    """
+    ups = sphere_points(max(200, _TARGETS // len(radii)))
+    points = centers[:, None] + radii[:, None, None] * ups
+    own = np.repeat(radii, len(ups))
+    free = _exposed(points.reshape(-1, 3), own, centers, radii).reshape(len(radii), -1)
+    return float((4.0 * np.pi / 3.0 / len(ups) * radii**2 * ((points * ups).sum(axis=2) * free).sum(axis=1)).sum())
 
 
 def _distance_to_mesh(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:
     """Return the distance (p,) to the nearest triangle among those of the samples nearest to each point."""
+    return np.linalg.norm(nearest_points(points, mesh, target, face) - points, axis=1)
+
+
+def nearest_points(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """Return the nearest points (p, 3) of the mesh, on the triangles of those of its samples `target` that are nearest."""
     from trimesh.triangles import closest_point
 
     _, near = cKDTree(target).query(points, _CANDIDATES)
     repeated = np.repeat(points, _CANDIDATES, axis=0)
     feet = closest_point(mesh.corners[face[near.ravel()]], repeated)
-    return np.linalg.norm(feet - repeated, axis=1).reshape(near.shape).min(axis=1)
+    best = np.linalg.norm(feet - repeated, axis=1).reshape(near.shape).argmin(axis=1)
+    return feet.reshape(*near.shape, 3)[np.arange(len(points)), best]
 
 
 def _summary(distance: np.ndarray, maximum: float) -> Distances:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from thirdbody.bodies.asperities import sphere_points
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.size_batches import alike
 from thirdbody.bodies.union_moments import triples
@@ -22,6 +23,9 @@ _EQUAL = 1e-11
 # Size of a stack of bodies (`size_batches.alike`): with 6e4, tables of triples of spheres stay in the cache; largest
 # number of candidates evaluated at once, and of entries in a table of their pairs: 100 spheres have 300 000 candidates.
 _MAX_BLOCK, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
+# Of bodies of more spheres only those count that planes of so many directions touch: triples of all would not fit into memory.
+# They are thin: poses that are so many times as high as the lowest stand on an edge and fall at a touch.
+_MANY, _PLANES, _STANDING = 100, 64, 3.0
 # Directions tried where the height does not depend on the direction (a sphere, a rod rolling on its axis).
 _DIRECTIONS = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
@@ -90,6 +94,9 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
     scale = radii.max(axis=1)
     c, r = centers / scale[:, None, None], radii / scale[:, None]
     exposed = _exposed(c, r)
+    if r.shape[1] > _MANY:
+        touched = (r[:, None] - sphere_points(_PLANES) @ c.transpose(0, 2, 1)).argmax(axis=2)
+        exposed &= (touched[:, :, None] == np.arange(r.shape[1])).any(axis=1)
     count = exposed.sum(axis=1)
     stacks = []
     for n in np.unique(count):
@@ -102,6 +109,8 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
         rows[members, : ups.shape[1]] = ups
     heights = (radii[:, None] - rows @ centers.transpose(0, 2, 1)).max(axis=2)
     heights[np.isnan(heights)] = np.inf
+    if r.shape[1] > _MANY:
+        heights[heights > _STANDING * heights.min(axis=1, keepdims=True)] = np.inf
     order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
     return _rotations_to_z(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
 

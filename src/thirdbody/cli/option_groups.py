@@ -73,7 +73,9 @@ class MeshFit:
     """How a surface mesh becomes a clump."""
 
     unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None
-    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that represent it [12]")] = None
+    spheres: Annotated[
+        int | None, typer.Option("--spheres", help="mesh: spheres that represent it [12, more where these miss]")
+    ] = None
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from thirdbody.scene.debris.kinds.mesh import MeshShape
     from thirdbody.scene.model import Scene
 
-SPHERES, SEED = 12, 1
+SEED = 1
 """For a mesh file, as for debris of the kind `mesh`."""
 
 
@@ -61,11 +61,11 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
     if unit is None:
         raise UsageError(f"{path}: a mesh file carries no unit: give one, such as --unit '1 um'")
     try:
-        length = parse(unit, "length")
+        length = parse(f"1 {unit}" if unit.isalpha() else unit, "length")
     except ValueError as error:
         raise UsageError(f"--unit: {error}") from None
     mesh = load_mesh(path, length)
-    body, fit = clump_from_mesh(mesh, SPHERES if spheres is None else spheres, SEED if seed is None else seed)
+    body, fit = clump_from_mesh(mesh, spheres, SEED if seed is None else seed)
     return Population(path.name, "mesh", "", 1.0, [body], [MeshShape(path.name, mesh, body, fit)])
 
 
@@ -178,6 +178,7 @@ def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
         "mesh_volume": mass.volume,
         "mesh_inertia": mass.inertia,
         "union_volume_ratio": fit.volume_ratio,
+        "union_extent_ratio": fit.extents,
         "contact_radius_ratio": {"min": float(ratio.min()), "median": float(np.median(ratio)), "max": float(ratio.max())},
     }
 
@@ -233,12 +234,13 @@ def _print_fit(fit: dict[str, Any]) -> None:
 
     ratio = fit["contact_radius_ratio"]
     volume, inertia = pretty(fit["mesh_volume"], "volume"), ", ".join(f"{value:.4g}" for value in fit["mesh_inertia"])
+    extents = ", ".join(f"{value:.3g}" for value in fit["union_extent_ratio"])
     span = f"{ratio['min']:.3g} to {ratio['max']:.3g}"
     lines = [
         ("mesh", f"{fit['mesh']}, {fit['triangles']} triangles, R = {pretty(fit['radius'], 'length')} (ball of the same volume)"),
         ("distance of surfaces", f"{100 * fit['rms']:.2g} % of R (rms), {100 * fit['maximum']:.2g} % at most"),
         ("volume, inertia", f"those of the mesh: {volume}; {inertia} m5 at density 1"),
-        ("union of the spheres", f"{fit['union_volume_ratio']:.4g} of the mesh's volume"),
+        ("union of the spheres", f"{fit['union_volume_ratio']:.3g} of its volume, {extents} of its length, width, thickness"),
         ("where a plane touches", f"{ratio['median']:.3g} of the mesh's radius (median; {span})"),
     ]  # fmt: skip
     table("fit to the mesh", ("", ""), lines)

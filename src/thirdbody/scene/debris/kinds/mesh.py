@@ -51,7 +51,7 @@ class MeshShape(NamedTuple):
 
 
 class Mesh(VolumeKeys):
-    """Bodies from closed surface meshes (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
+    """Bodies from closed surface meshes (STL, OBJ or PLY): clumps of spheres with the mesh's volume and inertia.
 
     `file` is a mesh file, a list of them, or a folder of them (in the order of their names): the bodies take the meshes in
     turn, from the first again after the last. `unit` is the length of one unit of the files, m; `size` (volume-equivalent
@@ -69,8 +69,8 @@ class Mesh(VolumeKeys):
     """
     unit: PositiveLength
     """Length of one unit of the files. Example: "1 um"."""
-    spheres: Annotated[int, Whole(ge=4, le=40)] = 12
-    """Number of spheres of each body. Example: 12."""
+    spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
+    """Number of spheres of each body; by default 12, and where they miss a thin one as many as lie along it. Example: 12."""
     count: Count
     seed: Seed = 1
     size: Size | None = None
@@ -83,8 +83,8 @@ class Mesh(VolumeKeys):
     angular_velocity: AngularVelocity = AT_REST
 
     def max_spheres(self) -> int:
-        """Return the number of spheres of a body."""
-        return self.spheres
+        """Return the number of spheres of a body; 1 where it follows from the mesh."""
+        return self.spheres or 1
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
         """Return the clumps of the meshes in turn, each with its own size; add a warning about the quality of the fit."""
@@ -113,7 +113,7 @@ class Mesh(VolumeKeys):
                 faults.append(Fault(key, str(error)))
         if faults or (faults := self._too_large(context, shapes)):
             raise InputError(faults)
-        context.warnings.append(_closeness(self.spheres, shapes))
+        context.warnings.append(_closeness(shapes))
         return shapes
 
     def _files(self, context: PopulationContext) -> list[tuple[str, str, Path]]:
@@ -155,10 +155,12 @@ def meshes_in(folder: Path) -> list[Path]:
     return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
 
 
-def _closeness(spheres: int, shapes: list[MeshShape]) -> str:
+def _closeness(shapes: list[MeshShape]) -> str:
     """Describe how closely the spheres follow the surfaces."""
     import numpy as np
 
+    number = sorted({len(shape.clump.radii) for shape in shapes})
+    spheres = " to ".join(str(n) for n in dict.fromkeys((number[0], number[-1])))
     rms = [100.0 * shape.fit.rms for shape in shapes]
     ratios = [float(np.median(shape.fit.contacts.ratio)) for shape in shapes]
     worst = max(shapes, key=lambda shape: shape.fit.maximum)

@@ -101,12 +101,16 @@ class Spots(DebrisKind):
 
     def checks(self) -> list[Wrong]:
         """Return faults between the keys."""
+        from thirdbody.bodies.clump import impossible_moments
+
         sides = {spot.side for spot in self.spots}
         faults: list[Wrong] = [
             (("spots",), f"no spot on the {side} side: a third body touches both")
             for side in ("lower", "upper")
             if side not in sides
         ]
+        if odd := impossible_moments([self.inertia]):
+            faults.append((("inertia",), f"{odd[1]} (kg m2)"))
         if self.positions is not None and len(self.positions) != self.count:
             faults.append((("count",), f"{self.count} is not the number of positions, {len(self.positions)}"))
         if not faults and self.height() <= 0.0:
