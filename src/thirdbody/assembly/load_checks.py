@@ -59,10 +59,9 @@ def _loading_key(scene: Scene) -> tuple[str, ...]:
     return ("plates", "upper", key)
 
 
-def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
-    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials."""
-    result, overlap = [], pressing.overlap(choice)
-    depth = overlap / pressing.radius
+def pressing_warnings(choice: CompiledPhysics, pressing: Pressing, overlap: np.ndarray) -> list[str]:
+    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials; `overlap` (n,) [m]."""
+    result, depth = [], overlap / pressing.radius
     deepest = int(np.argmax(depth))
     if depth[deepest] > MAX_HERTZ_OVERLAP:
         result.append(

@@ -34,9 +34,11 @@ class PeakPressure:
         return {"ratio": self.ratio, "pressure": self.pressure, "pair": list(self.pair), "over": self.over}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from `export_state`."""
+        """Go on from `export_state`. Raises KeyError, TypeError or ValueError."""
         self.ratio, self.pressure, self.over = float(state["ratio"]), float(state["pressure"]), int(state["over"])
         self.pair = (int(state["pair"][0]), int(state["pair"][1]))
+        if not 0 <= min(self.pair) <= max(self.pair) < len(self.materials):
+            raise ValueError(f"notes: pressure.pair is {self.pair}, expected numbers of {len(self.materials)} materials")
 
     def update(self, contacts: FrameContacts) -> None:
         """Update with the contacts of one frame."""
