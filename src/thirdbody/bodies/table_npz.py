@@ -1,9 +1,9 @@
 """Bodies from an NPZ file: arrays in SI, plain numbers only."""
 
 import io
+import math
 import zipfile
 import zlib
-import math
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -97,7 +97,9 @@ def _size_faults(file: str, arrays: Tables) -> list[Fault]:
     wide = [Fault(name, f"has shape {array.shape}, expected at most 4 columns", file)
             for name, array in arrays.items() if math.prod(array.shape[1:]) > 4]  # fmt: skip
     large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MAX_ROWS]
-    return wide[:1] or [Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
+    return wide[:1] or [
+        Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file) for name, rows in large[:1]
+    ]
 
 
 def _type_faults(file: str, arrays: Tables) -> list[Fault]:

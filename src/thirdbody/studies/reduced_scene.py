@@ -52,7 +52,7 @@ def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = S
 
 
 def seconds_of(built: Simulation) -> float:
-    """Return the time of a run without its frames on one core [s], from a trial of it (`check_report`); infinite where a guard stops it."""
+    """Return the time of a run without its frames on one core [s], from a trial of it; infinite where a guard stops it."""
     from thirdbody.report.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()
