@@ -45,7 +45,10 @@ def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, l
     location = _loading_key(scene)
     on = "each body" if n_sharing == 1 else f"all {n_sharing} bodies together"
     message = (
-        f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
+        f"adhesion alone presses contacts in by more than {OVERLAP_GUARD:g} of the radius, where the overlap guard stops a run, "
+        "under any load; lower the work of adhesion, or take stiffer or larger bodies"
+        if allowed <= 0.0
+        else f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
         f"overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
     )
     raise InputError(scene.fault(location, message))
@@ -90,10 +93,15 @@ def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float,
     ratio = pressure / limit.pressure
     where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
     return (
-        f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "
+        f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {times(ratio)} {where}; contacts "
         f"are computed as elastic all the same; below it: at most {pretty(allowed, 'force')} on such a contact; "
         "[effects.elastic_plastic] lets them flow"
     )
+
+
+def times(ratio: float) -> str:
+    """Return the words for a ratio to what follows."""
+    return "equal to" if f"{ratio:.2g}" == "1" else f"{ratio:.2g} times"
 
 
 def limit_words(material: str, pressure: float, strength: float, assumed: bool) -> str:

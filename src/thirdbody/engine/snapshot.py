@@ -121,8 +121,8 @@ def _refuse_ranges(captured: Snapshot, state: State) -> None:
         _within(CLOSED, arrays[CLOSED], 0, slots.count - 1)
         _within(CLOSED, np.diff(arrays[CLOSED]), 1, slots.count, "differences of successive numbers")
     if (memory := arrays.get("integrator_memory")) is not None:
-        most = np.bincount(state.body[own[:plates]], minlength=state.n_bodies)
-        _within("integrator_memory", memory[:, step_memory.CANDIDATES], 0, most, "candidates of body")
+        candidates = np.bincount(state.body[own[:plates]], minlength=state.n_bodies)
+        _within("integrator_memory", memory[:, step_memory.CANDIDATES], 0, candidates, "candidates of body")
         _within("integrator_memory", memory[:, step_memory.LIMIT], 0, max(StepLimit), "limit of body")
         _within("integrator_memory", memory[:, step_memory.SLOT], 0, max(len(own) - 1, 0), "slot of body")
 
@@ -132,8 +132,8 @@ def _within(name: str, values: np.ndarray, low: int, high: int | np.ndarray, wha
     outside = np.flatnonzero(~((values >= low) & (values <= high)))
     if len(outside):
         k = outside[0]
-        most = high if isinstance(high, int) else high[k]
-        raise ValueError(f"{name}: {what or 'row'} {k} is {values[k]:g}, expected {low} to {most}")
+        highest = high if isinstance(high, int) else high[k]
+        raise ValueError(f"{name}: {what or 'row'} {k} is {values[k]:g}, expected {low} to {highest}")
 
 
 def _fixed(state: State) -> dict[str, Array]:

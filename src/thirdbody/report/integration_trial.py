@@ -83,8 +83,8 @@ def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
 def _seconds_of_searches(built: Simulation) -> float:
     """Return the seconds that searches for the closest points of bodies that roll on a rough lower plate take in the drag.
 
-    A trial of the first steps sees none: bodies are at rest. Where the surface is far sharper than the spheres one search can take
-    as long as thousands of steps. Bodies are pressed onto the plate and shifted until each has been searched for.
+    A trial of the first steps sees none: bodies are at rest. Where the surface is far sharper than spheres one search can take as
+    long as thousands of steps. Bodies are pressed onto the plate and shifted until each has been searched for.
     """
     from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
 

@@ -22,7 +22,6 @@ import numpy as np
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.kernels.columns import body, body_extra
-from thirdbody.surfaces.zip_members import DAMAGE
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -213,5 +212,5 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         return Checkpoint(**notes | {"impulses": impulses, "means": means, "snapshot": Snapshot(arrays, notes["snapshot"])})
     except InputError:
         raise
-    except (*DAMAGE, TypeError, AttributeError, MemoryError) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: cannot be read ({error or 'too large'})") from error
