@@ -315,6 +315,8 @@ def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
     solver = '[plates]\nlower = {material = "steel"}\n[solver]\nduration = "1 us"\nintegrator = "explicit"\n'
     scene = thirdbody.Scene.parse(STEEL + balls + solver + '[output]\nevery = "0.5 us"\n')
     execute(prepare(scene), tmp_path / "whole")
+    assert len(thirdbody.open(tmp_path / "whole").plates()["position"]) == 4  # no upper plate
+    (tmp_path / "cut").mkdir()  # an empty folder is used
     assert cut(scene, tmp_path / "cut", 3)
     simulation, kept = prepare_resume(tmp_path / "cut")
     assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf

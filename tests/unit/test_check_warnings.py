@@ -14,7 +14,9 @@ import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.assembly.load_checks import refuse_crushing, times
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import sphere
 from thirdbody.laws.contract import Material
@@ -295,3 +297,18 @@ def test_spots_of_many_bodies_are_compared_in_seconds():
     begun = time.process_time()
     assert neighbours(SimpleNamespace(state=state, upper=SimpleNamespace(overlap=1e-4)))[1] == pytest.approx(300.0)
     assert time.process_time() - begun < 5.0
+
+
+def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero():
+    pressing = SimpleNamespace(max_load=lambda _: np.array([-15.2]))
+    with pytest.raises(InputError, match="adhesion alone presses contacts in.*lower the work of adhesion") as caught:
+        refuse_crushing(scene(), None, pressing, 1e-5)
+    assert "-15.2" not in str(caught.value)
+    assert [times(1.004), times(0.9), times(1.25)] == ["equal to", "0.9 times", "1.2 times"]
+
+
+def test_no_more_bodies_are_expected_in_an_island_than_there_are(monkeypatch):
+    monkeypatch.setattr("thirdbody.engine.expected_islands._island_sizes", lambda _: np.array([150]))
+    world, spheres = SimpleNamespace(debris_meets=True, size=(1.0, 1.0)), SimpleNamespace(radius=np.ones(150))
+    found = expected_islands(SimpleNamespace(n_bodies=150, world=world, spheres=spheres, rayleigh_radius=np.ones(150)))
+    assert found.mean == found.largest == 150

@@ -58,10 +58,9 @@ def report_compilation() -> None:
     _reported = True
     if cache_dir.note:
         print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
-    else:
-        each = [SECONDS.get(name, FEWER) for name in _begun[0]]
-        seconds = max(*each, sum(each) / min(cores(), PROCESSES))
-        print(f"thirdbody: first start of this version, compiling: about {seconds:.0f} s", file=sys.stderr, flush=True)
+    each = [SECONDS.get(name, FEWER) for name in _begun[0]]
+    seconds = max(*each, sum(each) / min(cores(), PROCESSES))
+    print(f"thirdbody: first start of this version, compiling: about {seconds:.0f} s", file=sys.stderr, flush=True)
 
 
 def warm_up(units: Sequence[str]) -> None:
