@@ -187,6 +187,7 @@ def test_picture_of_a_map(runs, tmp_path: Path):
     file = run.render(tmp_path / "map.png", plate="upper", color="wear_depth", size=(400, 300))
     with Image.open(file) as image:
         assert image.size == (400, 300) and len(image.convert("RGB").getcolors(400 * 300)) > 20
+    assert run.render(tmp_path / "first.png", plate="upper").is_file()  # the first map
     values, words = plate_map(run, "upper", "wear_depth", 1, None)
     assert np.array_equal(values, run.maps("upper", 1)["wear_depth"]) and words.startswith("after ")
     # of cycles: the rate of the second and the third, 2 each

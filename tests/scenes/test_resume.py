@@ -17,11 +17,11 @@ from trajectories import contents
 
 import thirdbody
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.snapshot import restore
+from thirdbody.engine.snapshot import Snapshot, restore
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.columns.sides import DEBRIS
-from thirdbody.runner.checkpoint import FILE, read_checkpoint
+from thirdbody.runner.checkpoint import FILE, read_checkpoint, write_checkpoint
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
@@ -282,12 +282,41 @@ def test_a_checkpoint_of_another_scene_is_refused(tmp_path, copy):
         execute(simulation, copy, checkpoint=replace(kept, snapshot=other.snapshot))
 
 
+def test_a_forged_checkpoint_is_refused_with_the_array(copy):
+    """Its checksum is right, and compiled loops would read and write past the ends of tables."""
+    (simulation, kept), far = prepare_resume(copy), 10**8
+    arrays, notes, state = kept.snapshot.arrays, kept.snapshot.notes, simulation.state
+    last = np.arange(len(arrays["slots_own"])) == len(arrays["slots_own"]) - 1
+    for name, forged in (
+        ("slots_own", np.where(last, far, arrays["slots_own"]).astype(np.int32)),
+        ("slots_own", arrays["slots_own"][::-1].copy()),
+        ("slots_own", arrays["slots_own"][None]),
+        ("slots_partner", np.where(last, -far, arrays["slots_partner"]).astype(np.int32)),
+        ("slots_H", arrays["slots_H"][:-1]),
+        ("B", np.full_like(arrays["B"], np.nan)),
+    ):
+        with pytest.raises(ValueError, match=rf"^{name}"):
+            restore(Snapshot(arrays | {name: forged}, notes), state, simulation.integrator, Ledger(state))
+    with pytest.raises(ValueError, match="plates is 100000000, expected 0 to"):
+        restore(Snapshot(arrays, notes | {"plates": far}), state, simulation.integrator, Ledger(state))
+    for changes, words in (
+        ({"stop": -1}, "checkpoint.npz: cannot be read .notes: stop is -1"),
+        ({"impulses": np.zeros(99)}, "checkpoint.npz: does not fit this scene .impulses holds"),
+        ({"pressure": kept.pressure | {"pair": [0, 7]}}, "checkpoint.npz: does not fit this scene .notes: pressure.pair is"),
+    ):
+        write_checkpoint(copy, replace(kept, **changes))
+        with pytest.raises(InputError, match=words):
+            thirdbody.resume(copy, progress=False)
+
+
 def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
     """Its stable step is infinite, which a checkpoint must be able to tell."""
     balls = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "5 um"\ncount = 3\n[domain]\nsize = ["80 um", "60 um"]\n'
     solver = '[plates]\nlower = {material = "steel"}\n[solver]\nduration = "1 us"\nintegrator = "explicit"\n'
     scene = thirdbody.Scene.parse(STEEL + balls + solver + '[output]\nevery = "0.5 us"\n')
     execute(prepare(scene), tmp_path / "whole")
+    assert len(thirdbody.open(tmp_path / "whole").plates()["position"]) == 4  # no upper plate
+    (tmp_path / "cut").mkdir()  # an empty folder is used
     assert cut(scene, tmp_path / "cut", 3)
     simulation, kept = prepare_resume(tmp_path / "cut")
     assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf

@@ -13,7 +13,7 @@ import numba
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.jit import cache_dir  # what is tested is in place once kernels are imported
+from thirdbody.jit import cache_dir, cache_files  # what is tested is in place once kernels are imported
 from thirdbody.laws.codegen import module_cache
 from thirdbody.system import module_import
 
@@ -231,6 +231,16 @@ def test_a_whole_cache_is_used_and_a_damaged_file_compiled_anew(ending, load, tm
     for name, damage in DAMAGE.items():
         damage(file)
         assert [load(), load()] == [MISS, HIT], name
+
+
+def test_a_cache_serves_a_source_with_another_time_and_no_other_source(load, tmp_path):
+    """As after a copy of both to another machine."""
+    assert [load(), load()] == [MISS, HIT]
+    os.utime(tmp_path / "law.py", (0, 0))
+    assert load() == HIT
+    (tmp_path / "law.py").write_text(TEXT + "# another\n")
+    cache_files._digest_of.cache_clear()  # as in a new process
+    assert load() == MISS
 
 
 def test_a_full_disk_while_compiling_is_reported_in_one_line(load, monkeypatch, tmp_path):

@@ -4,15 +4,21 @@ import gc
 import json
 import math
 import re
+import time
 import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.assembly.load_checks import refuse_crushing, times
 from thirdbody.assembly.simulation import build
+from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.errors import InputError
+from thirdbody.kernels.columns import sphere
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.report import scene_check as check
@@ -279,3 +285,30 @@ def test_weight_drags_near_the_wave_speed_and_close_spots_are_warned_of():
     assert distance == pytest.approx(0.4e-6 / radius, rel=1e-6)
     assert share == pytest.approx(4.0 * radius / (3.0 * math.pi * 0.4e-6), rel=1e-6)
     assert any("spots of a body stand as near as 5.1" in line for line in part_warnings(simulation))
+
+
+def test_spots_of_many_bodies_are_compared_in_seconds():
+    """Quadratic in the bodies it would take a minute; two arrays of 2e5 numbers take a hundredth of a second."""
+    n, S = 100_000, np.zeros((200_000, sphere.WIDTH))
+    S[:, sphere.RADIUS] = S[:, sphere.Z] = 1.0
+    S[1::2, sphere.X] = 3.0
+    world = SimpleNamespace(upper=None)
+    state = SimpleNamespace(S=S, body=np.repeat(np.arange(n), 2), side=np.zeros(2 * n, np.int8), world=world)
+    begun = time.process_time()
+    assert neighbours(SimpleNamespace(state=state, upper=SimpleNamespace(overlap=1e-4)))[1] == pytest.approx(300.0)
+    assert time.process_time() - begun < 5.0
+
+
+def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero():
+    pressing = SimpleNamespace(max_load=lambda _: np.array([-15.2]))
+    with pytest.raises(InputError, match="adhesion alone presses contacts in.*lower the work of adhesion") as caught:
+        refuse_crushing(scene(), None, pressing, 1e-5)
+    assert "-15.2" not in str(caught.value)
+    assert [times(1.004), times(0.9), times(1.25)] == ["equal to", "0.9 times", "1.2 times"]
+
+
+def test_no_more_bodies_are_expected_in_an_island_than_there_are(monkeypatch):
+    monkeypatch.setattr("thirdbody.engine.expected_islands._island_sizes", lambda _: np.array([150]))
+    world, spheres = SimpleNamespace(debris_meets=True, size=(1.0, 1.0)), SimpleNamespace(radius=np.ones(150))
+    found = expected_islands(SimpleNamespace(n_bodies=150, world=world, spheres=spheres, rayleigh_radius=np.ones(150)))
+    assert found.mean == found.largest == 150

@@ -55,3 +55,14 @@ def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
     precompile.warm_up(("passes",))
     precompile.warm_up(("passes",))
     assert compiled == ["passes", "passes"]
+
+
+def test_a_start_that_compiles_says_so_once_with_seconds(compiled, capsys, monkeypatch):
+    monkeypatch.setattr(precompile, "_reported", False)
+    monkeypatch.setattr(precompile.cache_dir, "note", "")
+    precompile.start_compiling(("islands", "labels"))
+    for _ in range(2):
+        precompile.report_compilation()
+    (line,) = capsys.readouterr().err.splitlines()  # in a log too
+    assert line.startswith("thirdbody: first start of this version, compiling: about ") and 85 <= int(line.split()[-2]) <= 105
+    precompile.warm_up(("islands", "labels"))

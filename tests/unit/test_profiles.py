@@ -15,7 +15,7 @@ import thirdbody
 from thirdbody.engine.rows import Rows
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, contact_state, patch, record, sphere
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, ONLY_LOWER, UPPER
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import panels_profiles
 from thirdbody.scene.model import Scene
@@ -91,7 +91,7 @@ def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0
         partner=np.array(partners, int), sides=np.array(sides, int), R=table, count=len(contacts),
     )  # fmt: skip
     world = SimpleNamespace(upper=SimpleNamespace(heights=np.zeros(1)), size=(L, W), periodic=True)
-    return SimpleNamespace(
+    return SimpleNamespace(side=np.zeros(n * each, np.int8),
         bodies=Rows((B, body.table)), spheres=Rows((S, sphere.table)), P=P, slots=slots, world=world, n_bodies=n,
         body=np.repeat(np.arange(n), each), rayleigh_radius=np.full(n, np.cbrt(3.0 * volume / (4.0 * math.pi))),
     )  # fmt: skip
@@ -162,6 +162,8 @@ def test_a_clump_has_its_own_volume_and_an_empty_slab_no_velocity():
     across = profiles(state, 4, axis=0)
     assert across["position"] == pytest.approx((np.arange(4) + 0.5) * L / 4)
     assert np.sum(across["solid_fraction"]) == pytest.approx(volume / (L * W * H / 4.0))
+    state.side[:] = ONLY_LOWER  # a spot: the volume of its body is not known
+    assert np.isnan(profiles(state, 2)["solid_fraction"]).all()
 
 
 RAMP = 'motion = {x = [{ramp = "0.5 m/s", duration = "1 us"}, {velocity = "0.5 m/s"}]}'

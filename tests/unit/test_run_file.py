@@ -11,6 +11,8 @@ from trial_run import CONTACT_COUNTS, HEADER, STATIC, assert_same_as_vtk, assert
 
 from thirdbody.errors import InputError, OutputError
 from thirdbody.export.paraview import write_paraview_files, write_sidecars
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.web_viewer import write_page
 from thirdbody.trajectory import polydata_block
 from thirdbody.trajectory import writer as vtkhdf
 from thirdbody.trajectory.reader import open_run
@@ -63,6 +65,17 @@ def test_times_static_arrays_the_script_for_paraview_and_a_scene_without_plates(
     path = write_frames(tmp_path / "run.vtkhdf", [1], lambda number: replace(make_frame(number), plates=None))
     plates = vtk_blocks(path, 0)[BLOCKS.index("plates")]
     assert (plates.GetNumberOfPoints(), plates.GetNumberOfCells()) == (0, 0)
+    # one without an upper plate has one
+    lower = {"points": make_frame(0).plates["points"][:4]}
+    path = write_frames(tmp_path / "lower.vtkhdf", [1], lambda number: replace(make_frame(number), plates=lower))
+    plates = vtk_blocks(path, 0)[BLOCKS.index("plates")]
+    assert (plates.GetNumberOfPoints(), plates.GetNumberOfCells()) == (4, 1)
+    with open_run(path) as run:
+        assert run.to_pyvista(0)["plates"].n_cells == 1
+        read = read_picture_data(run, 0, "state")
+    assert read.has_plates and not read.has_upper
+    text = write_page(replace(read, title="@DATA@"), tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "<title>@DATA@" in text and '"upper": false' in text
 
 
 def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path, monkeypatch):

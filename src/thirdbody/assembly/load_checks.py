@@ -45,7 +45,10 @@ def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, l
     location = _loading_key(scene)
     on = "each body" if n_sharing == 1 else f"all {n_sharing} bodies together"
     message = (
-        f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
+        f"adhesion alone presses contacts in by more than {OVERLAP_GUARD:g} of the radius, where the overlap guard stops a run, "
+        "under any load; lower the work of adhesion, or take stiffer or larger bodies"
+        if allowed <= 0.0
+        else f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
         f"overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
     )
     raise InputError(scene.fault(location, message))
@@ -59,10 +62,9 @@ def _loading_key(scene: Scene) -> tuple[str, ...]:
     return ("plates", "upper", key)
 
 
-def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
-    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials."""
-    result, overlap = [], pressing.overlap(choice)
-    depth = overlap / pressing.radius
+def pressing_warnings(choice: CompiledPhysics, pressing: Pressing, overlap: np.ndarray) -> list[str]:
+    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials; `overlap` (n,) [m]."""
+    result, depth = [], overlap / pressing.radius
     deepest = int(np.argmax(depth))
     if depth[deepest] > MAX_HERTZ_OVERLAP:
         result.append(
@@ -91,10 +93,15 @@ def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float,
     ratio = pressure / limit.pressure
     where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
     return (
-        f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "
+        f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {times(ratio)} {where}; contacts "
         f"are computed as elastic all the same; below it: at most {pretty(allowed, 'force')} on such a contact; "
         "[effects.elastic_plastic] lets them flow"
     )
+
+
+def times(ratio: float) -> str:
+    """Return the words for a ratio to what follows."""
+    return "equal to" if f"{ratio:.2g}" == "1" else f"{ratio:.2g} times"
 
 
 def limit_words(material: str, pressure: float, strength: float, assumed: bool) -> str:

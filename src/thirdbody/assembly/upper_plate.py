@@ -115,7 +115,7 @@ def _each_loaded(
     maximum = load * _largest(scene)
     pressing = Pressing(np.full(n, maximum), tops.radius, tops.kind)
     refuse_crushing(scene, choice, pressing, maximum)
-    warnings += pressing_warnings(choice, pressing)
+    warnings += pressing_warnings(choice, pressing, overlap)
     settle = _settle(scene, placed, tops, mass, dashpot, load)
     _warn_dashpot(scene, settle, dashpot, load, warnings)
     heights = tops.top + CLEARANCE * tops.radius
@@ -137,7 +137,8 @@ def _rigid(
     if direct is None:
         refuse_crushing(scene, choice, Pressing(np.full(len(tops.top), maximum), tops.radius, tops.kind), maximum, len(tops.top))
     pressing, level = _common_load(choice, tops, maximum, direct)
-    warnings += pressing_warnings(choice, pressing) + (narrow_gap_warning(direct, level) if direct else [])
+    common = pressing.overlap(choice)
+    warnings += pressing_warnings(choice, pressing, common) + (narrow_gap_warning(direct, level) if direct else [])
     height = tops.top[tallest] + CLEARANCE * tops.radius[tallest]
     rests = direct is not None and direct.gap(load) > height[0]
     if direct is not None and rests:  # no body touches the plate
@@ -154,7 +155,7 @@ def _rigid(
     _warn_dashpot(scene, settle, dashpot, load, warnings)
     patch = np.zeros(len(tops.top), np.int64)
     built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle), direct=direct)
-    shared_overlap = float(np.max(pressing.overlap(choice) / pressing.radius))
+    shared_overlap = float(np.max(common / pressing.radius))
     return Upper(built, settle, float(overlap[0] / tops.radius[tallest[0]]), loaded, shared_overlap)
 
 
@@ -201,7 +202,8 @@ def _on_foundation(
     refuse_crushing(scene, choice, pressing, float(pressing.load[0]))
     if loaded:
         on = np.flatnonzero(carried)
-        warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), tops.radius[on], tops.kind[on]))
+        pressing = Pressing(carried[on] * _largest(scene), tops.radius[on], tops.kind[on])
+        warnings += pressing_warnings(choice, pressing, pressing.overlap(choice))
     total = float(mass.sum())
     whole = n * stiffness + (load / direct.length if direct else 0.0)
     common = Foundation(stiffness, height, total, 2.0 * math.sqrt(whole * total), load, free=plate.gap is None)

@@ -1,10 +1,11 @@
 """Bodies from an NPZ file: arrays in SI, plain numbers only."""
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,16 @@ from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")
+
+
+class _Header(NamedTuple):
+    """What an array in the file claims to be."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+Tables = Mapping[str, np.ndarray] | Mapping[str, _Header]
 
 
 def read_npz(file: str, data: bytes) -> SphereTable:
@@ -38,9 +49,10 @@ def _arrays(file: str, data: bytes) -> dict[str, np.ndarray]:
     """Return the arrays by name. Raises InputError for wrong names, sizes, types and shapes, and for pickles."""
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         refuse(_name_faults(file, archive.files))
+        headers = {name: _header(file, name, archive) for name in archive.files}
+        for faults in (_size_faults, _type_faults, _shape_faults):
+            refuse(faults(file, headers))
         arrays = {name: _loaded(file, name, archive) for name in archive.files}
-    for faults in (_size_faults, _type_faults, _shape_faults):
-        refuse(faults(file, arrays))
     refuse(_body_shape_faults(file, arrays, np.unique(arrays["clump"]).size))
     return arrays
 
@@ -54,31 +66,43 @@ def _name_faults(file: str, entries: Collection[str]) -> list[Fault]:
     return faults
 
 
+def _header(file: str, name: str, archive: Any) -> _Header:
+    """Return the header of an array, of which nothing else is read. Raises InputError where it is none of plain numbers."""
+    with archive.zip.open(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name) as stream:
+        try:
+            version = np.lib.format.read_magic(stream)
+        except ValueError:
+            raise InputError(Fault(name, "is no array of numbers", file)) from None
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(stream)
+    if dtype.hasobject:
+        raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers", file))
+    return _Header(shape, dtype)
+
+
 def _loaded(file: str, name: str, archive: Any) -> np.ndarray:
-    """Return one array. Raises InputError for one that is damaged or holds other than numbers."""
+    """Return one array. Raises InputError for one that is damaged."""
     try:
-        array = archive[name]
-    except MemoryError:
-        raise InputError(Fault(name, "does not fit into memory", file)) from None
+        return archive[name]
     except ValueError as error:
-        pickled = "holds Python objects (a pickle), expected plain numbers" if "allow_pickle" in str(error) else ""
-        raise InputError(Fault(name, pickled or f"is damaged ({_reason(error)}); write the file again", file)) from None
-    if not isinstance(array, np.ndarray):
-        raise InputError(Fault(name, "is no array of numbers", file))
-    return array
+        raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
 
 
 def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".strip().splitlines()[0][:120]
 
 
-def _size_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
-    """Return a fault for the first array with more rows than one file may have spheres."""
+def _size_faults(file: str, arrays: Tables) -> list[Fault]:
+    """Return a fault for the first array with more rows than one file may have spheres, or more columns than any array has."""
+    wide = [Fault(name, f"has shape {array.shape}, expected at most 4 columns", file)
+            for name, array in arrays.items() if math.prod(array.shape[1:]) > 4]  # fmt: skip
     large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MAX_ROWS]
-    return [Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
+    return wide[:1] or [
+        Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file) for name, rows in large[:1]
+    ]
 
 
-def _type_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
+def _type_faults(file: str, arrays: Tables) -> list[Fault]:
     faults = []
     for name, array in arrays.items():
         kinds, wanted = ("iu", "whole numbers, the ids of bodies") if name == "clump" else ("fiu", "real numbers")
@@ -87,7 +111,7 @@ def _type_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
     return faults
 
 
-def _shape_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
+def _shape_faults(file: str, arrays: Tables) -> list[Fault]:
     """Return faults of arrays of n spheres that are not (n, 3), (n,), (n,)."""
     shape = arrays["clump"].shape
     if len(shape) != 1:
@@ -104,7 +128,7 @@ def _body_shape_faults(file: str, arrays: Mapping[str, np.ndarray], m: int) -> l
     return _unlike(file, arrays, wanted, f"clump names {m} bodies, in the order of rising ids")
 
 
-def _unlike(file: str, arrays: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
+def _unlike(file: str, arrays: Tables, wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
     return [
         Fault(name, f"has shape {arrays[name].shape}, expected {shape}: {why}", file)
         for name, shape in wanted.items()

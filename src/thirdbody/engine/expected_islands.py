@@ -60,7 +60,7 @@ def expected_islands(state: State) -> ExpectedIslands:
         stride=stride,
         area_fraction=math.pi * float((state.rayleigh_radius**2).sum()) / (state.world.size[0] * state.world.size[1]),
         fraction_of_bodies=1.0 - apart / n,
-        mean=1.0 + GROWTH * (float((sizes.astype(float) ** 2).sum()) / n - 1.0),
+        mean=min(n, 1.0 + GROWTH * (float((sizes.astype(float) ** 2).sum()) / n - 1.0)),
         largest=min(n, largest),
     )
 

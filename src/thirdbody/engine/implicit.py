@@ -235,8 +235,10 @@ class Implicit:
         distribute(parts_of(first, last, tries), lambda: lambda part: advance_bodies(*part, until, tries, context))
 
     def trial(self, bodies: int, until: float) -> None:
-        """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""
-        self.advance_bodies(0, bodies, until)
+        """Advance the first `bodies` bodies to a time [s], with what measures collect, to measure the cost. Raises GuardStop."""
+        while waiting := self._waiting(0, bodies, until):
+            self._call(waiting, partial(self.advance_bodies, 0, bodies, until), slice(bodies))
+        self._collect()
         self._refuse_stopped()
 
     def _context(self) -> Array:

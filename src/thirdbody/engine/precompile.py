@@ -51,15 +51,16 @@ def start_compiling(units: Sequence[str]) -> None:
 
 
 def report_compilation() -> None:
-    """Report once why this start compiles: on a terminal, or always if every start will."""
+    """Report once why this start compiles, on standard error, and about how long."""
     global _reported
     if _begun is None or _reported:
         return
     _reported = True
     if cache_dir.note:
         print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
-    elif sys.stderr.isatty():
-        print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
+    each = [SECONDS.get(name, FEWER) for name in _begun[0]]
+    seconds = max(*each, sum(each) / min(cores(), PROCESSES))
+    print(f"thirdbody: first start of this version, compiling: about {seconds:.0f} s", file=sys.stderr, flush=True)
 
 
 def warm_up(units: Sequence[str]) -> None:
@@ -231,6 +232,9 @@ UNITS: dict[str, Callable[[], None]] = {
     "bodies": _bodies, "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels,
 }  # fmt: skip
 """Units of compilation by name, the longest first."""
+
+SECONDS, FEWER = {"islands": 85, "common_plate_islands": 85, "common_plate": 60, "ensemble": 60, "bodies": 60}, 20
+"""Processor time of a Zen 3 core [s] for the long units, with their laws, and for each other one."""
 
 EXPLICIT = ("passes", "step", "stability", "search")
 """Units of the explicit integrator, the longest first."""

@@ -1,5 +1,7 @@
 """numba's files of compiled code, each ending with a digest: a damaged one is recompiled, never loaded.
 
+They are stamped with a hash of their source, not with its time: a copy of the cache, or of the program, compiles nothing.
+
 numba assumes that its files are complete: a truncated index ends in a traceback, and altered machine code is executed. It also
 tries another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.
 """
@@ -9,6 +11,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +63,18 @@ def _create_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
 
 
+@cache
+def _digest_of(path: str) -> bytes:
+    """Return the SHA-256 of a source file."""
+    return hashlib.sha256(Path(path).read_bytes()).digest()
+
+
 class _Folder(caching.UserProvidedCacheLocator):  # type: ignore[misc]
     """The folder for the functions of a file, within ours."""
+
+    def get_source_stamp(self) -> bytes:
+        """Return what changes with the source."""
+        return _digest_of(self._py_file)
 
     def ensure_cache_path(self) -> None:
         """Create the folder, in place of anything else of that name. Raises OutputError if it cannot be created."""

@@ -59,7 +59,7 @@ def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int]
         half = _MARGIN * one.extent
         heights = (one.center[2] - half, one.center[2] + half)
         if one.picture.has_plates:
-            heights = (one.picture.low[2], _plate_height(one))
+            heights = (one.picture.low[2], _plate_height(one) if one.picture.has_upper else heights[1])
         low = np.minimum(low, [*(center[:2] - half), heights[0]])
         high = np.maximum(high, [*(center[:2] + half), heights[1]])
         full_scale = max(full_scale, float(np.linalg.norm(one.spots.force, axis=1).max(initial=0.0)))

@@ -56,6 +56,7 @@ class PictureData:
     low: np.ndarray
     high: np.ndarray
     has_plates: bool
+    has_upper: bool
     plate: float
     drag: np.ndarray
     title: str
@@ -113,7 +114,8 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
         low=low,
         high=high,
         has_plates=len(plates) > 0,
-        plate=float(plates[4:, 2].mean()) if len(plates) else float(high[2]),
+        has_upper=len(plates) > 4,
+        plate=float(plates[4:, 2].mean()) if len(plates) > 4 else float(high[2]),
         drag=_drag(run, frame, plates),
         title=str(run.header.get("title", "")),
         facts=_facts(run, frame, len(shift)),
@@ -196,14 +198,14 @@ def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Wi
         low[:2] = np.minimum(low[:2], bodies["position"][:, :2].min(axis=0))
         high[:2] = np.maximum(high[:2], bodies["position"][:, :2].max(axis=0))
     if len(plates):
-        low[2], high[2] = plates[:4, 2].mean(), max(high[2], plates[4:, 2].mean())
+        low[2], high[2] = plates[:4, 2].mean(), max(high[2], plates[4:, 2].mean() if len(plates) > 4 else high[2])
     return low, high
 
 
 def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
     """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
-    if not len(plates) or run.frames < 2:
+    if len(plates) < 8 or run.frames < 2:
         return np.zeros(2)
     first, last = (number - 1, number) if number else (0, 1)
     step = (run.plates(last)["position"] - run.plates(first)["position"])[4:, :2].mean(axis=0)

@@ -33,6 +33,8 @@ def draw_plate_map(run: Run, file: Path, plate: str, options: dict[str, Any]) ->
     """
     from matplotlib.figure import Figure
 
+    if options["color"] == "state" and run.map_units:  # the default, which is no map
+        options["color"] = next(iter(run.map_units))
     values, words = plate_map(run, plate, options["color"], options["frame"], options["cycles"])
     size, (wide, tall) = run.header["domain"]["size"], options["size"]
     figure = Figure(figsize=(wide / DOTS, tall / DOTS), dpi=DOTS, layout="constrained")

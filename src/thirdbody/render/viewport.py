@@ -132,7 +132,7 @@ class Viewport:
             self._add_box(floor - self._thickness, _PLATE, _PLATE_EDGES, 1.0)
         if "upper" in self._data.surfaces:
             self._add_surface("upper", self._ceiling)
-        else:
+        elif self._data.has_upper:
             self._add_box(self._ceiling, _GLASS, _GLASS_EDGES, 0.13)
 
     def _add_surface(self, side: str, plane: float) -> None:

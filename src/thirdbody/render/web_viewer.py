@@ -8,6 +8,7 @@ libraries for drawing. Rough plates are grids of heights of two bytes each, from
 import base64
 import html
 import json
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -26,14 +27,14 @@ FINEST = 320
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
     """Write the page of a frame, seen from `view` first; return its path. Raises OSError when the file cannot be written."""
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
-    for mark, content in {
+    contents = {
         "@TITLE@": html.escape(data.title or "thirdbody"),
         "@FACTS@": html.escape(data.facts),
         "@LEGEND@": _legend(data),
         # No tag inside a script may end it or begin another.
         "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
-    }.items():
-        text = text.replace(mark, content)
+    }
+    text = re.sub("|".join(contents), lambda mark: contents[mark[0]], text)  # once: a title may hold another mark
     write_whole(path, text.encode("utf-8"))
     return path
 
@@ -57,6 +58,7 @@ def _scene(data: PictureData) -> dict[str, object]:
         "labels": list(data.labels),
         "half": [float(value) for value in half],
         "plates": data.has_plates,
+        "upper": data.has_upper,
         "drag": [float(value) for value in data.drag],
         "lengths": [{"label": with_unit(m * 10.0**p, "m"), "size": m * 10.0**p * scale} for p in range(-9, 2) for m in (1, 2, 5)],
     }

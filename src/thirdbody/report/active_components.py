@@ -74,14 +74,14 @@ def neighbours(built: Simulation) -> tuple[float, float]:
     if upper is not None:
         sides.append((upper.heights[upper.patch[body]] - S[:, sphere.Z] - radius, ONLY_LOWER))
     for gap, other in sides:
-        touching = np.flatnonzero((np.abs(gap) < near * radius) & (state.side != other))
-        for b in np.unique(body[touching]):
-            spots = touching[body[touching] == b]
-            for k, i in enumerate(spots[:-1]):
-                j = spots[k + 1 :]
-                apart = np.hypot(S[i, 0] - S[j, 0], S[i, 1] - S[j, 1])
-                a = math.sqrt(overlap) * np.maximum(radius[i], radius[j])
-                nearest = min(nearest, float(np.min(apart / a)))
+        touching = np.flatnonzero((np.abs(gap) < near * radius) & (state.side != other))  # in the order of bodies
+        for k in range(1, len(touching)):
+            pairs = np.flatnonzero(body[touching[k:]] == body[touching[:-k]])
+            if not pairs.size:
+                break
+            i, j = touching[pairs], touching[pairs + k]
+            apart = np.hypot(S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y])
+            nearest = min(nearest, float(np.min(apart / (math.sqrt(overlap) * np.maximum(radius[i], radius[j])))))
     return (4.0 / (3.0 * math.pi * nearest), nearest) if nearest < math.inf else (0.0, math.inf)
 
 

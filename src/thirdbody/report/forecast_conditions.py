@@ -97,7 +97,7 @@ def _reversed_fraction(run: Run, start: int, watched: np.ndarray) -> float:
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
     distance = float(run.series["distance"][last] - run.series["distance"][start])
-    if not len(ends[0]) or distance <= 0.0:
+    if len(ends[0]) < 8 or distance <= 0.0:
         return 0.0
     moved = (ends[1][4] - ends[1][0]) - (ends[0][4] - ends[0][0])
     reversed_fraction = 1.0 - float(np.hypot(moved[0], moved[1])) / distance

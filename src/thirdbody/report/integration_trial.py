@@ -1,13 +1,16 @@
-"""Expected time of the steps of a run: from a short trial of a copy of its integrator, and from the ratio of both."""
+"""Expected time of the steps of a run: from a short trial of its integrator, and from the ratio of both."""
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from thirdbody.engine.expected_islands import expected_islands
+from thirdbody.engine.neighbours import update_closest_points
+from thirdbody.kernels.columns import sphere, surface_contact
 from thirdbody.runner.output_schedule import planned_frames
 
 if TYPE_CHECKING:
@@ -16,19 +19,19 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 TRIAL_SECONDS = 0.5
-"""Duration of the integration of a temporary copy, for the estimate of the wall time [s]."""
+"""Duration of the explicit integration in a trial, for the estimate of the wall time [s]."""
 
 TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
 """Bodies and path [m] of such a trial of the implicit integrator."""
 
 
-def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
-    """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
+def expected_integration(built: Simulation) -> dict[str, Any]:
+    """Return the expected steps, their wall time and what limits them. The simulation is not at its start after the trial."""
     from thirdbody.engine.explicit import Explicit
 
     integrator = built.integrator
     if not isinstance(integrator, Explicit):
-        wall, stopped, slow = _trial_wall_time(built, integrator)
+        wall, stopped = _trial_wall_time(built, integrator)
         return {
             "accuracy": vars(integrator.accuracy),
             "common_steps": integrator.together,
@@ -37,11 +40,12 @@ def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | 
             "steps": None,
             "estimated_step_time": wall,
             "trial_stopped": stopped,
-        } | _expected(built, wall), slow
+        } | _expected(built, wall)
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
     steps = built.planned_time / dt
-    each, stopped, trial = _seconds_per_step(integrator)
+    each, stopped = _seconds_per_step(integrator)
+    wall = steps * each + (_seconds_of_searches(built) if len(built.state.lower_surface) and not stopped else 0.0)
     return {
         "time_step": {
             "step": dt,
@@ -51,44 +55,67 @@ def expected_integration(built: Simulation) -> tuple[dict[str, Any], Explicit | 
             "stability_limit": bound.stability,
         },
         "steps": steps,
-        "estimated_step_time": steps * each,
+        "estimated_step_time": wall,
         "trial_stopped": stopped,
-    } | _expected(built, steps * each), trial
+    } | _expected(built, wall)
 
 
-def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
-    """Return the seconds per step, the reason if a guard stopped the trial (then NaN), and the copy that was measured.
+def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
+    """Return the seconds per step, and the reason if a guard stopped the trial (then NaN).
 
     The first call is not counted.
     """
     from thirdbody.errors import GuardStop
     from thirdbody.kernels.columns import run_totals
 
-    trial = copy.deepcopy(original.state)
-    integrator = copy.copy(original)
-    integrator.state = trial
-    integrator._tables()
+    trial = integrator.state
     try:
         integrator.advance_to(trial.time + 3.0 * trial.dt)
         started, steps, before = time.perf_counter(), 0, trial.A.copy()
         while time.perf_counter() - started < TRIAL_SECONDS:
             integrator.advance_to(trial.time + 100.0 * trial.dt)
         steps = int(trial.A[run_totals.STEPS] - before[run_totals.STEPS])
-        return (time.perf_counter() - started) / max(steps, 1), "", integrator
+        return (time.perf_counter() - started) / max(steps, 1), ""
     except GuardStop as stop:
-        return math.nan, str(stop), integrator
+        return math.nan, str(stop)
 
 
-def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
-    """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
+def _seconds_of_searches(built: Simulation) -> float:
+    """Return the seconds that searches for the closest points of bodies that roll on a rough lower plate take in the drag.
 
-    A few bodies of the copy, alone, are pressed and dragged a little; the second half of that path gives the rate of the others.
+    A trial of the first steps sees none: bodies are at rest. Where the surface is far sharper than spheres one search can take as
+    long as thousands of steps. Bodies are pressed onto the plate and shifted until each has been searched for.
+    """
+    from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
+
+    state, S, Q = built.state, built.state.S, built.state.slots.Q
+    radius, nearest = S[:, sphere.RADIUS], np.full(state.n_spheres, np.inf)
+    np.minimum.at(nearest, state.slots.own[: len(Q)], Q[:, surface_contact.DISTANCE])
+    S[:, sphere.Z] -= np.where(np.isfinite(nearest), nearest - (1.0 - built.upper.shared_overlap) * radius, 0.0)
+    S[:, sphere.X] += 1.01 * MOVED * radius
+    update_closest_points(state, update)  # searches for all, so that whole distances between searches follow
+    started, each, step = time.perf_counter(), [], 0.5 * MOVED_TOUCHING * float(radius.min())
+    for _ in range(math.ceil(1.01 * MOVED * float(radius.max()) / step)):
+        begun = time.perf_counter()
+        S[:, sphere.X] += step
+        update_closest_points(state, update)
+        each.append(time.perf_counter() - begun)
+        usual = float(np.quantile(each, 0.25))  # of an update without a search
+        if max(each) > 10.0 * usual and time.perf_counter() - started > 4.0 * TRIAL_SECONDS:
+            break
+    # a body that rolls moves by half the drag
+    return (sum(each) - len(each) * usual) * 0.5 * built.planned_distance / (len(each) * step)
+
+
+def _trial_wall_time(built: Simulation, integrator: Implicit) -> tuple[float, str]:
+    """Return the wall time of all steps [s], and the reason if a guard stopped the trial (then NaN).
+
+    A few bodies, alone, are pressed and dragged a little; the second half of that path gives the rate of the others.
     Measured on one core: a machine with more cores is faster by their number. The size of islands is expected; a search for them
     is measured, and there is one at each output and after each stride.
     """
     from thirdbody.errors import GuardStop
 
-    integrator = copy.deepcopy(original)
     distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
     bodies = n if integrator.together else min(TRIAL_BODIES, n)
     half, moved = (built.schedule.time_of(part * distance, 0.0) if distance > 0.0 else built.settle for part in (0.5, 1.0))
@@ -99,17 +126,17 @@ def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str,
             integrator.trial(bodies, until)
             clock.append(time.perf_counter())
     except GuardStop as stop:
-        return math.nan, str(stop), integrator
+        return math.nan, str(stop)
     first, rest = clock[2] - clock[0], clock[3] - clock[2]
     alone = (first + rest * (2.0 * built.planned_distance / distance - 1.0 if distance > 0.0 else 0.0)) * n / bodies
     islands = built.plan.islands
     if islands is None or not integrator.meets:
-        return alone, "", integrator
+        return alone, ""
     shared = 1.0 if integrator.together else islands.mean  # bodies of one plate were measured as they are, islands included
     started = time.perf_counter()
     expected_islands(built.state)
     search = time.perf_counter() - started
-    return alone * shared + (planned_frames(built) + built.planned_distance / islands.stride) * search, "", integrator
+    return alone * shared + (planned_frames(built) + built.planned_distance / islands.stride) * search, ""
 
 
 def _expected(built: Simulation, measured: float) -> dict[str, dict[str, Any] | None]:

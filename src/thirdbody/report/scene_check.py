@@ -78,17 +78,35 @@ def check(
 
 
 def check_report(built: Simulation) -> dict[str, Any]:
-    """Return the resolved scene as a dictionary: everything that `thirdbody check` reports, in SI."""
-    choice, state = built.choice, built.state
-    from thirdbody.runner.output_schedule import planned_frames
-    from thirdbody.runner.simulate import debris_contact
+    """Return the resolved scene as a dictionary: everything that `thirdbody check` reports, in SI.
 
-    integration, trial = expected_integration(built)
+    The trials advance the simulation itself, since a copy of a million bodies takes 2 GB: it cannot be run afterwards.
+    """
+    at_start, cautions = _report_at_start(built), [*built.warnings, *part_warnings(built)]
+    from thirdbody.runner.output_schedule import planned_frames
+
     frames = _frames(built, planned_frames(built))
-    each = frame_cost(built, trial)
+    integration, each = expected_integration(built), frame_cost(built)
     framing, disk = frames * each.seconds, each.first_bytes + (frames - 1) * each.bytes
     wall = integration["estimated_step_time"] + (0.0 if each.failure else framing)
     costs = run_warnings(built, wall, framing, disk, integration["trial_stopped"])
+    return {
+        **at_start,
+        "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
+        "estimated_wall_time": wall,
+        **integration,
+        "estimated_frame_time": framing,
+        "frames": frames,
+        "disk": disk,
+        "warnings": [*costs, *_unmeasured(each), *cautions],
+    }
+
+
+def _report_at_start(built: Simulation) -> dict[str, Any]:
+    """Return what is reported of the simulation as it starts."""
+    from thirdbody.runner.simulate import debris_contact
+
+    choice, state = built.choice, built.state
     return {
         "title": built.scene.title,
         "scene": built.requested.document(),
@@ -111,20 +129,13 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "upper_plate": plate_report(built),
         "rough_plates": rough_plates(built),
         "bed": bed_report(built),
-        "speed_scale": speed_report(built, wall, integration["estimated_step_time"]),
         "integrator": built.plan.kind,
         "integrator_reason": built.plan.reason,
-        "estimated_wall_time": wall,
-        **integration,
-        "estimated_frame_time": framing,
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.shared_overlap,
         "initial_overlap": built.relaxed.document() if built.relaxed else None,
         "memory": memory_of(built),
-        "frames": frames,
-        "disk": disk,
-        "warnings": [*costs, *_unmeasured(each), *built.warnings, *part_warnings(built)],
     }
 
 

@@ -1,7 +1,7 @@
 """The checkpoint of a run: `checkpoint.npz` next to its trajectory, always replaced as a whole.
 
 It holds plain arrays, and one JSON text with the scene and fingerprints of the inputs of the run; never a pickle. Its last bytes
-are the SHA-256 of all before them, so a damaged file is recognised. What has the right checksum is trusted.
+are the SHA-256 of all before them, so a damaged file is recognised.
 """
 
 from __future__ import annotations
@@ -198,12 +198,19 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         if not whole:
             raise InputError(Fault("", "is damaged (its checksum is wrong); this run cannot go on", str(path)))
         with np.load(path) as archive:
+            if sum(entry.file_size for entry in archive.zip.infolist()) > size:
+                raise ValueError("its arrays claim more bytes than it has")
             arrays = dict(archive)
-    except (OSError, MemoryError) as error:
+        notes = json.loads(arrays.pop(NOTES).tobytes())
+        if (version := notes.pop("version")) != VERSION:
+            raise InputError(f"{path}: format {version}, this version reads {VERSION}")
+        for name in ("frames", "stop", "violations"):
+            if not (isinstance(notes[name], int) and notes[name] >= 0):
+                raise ValueError(f"notes: {name} is {notes[name]!r}, expected a whole number of at least 0")
+        impulses = arrays.pop("impulses")
+        means = {name.removeprefix(MEANS): arrays.pop(name) for name in list(arrays) if name.startswith(MEANS)}
+        return Checkpoint(**notes | {"impulses": impulses, "means": means, "snapshot": Snapshot(arrays, notes["snapshot"])})
+    except InputError:
+        raise
+    except (OSError, EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: cannot be read ({error or 'too large'})") from error
-    notes = json.loads(arrays.pop(NOTES).tobytes())
-    if (version := notes.pop("version")) != VERSION:
-        raise InputError(f"{path}: format {version}, this version reads {VERSION}")
-    impulses = arrays.pop("impulses")
-    means = {name.removeprefix(MEANS): arrays.pop(name) for name in list(arrays) if name.startswith(MEANS)}
-    return Checkpoint(**notes | {"impulses": impulses, "means": means, "snapshot": Snapshot(arrays, notes["snapshot"])})

@@ -19,8 +19,6 @@ from thirdbody.trajectory.schema import Arrays, Frame
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.engine.explicit import Explicit
-    from thirdbody.engine.implicit import Implicit
 
 SECONDS, LARGEST_NUMBER = 0.3, 32
 """Seconds and largest number of frames of the measurement, without the first, which creates all arrays."""
@@ -38,8 +36,8 @@ class FrameCost(NamedTuple):
     failure: str = ""  # why the time could not be measured
 
 
-def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
-    """Measure the cost of frames of `integrator`, a trial copy of that of `built`."""
+def frame_cost(built: Simulation) -> FrameCost:
+    """Measure the cost of frames of a simulation after a trial."""
     from thirdbody.engine.energy import Ledger
     from thirdbody.runner.measurements import selection_of
     from thirdbody.runner.simulate import run_header
@@ -47,6 +45,7 @@ def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
     from thirdbody.trajectory.frame import FrameMaker
     from thirdbody.trajectory.writer import TrajectoryWriter
 
+    integrator = built.integrator
     maker = FrameMaker(integrator.state, Ledger(integrator.state), built.labeller, integrator.drag)
     selection, maker.watch = selection_of(built.scene, maker), PeakPressure(built).update
 

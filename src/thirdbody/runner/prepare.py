@@ -31,6 +31,8 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
     from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
     from thirdbody.laws.registry import discover
 
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        raise UsageError("NUMBA_DISABLE_JIT is set: the engine runs compiled only; unset it")
     with _preparing, paused("simulation"):
         start_compiling(likely_units(scene))
         report_compilation()

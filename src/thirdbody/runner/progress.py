@@ -14,6 +14,9 @@ from thirdbody.system.terminal import print_line, progress_bar
 LINES = 10
 """Lines of progress of a whole run where there is no terminal for a bar."""
 
+OFFSET = 0.38
+"""Part of such an interval by which they come later than tenths of a run, where a stroke is often at a reversal."""
+
 FIRST_LINE, NEXT_LINES = 20.0, 60.0
 """Longest wall times to the first line and between two lines there [s]."""
 
@@ -115,7 +118,7 @@ def line_reporter(write: Callable[[str], None]) -> Reporter:
     message, due = [-1], [FIRST_LINE]
 
     def report(progress: Progress) -> None:
-        tenth = int(LINES * progress.fraction)
+        tenth = LINES if progress.fraction >= 1.0 else int(LINES * progress.fraction - OFFSET)
         if tenth <= message[0] and progress.elapsed < due[0]:
             return
         message[0], due[0] = tenth, progress.elapsed + NEXT_LINES

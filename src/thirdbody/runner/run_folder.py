@@ -165,12 +165,12 @@ def _parts(folder: Path) -> tuple[str, ...]:
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:
-    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be created."""
+    """Raise OutputError if the folder exists, unless empty or that of a run that may be overwritten, or cannot be created."""
     if not _exists(folder):
         above = next((path for path in folder.absolute().parents if os.path.exists(path)), None)
         _refuse_read_only(folder, above, "made")
         return
-    if not overwrite:
+    if not overwrite and not (folder.is_dir() and not folder.is_symlink() and not _names(folder)):
         raise OutputError(
             f"{folder}: exists already",
             python="; overwrite=True replaces it, out=... names another folder",

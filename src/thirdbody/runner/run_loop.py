@@ -15,8 +15,9 @@ import numpy as np
 from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.measures import reset_means
-from thirdbody.engine.snapshot import restore, snapshot
+from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
 from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.output_schedule import targets
@@ -81,19 +82,20 @@ class RunLoop:
         self.text, self.prints = simulation.requested.to_toml(), prints_of(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
+        """Restore a checkpoint. Raises InputError where it does not fit."""
         state = self.simulation.state
         try:
             restore(checkpoint.snapshot, state, self.simulation.integrator, self.ledger)
             if self.means:
                 self.means.restore(checkpoint.means)
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
+            check({"impulses": checkpoint.impulses}, {"impulses": self.maker.impulses})
+            self.settling.restore(checkpoint.settling)
+            self.pressure.restore(checkpoint.pressure)
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            raise InputError(f"{self.folder / CHECKPOINT}: does not fit this scene ({error})") from error
         # those of the scene as it was built, before its settling was extended
         self.prints = checkpoint.prints | {THE_VERSION: self.prints[THE_VERSION]}
-        self.settling.restore(checkpoint.settling)
         self.maker.impulses = checkpoint.impulses.copy()
-        self.pressure.restore(checkpoint.pressure)
         self.series, self.maker.interval = checkpoint.series, checkpoint.interval
         self.reached, self.before, self.energy_guard.above = checkpoint.stop, checkpoint.wall_time, checkpoint.violations
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.assembly.load_checks import limit_words
+from thirdbody.assembly.load_checks import limit_words, times
 from thirdbody.engine.state import World
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.trajectory.frame_contacts import FrameContacts
@@ -34,9 +34,11 @@ class PeakPressure:
         return {"ratio": self.ratio, "pressure": self.pressure, "pair": list(self.pair), "over": self.over}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from `export_state`."""
+        """Go on from `export_state`. Raises KeyError, TypeError or ValueError."""
         self.ratio, self.pressure, self.over = float(state["ratio"]), float(state["pressure"]), int(state["over"])
         self.pair = (int(state["pair"][0]), int(state["pair"][1]))
+        if not 0 <= min(self.pair) <= max(self.pair) < len(self.materials):
+            raise ValueError(f"notes: pressure.pair is {self.pair}, expected numbers of {len(self.materials)} materials")
 
     def update(self, contacts: FrameContacts) -> None:
         """Update with the contacts of one frame."""
@@ -94,7 +96,7 @@ def yield_words(summary: Mapping[str, Any]) -> str:
     if result["pressure"] is None:
         return f"{words}; no yield strength is known or assumed"
     where = limit_words(result["material"], result["pressure"], result["yield_strength"], result["assumed"])
-    return f"{words}; {result['between'][0]}/{result['between'][1]}: {result['ratio']:.2g} times {where}"
+    return f"{words}; {result['between'][0]}/{result['between'][1]}: {times(result['ratio'])} {where}"
 
 
 def yield_warning(summary: Mapping[str, Any]) -> str:

@@ -38,7 +38,7 @@ def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = S
     if built.plan.estimated:  # a smaller copy might have another one
         scene = scene.with_settings({"solver.integrator": built.plan.kind})
     for step in ("thin", "shorten"):
-        fraction = maximum / seconds_of(built)
+        fraction = maximum / seconds_of(prepare(scene, plugins))
         if step == "thin":
             fewest = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST
             changes, words = thin(scene, built.state.n_bodies, fraction, fewest)
@@ -52,7 +52,7 @@ def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = S
 
 
 def seconds_of(built: Simulation) -> float:
-    """Return the time of a run without its frames on one core [s], from a trial; infinite where a guard stops it."""
+    """Return the time of a run without its frames on one core [s], from a trial of it; infinite where a guard stops it."""
     from thirdbody.report.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()

@@ -291,9 +291,9 @@ def _sphere_velocities(state: State) -> np.ndarray:
 
 
 def _corners(state: State) -> np.ndarray | None:
-    """Return the initial corners of the lower and the upper plate, (8, 3) [m]; None without plates."""
+    """Return the initial corners of the lower plate and, if there is one, of the upper one (8, 3) [m]; None without plates."""
     if state.world.lower is None:
         return None
     (l_x, l_y) = state.world.size
     corners = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]])
-    return np.concatenate([corners, corners])
+    return corners if state.world.upper is None else np.concatenate([corners, corners])

@@ -31,7 +31,9 @@ SERIES = {
         "N", "Force of direct contact on the upper plate, x, y, z: mean over the output interval; with `plates.contact` only."
     ),
     "load_share_debris": Name(
-        "1", "Part of the load that debris carries, the rest is direct contact of the plates; with `plates.contact` only."
+        "1",
+        "Part of the load that debris carries, the rest is direct contact of the plates; NaN while nothing carries load, as in "
+        "the first frame; with `plates.contact` only.",
     ),
     "accommodation_upper_slip": Name(
         "m/s", "Part of the upper plate's speed taken up by slip at its contacts (`accommodation`)."
@@ -200,7 +202,9 @@ TRANSITIONS = {
 }
 PROFILES = {
     "position": Name("m", "Middle of the slab, (F, bins)."),
-    "solid_fraction": Name("1", "Volume of debris over that of the slab."),
+    "solid_fraction": Name(
+        "1", "Volume of debris over that of the slab; NaN with the kind `spots`, whose volumes are not known."
+    ),
     "velocity": Name("m/s", "Mean velocity of the debris in the slab, rotation included, (F, bins, 3)."),
     "angular_velocity": Name("rad/s", "Mean angular velocity of the bodies, by volume in the slab, (F, bins, 3)."),
     "coordination_number": Name("1", "Mean number of loaded contacts of a body, by volume in the slab; those with plates count."),

@@ -9,9 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.state import State
-from thirdbody.kernels.columns import sphere
-from thirdbody.rotations import to_body
 from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.polydata_block import Storage
 from thirdbody.trajectory.rebuilt_spheres import LOCAL_CENTER
@@ -47,15 +44,8 @@ class Selection(NamedTuple):
         arrays = maker.static()
         if not self.rebuilds:
             return arrays
-        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: local_centers(maker.state, maker.spheres)}}
+        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: maker.state.offsets[maker.spheres]}}
 
 
 EVERYTHING = Selection()
 """Selection of a scene that names none."""
-
-
-def local_centers(state: State, rows: np.ndarray) -> np.ndarray:
-    """Return the centres of spheres in the axes of their bodies (S, 3) [m]; `rows` (S,): those of the spheres."""
-    of_body = state.body[rows]
-    arm = state.S[rows, sphere.POSITION3] - state.bodies.position[of_body]
-    return to_body(state.bodies.quaternion[of_body], arm)

@@ -89,9 +89,9 @@ class Drag:
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """Displacement of the upper plate along x and y (F, 2) [m]; zero without plates."""
+        """Displacement of the upper plate along x and y (F, 2) [m]; zero without it."""
         corners = [self.run.plates(k)["position"] for k in range(self.frames)]
-        if not corners or not len(corners[0]):
+        if not corners or len(corners[0]) < 8:
             return np.zeros((self.frames, 2))
         return np.array([points[4, :2] - points[0, :2] for points in corners])
 

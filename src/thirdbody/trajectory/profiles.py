@@ -70,7 +70,7 @@ class Profiler:
         mean = np.divide(sums, volume[:, None], out=np.full_like(sums, np.nan), where=volume[:, None] > 0.0)
         result = {
             "position": (np.arange(self.bins) + 0.5) * extent / self.bins,
-            "solid_fraction": volume / space,
+            "solid_fraction": volume / space if not np.any(state.side) else np.full(len(volume), np.nan),
             "velocity": mean[:, VELOCITY:SPIN],
             "angular_velocity": mean[:, SPIN:CONTACTS],
             "coordination_number": mean[:, CONTACTS],

@@ -246,7 +246,7 @@ class RunArrays:
         Returns
         -------
         dict of str to ndarray
-            `position` (8, 3) [m]: lower four, upper four; (0, 3) without plates.
+            `position` (8, 3) [m]: lower four, upper four; (4, 3) without an upper plate, (0, 3) without plates.
         """
         return self.block("plates", frame)
 
