@@ -42,6 +42,9 @@ HEAVIEST = 1e6
 GENTLE = 0.01
 """Slope of a plate over the friction coefficient that is neglected: t_min and t_max are known to about 2 %."""
 
+MANY = 16
+"""Spots of a side from which on a forecast takes the corners of their hull: its cost grows with the cube of their number."""
+
 POINT = is_plain(loaded_contact.POINT)
 
 
@@ -78,7 +81,7 @@ def upper_load(C: Array, n: int) -> float:
 
 @helper
 def side_positions(C: Array, n: int, side: int) -> Array:
-    """(m, 2): x, y of the spots of a side from the centre of mass [m]."""
+    """(m, 2): x, y of the spots of a side from the centre of mass [m]; of `MANY` and more, the corners of their hull."""
     m = 0
     for i in range(n):
         if side_of(C, i) == side:
@@ -89,7 +92,33 @@ def side_positions(C: Array, n: int, side: int) -> Array:
         if side_of(C, i) == side:
             positions[m, 0], positions[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
             m += 1
-    return positions
+    return positions if m < MANY else hull_corners(positions)
+
+
+@helper
+def hull_corners(positions: Array) -> Array:
+    """(k, 2): corners of the convex hull of (m, 2) positions, by gift wrapping (Jarvis 1973).
+
+    What spots inside the hull can carry the corners can, too: same friction and height.
+    """
+    first = 0
+    for i in range(len(positions)):
+        if positions[i, 0] < positions[first, 0]:
+            first = i
+    corners, k, here = np.empty_like(positions), 0, first
+    while k < len(positions):
+        corners[k, 0], corners[k, 1] = positions[here, 0], positions[here, 1]
+        k += 1
+        farthest, b_x, b_y = here, 0.0, 0.0
+        for i in range(len(positions)):
+            a_x, a_y = positions[i, 0] - positions[here, 0], positions[i, 1] - positions[here, 1]
+            side = b_x * a_y - b_y * a_x
+            if side < 0.0 or (side == 0.0 and a_x * a_x + a_y * a_y > b_x * b_x + b_y * b_y):
+                farthest, b_x, b_y = i, a_x, a_y
+        if farthest in (here, first):
+            break
+        here = farthest
+    return corners[:k]
 
 
 @helper

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import conditions, theory
 from thirdbody_three_spot.forecast import forecast
+from thirdbody_three_spot.forecast_output import hull_corners
 
 ROUND = {"rel": 1e-13, "abs": 1e-14}  # closed forms of a few operations on numbers of order 1
 SOLVER = 1e-6  # the residual of 1e-8 that counts as balance, times the ratio of arms that occur below
@@ -232,3 +233,15 @@ def test_what_hulls_refuse_has_an_answer():
     plain = forecast_of(upper[:1, :2], lower[:3, :2], 2.0, (-1, 0))
     assert forecast(upper, 1, lower, 3, 2.0, -1.0, 0.0) == plain
     assert forecast(upper, 1, lower, 3, 2.0, -7.0, 0.0) == pytest.approx(plain, rel=1e-15)  # any length of the drag
+
+
+def test_many_spots_have_the_forecast_of_the_corners_of_their_hull():
+    """At random, on a grid, where many lie in one line, and all in one line."""
+    random = np.random.default_rng(5)
+    for k in range(30):
+        upper, lower = random.normal(size=(2, random.integers(16, 120), 2))
+        upper = np.round(2.0 * upper) if k % 3 == 0 else upper * (1.0, k % 3 - 1.0)
+        corners = hull_corners(upper), hull_corners(lower)
+        whole = forecast_of(upper, lower, 1.0, (1.0, 0.3))
+        np.testing.assert_allclose(forecast_of(*corners, 1.0, (1.0, 0.3)), whole, rtol=1e-12, atol=1e-12)
+        assert len(corners[1]) < len(lower)
