@@ -11,6 +11,8 @@ from balls import BALLS, edited
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
+from thirdbody.surfaces import zip_members
+from thirdbody.surfaces.npz_scan import npz_map
 from thirdbody.surfaces.read_scan import read_scan
 
 N_X, N_Y, STEP = 60, 50, 1e-6
@@ -115,6 +117,12 @@ def test_a_spoilt_file_gives_one_clear_message(tmp_path):
         text = str(error.value)
         assert all(word in text for word in (*words, "scene.toml:21:", "plates.lower.surface.", name)), (case, text)
         assert len(error.value.faults) == 1 and error.value.exit_code == 3
+
+
+def test_a_member_that_would_fill_the_memory_is_not_unpacked(monkeypatch):
+    monkeypatch.setattr(zip_members, "MAX_BYTES", 20_000)
+    with pytest.raises(InputError, match=r"a\.npz: heights\.npy: has 0\.0241 MB unpacked, at most 0\.02 MB are read"):
+        npz_map("a.npz", npz())
 
 
 def test_bodies_between_rough_plates_are_not_pushed_apart():

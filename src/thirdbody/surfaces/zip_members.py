@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from thirdbody.bodies.bounded_read import MAX_BYTES
 from thirdbody.errors import Fault, InputError
 
 DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
@@ -39,10 +40,13 @@ def opened_archive(file: str, data: bytes) -> zipfile.ZipFile:
 
 
 def member(file: str, archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return the bytes of one member. Raises InputError when it is missing or damaged."""
+    """Return the bytes of one member. Raises InputError when it is missing, too large or damaged."""
     try:
         entry = archive.getinfo(name)
     except KeyError:
         raise InputError(Fault(name, "is missing in the archive", file)) from None
+    if entry.file_size > MAX_BYTES:
+        size = f"has {entry.file_size / 1e6:.3g} MB unpacked, at most {MAX_BYTES / 1e6:.3g} MB are read"
+        raise InputError(Fault(name, size, file))
     with damage_reported(file):
         return archive.read(entry)
