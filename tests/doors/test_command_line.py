@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import warnings
 import zipfile
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from portable import PATIENCE
 import thirdbody
 from thirdbody.cli import main, starter_files
 from thirdbody.cli.removed import REMOVED_COMMANDS, REMOVED_OPTIONS
+from thirdbody.errors import ThirdbodyWarning
 from thirdbody.laws.registry import load_file
 from thirdbody.runner.run_loop import WallTimes
 from thirdbody.scene.model import Scene
@@ -106,9 +106,10 @@ def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path
     scene = thirdbody.Scene.load(balls())
     report = command("run", "scene.toml", "-o", "run", "--threads", "100000")
     assert report.code == 0 and "warning: 100000 threads were requested" in report.err
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        thirdbody.run(scene, tmp_path / "one", threads=1, progress=False)
+    for threads, capped in ((1, False), (100000, True)):
+        with pytest.warns(ThirdbodyWarning) as given:
+            thirdbody.run(scene, tmp_path / str(threads), threads, progress=False)
+        assert any("threads were requested" in str(warning.message) for warning in given) == capped
 
 
 @pytest.fixture
