@@ -124,7 +124,7 @@ def _refuse_ranges(captured: Snapshot, state: State) -> None:
         candidates = np.bincount(state.body[own[:plates]], minlength=state.n_bodies)
         _within("integrator_memory", memory[:, step_memory.CANDIDATES], 0, candidates, "candidates of body")
         _within("integrator_memory", memory[:, step_memory.LIMIT], 0, max(StepLimit), "limit of body")
-        _within("integrator_memory", memory[:, step_memory.SLOT], 0, max(len(own) - 1, 0), "slot of body")
+        _within("integrator_memory", memory[:, step_memory.SLOT], -1, len(own) - 1, "slot of body")
 
 
 def _within(name: str, values: np.ndarray, low: int, high: int | np.ndarray, what: str = "") -> None:

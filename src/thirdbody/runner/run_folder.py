@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
+from thirdbody.atomic_files import write_whole
 from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
@@ -54,8 +55,13 @@ class RunFolder:
             )
 
     def log(self, text: str) -> None:
-        """Append a line with the local time to the log. Raises OSError."""
-        with open(self.work_folder / LOG, "a", encoding="utf-8") as file:
+        """Append a line with the local time to the log, unless the folder was moved or removed. Raises OSError."""
+        path = self.work_folder / LOG
+        if not self.is_there():
+            return
+        if path.exists() and os.stat(path).st_nlink > 1:
+            write_whole(path, path.read_bytes())  # another file from here on: what it was linked to stays
+        with open(path, "a", encoding="utf-8") as file:
             file.write(f"{datetime.now().isoformat(' ', 'seconds')}  {printable(text)}\n")
 
     def publish(self) -> None:
