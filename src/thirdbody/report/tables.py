@@ -104,7 +104,8 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        print_warnings(text for text in result.warnings if text not in result.header["warnings"])  # those were printed before
+        before = result.header.get("warnings", ())  # those were printed then
+        print_warnings(text for text in result.warnings if text not in before)
 
 
 def _direct_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
