@@ -94,7 +94,7 @@ def test_frames_are_whole_numbers_also_from_the_end(run):
 def test_a_run_without_frames_and_with_frames_that_were_not_committed(tmp_path):
     with open_run(write(tmp_path, frames=0)) as run:
         assert run.times.shape == (0,)
-        assert run.summary() == {"frames": 0, "finished": False}
+        assert run.summary() == {"frames": 0, "finished": False, "warnings": []} and run and not len(run)
         with pytest.raises(IndexError, match="nothing was written yet"):
             run.bodies(-1)
     # only committed frames are seen

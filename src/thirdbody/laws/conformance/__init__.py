@@ -1,1 +1,1 @@
-"""The conformance suite that every contact law must pass."""
+"""The conformance suite that laws, measures, effects and labellers must pass."""
