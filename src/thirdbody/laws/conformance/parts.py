@@ -25,7 +25,7 @@ Result = tuple[bool, str]
 ROUND_OFF = 1e-12
 """Relative difference between a compiled kernel and the same in Python: some contracted products."""
 
-FULL = {"yield_strength": 1e9, "thermal_conductivity": 40.0, "heat_capacity": 500.0}
+FULL: dict[str, Any] = {"yield_strength": 1e9, "thermal_conductivity": 40.0, "heat_capacity": 500.0}
 """Optional keys of materials, all given."""
 
 STEPS = {
@@ -165,7 +165,8 @@ def _surroundings() -> dict[str, np.ndarray]:
 def _parameters(declared: type, cases: Iterable[tuple[str, Callable[[], Any]]]) -> Result:
     for label, mix in cases:
         p = mix()
-        if not isinstance(p, declared):
+        is_declared: bool = isinstance(p, declared)
+        if not is_declared:
             return False, f"mix gives a {type(p).__name__}, declared is {declared.__name__}"
         passed, detail = _numbers(p, len(p), "")
         if not passed:
