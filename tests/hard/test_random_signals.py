@@ -75,8 +75,8 @@ def started(folder, words, seconds):
 def signalled(folder, integrator, every, rng):
     """Start or resume a run and send it a signal at a random time; seconds until it ended, None if it had come to its end."""
     number, before = rng.choice(list(CODES)), used()
-    # past the start of Python, which no handler covers
-    child = started(folder, command(folder, integrator, every), 2.0 if (folder / FILE).exists() else 0.0)
+    # past the start of Python, which no handler covers: up to 2 s of processor time, more where threads share a core
+    child = started(folder, command(folder, integrator, every), 4.0 if (folder / FILE).exists() else 0.0)
     try:
         child.wait(0.0 if integrator == "short" else rng.uniform(0.0, 3.0))
     except subprocess.TimeoutExpired:
