@@ -154,6 +154,9 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
         lengths, across = np.linalg.norm(run.bodies(0)["velocity"], axis=1), read_picture_data(run, 0, "velocity_y")
         assert across.legend.limits == (run.bodies(0)["velocity"][:, 1].min(), run.bodies(0)["velocity"][:, 1].max())
         assert across.legend.unit == "m/s"
+        for name in ("quaternion_x", "state_x"):  # four components, of which the first is w; none
+            with pytest.raises(InputError, match=f"no array '{name}'"):
+                read_picture_data(run, 0, name)
     assert speed.legend.limits == (lengths.min(), lengths.max()) and speed.legend.unit == "m/s"
     ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()

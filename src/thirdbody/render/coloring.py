@@ -128,7 +128,7 @@ def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arr
     Vectors by length, or a component: `velocity_x`.
     """
     vector, axis = _component(name)
-    if vector in bodies and axis >= 0:
+    if axis >= 0 and vector in bodies and bodies[vector].shape[1:] == (3,):  # a quaternion begins with w
         return bodies[vector][row, axis]
     if name in bodies:
         values = bodies[name][row]
