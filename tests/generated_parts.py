@@ -4,9 +4,7 @@ A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAM
 """
 
 import ast
-import importlib
 import inspect
-import pkgutil
 import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
@@ -36,15 +34,14 @@ def packages() -> str:
 
 
 def tables() -> str:
-    import thirdbody.kernels.columns as columns
-    from thirdbody.kernels.columns.table import Table
+    from thirdbody.kernels import spot_loads, tables, tile
+    from thirdbody.kernels.explicit import tables as explicit
+    from thirdbody.kernels.implicit import tables as implicit
+    from thirdbody.kernels.table import Table
 
-    parts = []
-    for module in pkgutil.iter_modules(columns.__path__):
-        found = importlib.import_module(f"{columns.__name__}.{module.name}")
-        if isinstance(getattr(found, "table", None), Table):
-            parts.append(f"### {module.name}\n\n{found.table.markdown()}")
-    return "\n\n".join(parts)
+    modules = (tables, tile, explicit, implicit, spot_loads)
+    found = {name: value for module in modules for name, value in vars(module).items() if isinstance(value, Table)}
+    return "\n\n".join(f"### {name}\n\n{table.markdown()}" for name, table in sorted(found.items()))
 
 
 def laws() -> str:

@@ -6,9 +6,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.kernels.close_spots import Spots
-from thirdbody.kernels.columns import spot
-from thirdbody.kernels.columns import spot_group as lane
-from thirdbody.kernels.spot_loads import LANES, finish_lanes, solve_side, sweep
+from thirdbody.kernels.spot_loads import LANES, finish_lanes, lane, solve_side, spot, sweep
 
 Loads = namedtuple("Loads", "relief force pull")  # of each spot: [m], [N], along the plate (n, 2) [N]
 

@@ -8,8 +8,7 @@ import numpy as np
 
 import thirdbody
 from thirdbody.bodies.layer_packing import projected_area
-from thirdbody.kernels.columns import run_totals
-from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.kernels.tables import DEBRIS, run_totals
 from thirdbody.runner.prepare import prepare
 from thirdbody.studies.nudge import nudge as displace
 

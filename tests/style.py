@@ -14,7 +14,6 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
 OURS, THEIRS = sorted(SOURCE.rglob("*.py")), sorted(PLUGINS.rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
-COLUMNS = SOURCE / "kernels" / "columns"
 MOST_LINES, LONGEST_FUNCTION = 400, 60
 
 # -- words --
@@ -72,46 +71,62 @@ def too_long(path: Path, tree: ast.Module) -> Iterator[str]:
 # -- tables of numbers --
 
 EMBEDDED = {"scratch": {"body", "body_extra"}}
-"""Arrays that begin with the columns of other tables (`columns.drift_scratch`)."""
+"""Arrays that begin with the columns of other tables (`explicit.tables.drift_scratch`)."""
 
 
-def declared_tables(tree: ast.Module) -> list[ast.Call]:
-    """Return the calls of `Table` that a module binds to a name."""
-    values = [node.value for node in tree.body if isinstance(node, ast.Assign)]
-    return [v for v in values if isinstance(v, ast.Call) and isinstance(v.func, ast.Name) and v.func.id == "Table"]
+def declared_tables(tree: ast.Module) -> Iterator[tuple[str, ast.Call]]:
+    """Yield the tables that a module declares: name and call of `Table`."""
+    for node in tree.body:
+        call = node.value if isinstance(node, ast.Assign) else None
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Table":
+            yield node.targets[0].id, call  # type: ignore[union-attr,attr-defined]
 
 
 @cache
 def symbols() -> dict[str, str]:
-    """Return the name of the array of each table: module -> symbol."""
-    rows = {path.stem: declared_tables(parsed(path)) for path in (*OURS, *THEIRS)}
-    return {stem: str(ast.literal_eval(calls[0].args[0])).partition(",")[0] for stem, calls in rows.items() if calls}
+    """Return the name of the array of each table: name -> symbol."""
+    calls = [entry for path in (*OURS, *THEIRS) for entry in declared_tables(parsed(path))]
+    return {name: str(ast.literal_eval(call.args[0])).partition(",")[0] for name, call in calls}
 
 
-def table_uses(node: ast.Subscript) -> set[str]:
-    """Return the tables whose columns the index of a subscript names; those inside another subscript count for that one."""
-    inner = {id(part) for sub in ast.walk(node.slice) if isinstance(sub, ast.Subscript) for part in ast.walk(sub)}
+@cache
+def constants() -> dict[str, set[str]]:
+    """Return the constants of each table: those of its columns, and those that are set later."""
+    result = {}
+    for path in (*OURS, *THEIRS):
+        for name, call in declared_tables(parsed(path)):
+            columns = {str(word.arg).upper() for word in call.keywords}
+            result[name] = columns | {f"{column}{n}" for column in columns for n in range(2, 25)} | {"WIDTH"}
+        for node in nodes(parsed(path)):
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and isinstance(node.value, ast.Name):
+                result.get(node.value.id, set()).add(node.attr)
+    return result
+
+
+def table_uses(node: ast.AST) -> set[tuple[str, str]]:
+    """Return the tables and constants that an index names; those inside another subscript count for that one."""
+    inner = {id(part) for sub in ast.walk(node) if isinstance(sub, ast.Subscript) for part in ast.walk(sub)}
     return {
-        part.value.id for part in ast.walk(node.slice)
+        (part.value.id, part.attr) for part in ast.walk(node)
         if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id in symbols()
         and part.attr.isupper() and id(part) not in inner
     }  # fmt: skip
 
 
 def tables_misused(path: Path, tree: ast.Module) -> Iterator[str]:
-    """The symbol of a table names no other; each has a module of its own in `columns`; columns are read from that module."""
-    tables, own = {path.stem for path in COLUMNS.glob("*.py")} & symbols().keys(), declared_tables(tree)
-    if len(own) > 1 or (own and path.is_relative_to(SOURCE) and path.parent != COLUMNS):
-        yield f"{own[-1].lineno}: a table of the engine has a module of its own in kernels/columns"
+    """The symbol of a table names no other; every column that is named exists."""
+    names = [name for node in nodes(tree) if isinstance(node, ast.ImportFrom) for name in node.names]
+    imported = {name.asname or name.name: name.name for name in names if name.name in symbols()}
     for node in nodes(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and not isinstance(node.slice, ast.Constant):
             name = node.value.id
-            for table in table_uses(node) - EMBEDDED.get(name, set()):
+            for table in {table for table, _ in table_uses(node.slice)} - EMBEDDED.get(name, set()):
                 if (name in symbols().values() or len(name) == 1) and symbols()[table] != name:
                     yield f"{node.lineno}: {name} with a column of {table}"
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("thirdbody.kernels.columns."):
-            if (node.module or "").rpartition(".")[2] in tables and path.parent != COLUMNS:
-                yield f"{node.lineno}: columns are read from the module of their table"
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.attr.isupper():
+            table = imported.get(node.value.id)
+            if table is not None and node.attr not in constants()[table]:
+                yield f"{node.lineno}: {table} has no column {node.attr}"
 
 
 # -- imports --

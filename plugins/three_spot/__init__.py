@@ -13,9 +13,10 @@ nothing of the engine but `thirdbody.plugin`. A level is a preset: one law for e
 
 from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin
 
-from . import classify, label_output
+from . import classify
 from .exact import EXACT
 from .mdr import MDR
+from .tables import FORECASTS, label_output
 
 LABELLER = Labeller(
     name="three_spot",
@@ -23,13 +24,13 @@ LABELLER = Labeller(
     label=classify.label,
     label_without_effects=classify.label_without_effects,
     label_without_forecasts=classify.label_without_forecasts,
-    forecasts=label_output.FORECASTS,
+    forecasts=FORECASTS,
     states=classify.STATES,
     reasons=classify.REASONS,
     margins=classify.MARGINS,
     extras=classify.EXTRAS,
     codes=classify.CODES,
-    outputs=label_output.table,
+    outputs=label_output,
     memory=classify.MEMORY,
     contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",

@@ -47,11 +47,7 @@ from numba import njit
 
 from thirdbody.plugin import NO_FORECAST, loaded_contact, observed_body
 
-from . import body_memory, contact_memory, label_output
-from .body_memory import CHANGE, CHANGE_X, CHANGE_Y, LIFTED, PIVOTED, REFERENCE, ROLL_RATIO, SLIP_RATIO, TRAVEL, WINDOWS
-from .contact_memory import SLIP_LAST, SLIP_REFERENCE
 from .forecast_output import write_outlook, write_plain_outlook
-from .label_output import CODES, EXTRAS, MARGINS
 from .motion_history import EPS_ROLL, MIN_TRAVEL, update_history
 from .support_geometry import (
     ABOVE,
@@ -69,10 +65,11 @@ from .support_geometry import (
     split,
     support_of,
 )
+from .tables import CODES, EXTRAS, MARGINS, body_memory, contact_memory, label_output
 
 __all__ = ["CODES", "CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "OUTPUTS", "REASONS", "STATES", "label", "update_history"]
 
-MEMORY, CONTACT_MEMORY, OUTPUTS = body_memory.NAMES, contact_memory.NAMES, label_output.WIDTH
+MEMORY, CONTACT_MEMORY, OUTPUTS = body_memory.names(), contact_memory.names(), label_output.WIDTH
 
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
@@ -102,7 +99,9 @@ LOWEST = -1e9  # margins stay finite and fit a float32
 def slipping(C: Array, i: int) -> bool:
     """Return whether a spot slipped by more than its critical displacement in this window or in the last."""
     minimum = max(C[i, loaded_contact.CRITICAL_SLIP], ROUND_OFF * C[i, loaded_contact.CONTACT_RADIUS])
-    return max(C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > minimum
+    return (
+        max(C[i, loaded_contact.SLIP] - C[i, contact_memory.SLIP_AT_REFERENCE], C[i, contact_memory.SLIP_LAST_WINDOW]) > minimum
+    )
 
 
 @helper
@@ -141,10 +140,10 @@ def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
     lateral = friction(C, n, NEITHER)
     out[label_output.FRICTION] = max(1.0 - max(lower[1], upper[1], lateral[1]), LOWEST)
     if pose[0] & BELOW != 0:
-        out[label_output.LOWER] = max(1.0 - lower[0], LOWEST)
+        out[label_output.FRICTION_LOWER] = max(1.0 - lower[0], LOWEST)
     if pose[0] & ABOVE != 0:
-        out[label_output.UPPER] = max(1.0 - upper[0], LOWEST)
-    out[label_output.SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
+        out[label_output.FRICTION_UPPER] = max(1.0 - upper[0], LOWEST)
+    out[label_output.SLIDING_SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
     return lower[2] or upper[2] or (pose[0] == NEITHER and lateral[2])
 
 
@@ -160,8 +159,8 @@ def static_margin(x: float, y: float, z: float, scale: float) -> float:
 def static_margins(observed: Array, total: float, lever: float, out: Array) -> None:
     """Write both margins of static equilibrium: contacts, weight and other effects, without inertia; `total`: sum of |N| [N]."""
     force, torque = observed_body.FORCE, observed_body.TORQUE
-    out[label_output.FORCE] = static_margin(observed[force], observed[force + 1], observed[force + 2], total)
-    out[label_output.MOMENT] = static_margin(observed[torque], observed[torque + 1], observed[torque + 2], total * lever)
+    out[label_output.FORCE_BALANCE] = static_margin(observed[force], observed[force + 1], observed[force + 2], total)
+    out[label_output.MOMENT_BALANCE] = static_margin(observed[torque], observed[torque + 1], observed[torque + 2], total * lever)
 
 
 @helper
@@ -185,11 +184,11 @@ def determinacy(C: Array, n: int, observed: Array, a: float) -> float:
 @helper
 def rotation_over_drag(observed: Array, m: Array, pose: Posture) -> float:
     """Fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
-    x, y = m[CHANGE_X], m[CHANGE_Y]
+    x, y = m[body_memory.CHANGE_DRAG_X], m[body_memory.CHANGE_DRAG_Y]
     size = length(x, y, 0.0)
     if size < MIN_TRAVEL * pose[1] or size <= 0.0:
         return 0.0
-    rotation = rotation_since(observed, m, CHANGE)
+    rotation = rotation_since(observed, m, body_memory.CHANGE)
     return pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
 
 
@@ -197,8 +196,8 @@ def rotation_over_drag(observed: Array, m: Array, pose: Posture) -> float:
 def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determinate: bool) -> float:
     """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling."""
     margin = 1.0 - p / pose[1]
-    if m[WINDOWS] > 0.0:
-        margin = min(margin, 1.0 - m[ROLL_RATIO] / EPS_ROLL)
+    if m[body_memory.WINDOWS] > 0.0:
+        margin = min(margin, 1.0 - m[body_memory.ROLL_RATIO] / EPS_ROLL)
     if pose[0] == BOTH and not determinate:
         margin = min(margin, 1.0 - rotation_over_drag(observed, m, pose) / MAX_ROTATION_OVER_DRAG)
     return max(margin, LOWEST)
@@ -207,26 +206,29 @@ def rotation_margin(observed: Array, m: Array, pose: Posture, p: float, determin
 @helper
 def rolling_reason(m: Array, pose: Posture, rotation: Triple, p: float) -> int:
     """Reason of the label rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
-    if m[LIFTED] > 0.0:
+    if m[body_memory.LIFTED] > 0.0:
         return LIFT_OFF
     if p >= pose[1]:
         tilt, twist = split(rotation, pose[3], pose[4], pose[5])
         return PIVOTING if twist > tilt else ROTATION
-    if m[WINDOWS] > 0.0 and m[ROLL_RATIO] >= EPS_ROLL:
-        return PIVOTING if m[PIVOTED] > 0.0 else ROTATION
+    if m[body_memory.WINDOWS] > 0.0 and m[body_memory.ROLL_RATIO] >= EPS_ROLL:
+        return PIVOTING if m[body_memory.PIVOTED] > 0.0 else ROTATION
     return INDETERMINATE
 
 
 @helper
 def write_ratios(C: Array, n: int, m: Array, pose: Posture, rotation: Triple, out: Array) -> None:
     """Write roll ratio and slip over travel of the last window, or of the first one so far."""
-    if m[WINDOWS] > 0.0:
-        out[label_output.ROLL] = m[ROLL_RATIO]
-        out[label_output.SLIP] = m[SLIP_RATIO]
-    elif m[TRAVEL] >= MIN_TRAVEL * pose[1] and m[TRAVEL] > 0.0:
-        out[label_output.ROLL] = length(rotation[0], rotation[1], rotation[2]) * pose[2] / m[TRAVEL]
+    if m[body_memory.WINDOWS] > 0.0:
+        out[label_output.ROLL_RATIO] = m[body_memory.ROLL_RATIO]
+        out[label_output.SLIP_OVER_TRAVEL] = m[body_memory.SLIP_OVER_TRAVEL]
+    elif m[body_memory.TRAVEL] >= MIN_TRAVEL * pose[1] and m[body_memory.TRAVEL] > 0.0:
+        out[label_output.ROLL_RATIO] = length(rotation[0], rotation[1], rotation[2]) * pose[2] / m[body_memory.TRAVEL]
         for i in range(n):
-            out[label_output.SLIP] = max(out[label_output.SLIP], (C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
+            out[label_output.SLIP_OVER_TRAVEL] = max(
+                out[label_output.SLIP_OVER_TRAVEL],
+                (C[i, loaded_contact.SLIP] - C[i, contact_memory.SLIP_AT_REFERENCE]) / m[body_memory.TRAVEL],
+            )
 
 
 @helper
@@ -242,8 +244,8 @@ def normal_sum(C: Array, n: int) -> float:
 def clear(m: Array, out: Array) -> None:
     """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
     for k in range(OUTPUTS):
-        out[k] = 1.0 if label_output.FRICTION <= k < label_output.SIDE else 0.0
-    out[label_output.ROLLED], out[label_output.FORECAST] = m[body_memory.ROLLED], NO_FORECAST
+        out[k] = 1.0 if label_output.FRICTION <= k < label_output.SLIDING_SIDE else 0.0
+    out[label_output.ROLLED_DISTANCE], out[label_output.FORECAST] = m[body_memory.ROLLED_DISTANCE], NO_FORECAST
 
 
 @njit(error_model="numpy")
@@ -282,7 +284,7 @@ def label_without_forecasts(C: Array, n: int, observed: Array, m: Array, out: Ar
 @helper
 def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out: Array) -> None:
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
-    rotation = rotation_since(observed, m, REFERENCE)
+    rotation = rotation_since(observed, m, body_memory.REFERENCE)
     p = contact_travel(C, n, rotation)
     static_margins(observed, normal_sum(C, n), pose[2], out)
     out[label_output.DETERMINACY] = determinacy(C, n, observed, pose[1])
@@ -297,5 +299,5 @@ def write_label(C: Array, n: int, observed: Array, m: Array, pose: Posture, out:
     else:
         out[label_output.STATE] = STICKING
         out[label_output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if determinate else INDETERMINATE)
-    if out[label_output.FORCE] < 0.0 or out[label_output.MOMENT] < 0.0:
+    if out[label_output.FORCE_BALANCE] < 0.0 or out[label_output.MOMENT_BALANCE] < 0.0:
         out[label_output.REASON] = UNBALANCED

@@ -24,11 +24,9 @@ from thirdbody.engine.static_contacts import Contacts
 from thirdbody.engine.static_labels import StaticLabels
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
 from thirdbody.jit.stack_array import stack_array
-from thirdbody.kernels.columns import loaded_contact, observed_body
-from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, CAN_STICK, NO_FORECAST
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
-from thirdbody.kernels.columns.table import Table
 from thirdbody.kernels.contact_step import ContactStep
+from thirdbody.kernels.table import Table, number, skip, vector
+from thirdbody.kernels.tables import CAN_SLIDE, CAN_STICK, DEBRIS, LOWER, NO_FORECAST, UPPER, loaded_contact, observed_body
 from thirdbody.laws.contract import (
     BodyEffect,
     Labeller,
@@ -137,6 +135,7 @@ __all__ = [
     "observed_body",
     "matrix_from_quaternion",
     "nearest",
+    "number",
     "one_of",
     "pretty",
     "read_text",
@@ -145,7 +144,9 @@ __all__ = [
     "renewal_rate",
     "renewed",
     "seat",
+    "skip",
     "stack_array",
+    "vector",
     "wrongs_of",
     "yield_limit",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 
 import thirdbody
 from thirdbody.bodies.layer_packing import projected_area
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"

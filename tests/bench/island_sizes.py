@@ -24,7 +24,8 @@ from machine import machine, screen
 import thirdbody
 from thirdbody.engine import implicit_islands
 from thirdbody.errors import ThirdbodyError
-from thirdbody.kernels.columns import run_totals, step_memory
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
 SIZES, SHAPES = [10, 30, 100, 300, 600, 1000, 2000], ["chain", "0.5"]

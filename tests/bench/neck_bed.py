@@ -27,8 +27,8 @@ from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
-from thirdbody.kernels.columns import record, run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL
+from thirdbody.kernels.tables import record, run_totals
 from thirdbody.laws.registry import discover
 from thirdbody.runner.prepare import prepare
 

@@ -20,7 +20,7 @@ from ours import advance
 from rich.console import Console
 
 import thirdbody
-from thirdbody.kernels.columns import run_totals, sphere
+from thirdbody.kernels.tables import run_totals, sphere
 from thirdbody.runner.prepare import prepare, set_threads
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"

@@ -16,7 +16,7 @@ from balls import BALLS, edited
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.snapshot import snapshot
-from thirdbody.kernels.columns import contact_state
+from thirdbody.kernels.tables import contact_state
 from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.dependencies import plain, source_files
 from thirdbody.laws.contract import BodyEffect, Law

@@ -6,7 +6,7 @@ import numpy as np
 from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, drag, every, pressed
 from theory.builders import solid
 
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause, Spot, Spots
 

@@ -7,7 +7,7 @@ from hard.between_plates import LUMP, tumble
 from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, every, on_plane, pressed, scene
 from theory.builders import STEEL, ball
 
-from thirdbody.kernels.columns import body, record
+from thirdbody.kernels.tables import body, record
 from thirdbody.laws.first_yield import FIRST_YIELD, yield_speed
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate

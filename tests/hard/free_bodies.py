@@ -13,7 +13,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import angular_momentum
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, body_extra, record, run_totals
+from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.rotations import rotation_matrices
 from thirdbody.scene.model import Contact, Domain, Solver, UpperPlate
 

@@ -9,8 +9,7 @@ import numpy as np
 from hard.trial import BOX, LOAD, MICRON, Trial, clump, drag, every, scene
 from theory.builders import STEEL, solid
 
-from thirdbody.kernels.columns import record
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, record
 from thirdbody.scene.model import Contact, Motion, Pair, Stroke, UpperPlate
 
 SPEED, R, GAP, START = 0.2, 5.0, 0.1, 20.0

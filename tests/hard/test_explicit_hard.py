@@ -14,7 +14,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, body_extra, contact_state, run_totals
+from thirdbody.kernels.tables import body, body_extra, contact_state, run_totals
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Effects, Motion, Scene, UpperPlate
 from thirdbody.trajectory.reader import open_run

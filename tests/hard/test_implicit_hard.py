@@ -11,7 +11,7 @@ from slow import slow
 from theory import builders as make
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.tables import body, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Stroke
 
 LEVELS = ("mindlin", slow("coulomb"), slow("mdr"), slow("exact"))

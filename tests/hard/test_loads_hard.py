@@ -8,7 +8,7 @@ from theory import builders as make
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 

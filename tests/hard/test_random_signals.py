@@ -20,7 +20,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.engine import implicit
 from thirdbody.errors import Interrupted
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare

@@ -13,7 +13,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body_extra, run_totals
+from thirdbody.kernels.tables import body_extra, run_totals
 from thirdbody.scene.model import ConstantVelocity, Contact, Motion, Scene, Solver, Spheres, UpperPlate
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}

@@ -1,10 +1,10 @@
 """The motion of one rigid body by velocity Verlet, in Python floats: kick, drift, turn, and where its spheres are; the
-upper plate or its patches. Rows are lists of floats with the columns of `thirdbody.kernels.columns`."""
+upper plate or its patches. Rows are lists of floats with the columns of `thirdbody.kernels.tables`."""
 
 import math
 
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import body, body_extra, orientation, patch, sphere
+from thirdbody.kernels.tables import body, body_extra, orientation, patch, sphere
 
 ANGULAR_MOMENTUM, LONGEST_ARM, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
     body.WIDTH + orientation.WIDTH + getattr(body_extra, name)

@@ -7,10 +7,21 @@ from dataclasses import make_dataclass
 import numpy as np
 from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE, added, cross, dot, quaternion, rotated, three
 
-from thirdbody.kernels.columns import body, contact_state, loaded_contact, observed_body, patch, record, run_totals, sphere
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import record_width
+from thirdbody.kernels.tables import (
+    DEBRIS,
+    LOWER,
+    UPPER,
+    body,
+    contact_state,
+    loaded_contact,
+    observed_body,
+    patch,
+    record,
+    run_totals,
+    sphere,
+)
 from thirdbody.laws.kernel_data import Contact, Turn, Twist
 
 STILL = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)

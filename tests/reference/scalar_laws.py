@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scalar_bodies import INERTIA
 
-from thirdbody.kernels.columns import body, contact_state
+from thirdbody.kernels.tables import body, contact_state
 from thirdbody.laws.kernel_data import Body, Load, Wrench
 
 

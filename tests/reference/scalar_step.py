@@ -16,7 +16,7 @@ from scalar_contact import Surroundings, interact, let_go, touches, update_label
 from scalar_laws import Effects, Laws
 
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import body, contact_state, domain, run_totals, sphere
+from thirdbody.kernels.tables import body, contact_state, domain, run_totals, sphere
 
 TAKEN = {1: 10.0 / 3.0, 5: 14.0 / 3.0, 10: 14.0 / 3.0, 14: 10.0 / 3.0}
 """Steps of every 16, from 0 on, in which the spins of balls turn them, and for how many steps each stands."""

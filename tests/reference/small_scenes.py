@@ -4,7 +4,7 @@ import numpy as np
 import peers_scenes
 
 from thirdbody.assembly.simulation import build
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 

@@ -19,7 +19,7 @@ from thirdbody.engine.placed import Placed
 from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
 from thirdbody.kernels import schedule
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.tables import body, run_totals
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.hertz import HERTZ

@@ -19,8 +19,7 @@ import thirdbody
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.snapshot import Snapshot, restore
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.kernels.columns import body_extra
-from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.kernels.tables import DEBRIS, body_extra
 from thirdbody.runner.checkpoint import FILE, read_checkpoint, write_checkpoint
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_folder import RunFolder

@@ -7,7 +7,7 @@ from slow import slow
 from steel import HOT_STEEL, STEEL
 
 import thirdbody
-from thirdbody.kernels.columns.sides import UPPER
+from thirdbody.kernels.tables import UPPER
 from thirdbody.runner.prepare import prepare
 
 from .test_resume import check_in_pieces

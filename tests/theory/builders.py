@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.assembly.simulation import Simulation, build
-from thirdbody.kernels.columns import body, body_extra, record, run_totals
+from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.scene import model
 from thirdbody.scene.model import Material, Scene, Spheres, UpperPlate
 

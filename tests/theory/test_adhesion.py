@@ -12,8 +12,8 @@ from thirdbody.assembly import upper_plate
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.upper_plate import Schedule, Segment
-from thirdbody.kernels.columns import record
 from thirdbody.kernels.schedule import TRIANGLE
+from thirdbody.kernels.tables import record
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.kernel_data import Contact, Normal

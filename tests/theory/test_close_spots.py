@@ -17,7 +17,7 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import record
+from thirdbody.kernels.tables import record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Spheres
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 

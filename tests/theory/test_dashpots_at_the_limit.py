@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from thirdbody_three_spot.mdr import MDR
 
-from thirdbody.kernels.columns import contact_tangent, law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.jacobian import give_springs
+from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.codegen.laws import compose
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import TANGENTIAL_DAMPING

@@ -11,7 +11,7 @@ from thirdbody_effects import elastic_plastic as plastic
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.static_response import response
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.tables import body, body_extra
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.kernel_data import Contact
 from thirdbody.report.active_components import parts

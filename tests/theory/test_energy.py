@@ -22,12 +22,12 @@ from thirdbody_three_spot import theory
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.columns import law_input, law_output, rolling_input, run_totals
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation
 from thirdbody.kernels.implicit import dashpot_work, friction_work
 from thirdbody.kernels.packed_triple import pack_triple
 from thirdbody.kernels.rolling_kinematics import TWIST
+from thirdbody.kernels.tables import run_totals
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

@@ -11,7 +11,7 @@ from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.columns import patch, record
+from thirdbody.kernels.tables import patch, record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

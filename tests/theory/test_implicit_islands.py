@@ -15,8 +15,9 @@ from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit import common_plate_driver
+from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
+from thirdbody.kernels.tables import body, patch, record, run_totals
 from thirdbody.runner.prepare import set_threads
 from thirdbody.scene import model
 

@@ -12,25 +12,6 @@ from scipy.ndimage import spline_filter
 from theory.plain import plain
 
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    contact_state,
-    contact_tangent,
-    domain,
-    law_input,
-    law_output,
-    patch,
-    run_totals,
-    sphere,
-    step_memory,
-    step_settings,
-    step_start,
-    surface_contact,
-)
-from thirdbody.kernels.columns import rolling_input as turn_in
-from thirdbody.kernels.columns import rolling_output as turn_out
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.band_matrix import entry, row_length
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ActiveBody, ImplicitContext, make_workspace
@@ -42,9 +23,14 @@ from thirdbody.kernels.implicit.pair_jacobian import assemble_island
 from thirdbody.kernels.implicit.residual import active_contacts, set_configuration
 from thirdbody.kernels.implicit.residual import residual as write_residual
 from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
+from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import RoughPlates
+from thirdbody.kernels.tables import body, body_extra, contact_state, domain, patch, run_totals, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output
+from thirdbody.kernels.tile import rolling_input as turn_in
+from thirdbody.kernels.tile import rolling_output as turn_out
 from thirdbody.rotations import rotation_matrices
 
 FLAT = np.zeros((0, surface_contact.WIDTH))

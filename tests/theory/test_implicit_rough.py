@@ -15,8 +15,9 @@ from thirdbody.assembly.surfaces import with_surfaces
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.numerical_energy_guard import body_energies
 from thirdbody.engine.snapshot import restore, snapshot
-from thirdbody.kernels.columns import patch as plate
-from thirdbody.kernels.columns import run_totals, step_memory
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.tables import patch as plate
+from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.prepare import prepare, set_threads
 from thirdbody.scene.model import ConstantVelocity, Motion
 from thirdbody.studies.nudge import NUDGE

@@ -9,7 +9,7 @@ from thirdbody_three_spot import theory
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Effects, Solver
 
 RADIUS, GRAVITY, DROP = 1e-3, 1e4, 1e-3  # such a strong gravity makes short falls: two thousand steps each

@@ -14,7 +14,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, NEGLIGIBLE, created_fractions
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.tables import body, run_totals
 from thirdbody.runner.accuracy_warnings import patches_not_carried
 from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
 

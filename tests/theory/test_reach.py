@@ -7,7 +7,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.static_contacts import Contacts
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import record
+from thirdbody.kernels.tables import record
 from thirdbody.laws.conformance.suite import check, report
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.hertz import HERTZ

@@ -9,7 +9,7 @@ from slow import slow
 from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.kernels.columns import record
+from thirdbody.kernels.tables import record
 from thirdbody.scene.model import ConstantVelocity, Motion
 
 RADIUS = 1e-3

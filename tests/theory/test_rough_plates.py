@@ -15,11 +15,11 @@ from scipy.optimize import brentq
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import refresh_spheres
-from thirdbody.kernels.columns import run_totals, surface_contact
 from thirdbody.kernels.height_field import RAMP
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rough_plates import RoughPlates
 from thirdbody.kernels.surface_minima import update
+from thirdbody.kernels.tables import run_totals, surface_contact
 
 SIZE, CELLS, WAVES, SLOPE = 10.0, 80, 2, 0.16  # period of the surface [m], cells along x, waves along x, and their steepest slope
 Q_X = 2.0 * math.pi * WAVES / SIZE

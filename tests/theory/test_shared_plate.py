@@ -12,8 +12,9 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body, body_solution, patch, run_totals, step_memory
 from thirdbody.kernels.implicit import common_plate_driver, step_control
+from thirdbody.kernels.implicit.tables import body_solution, step_memory
+from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.scene import model
 
 SIZE = 2e-4

@@ -14,10 +14,10 @@ from thirdbody_three_spot import theory
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import geometry, patch, sphere
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import travel
+from thirdbody.kernels.tables import patch, sphere
+from thirdbody.kernels.tile import TILE, geometry
 from thirdbody.laws.kernel_data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3

@@ -18,7 +18,7 @@ from thirdbody.assembly.load_checks import refuse_crushing, times
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.tables import sphere
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.report import scene_check as check

@@ -12,7 +12,7 @@ from portable import drawn
 
 from thirdbody.engine.orientations import orientations
 from thirdbody.errors import OutputError, UsageError
-from thirdbody.kernels.columns import body
+from thirdbody.kernels.tables import body
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, worker

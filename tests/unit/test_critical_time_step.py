@@ -10,11 +10,11 @@ from scipy.linalg import eigh
 
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.function_pointers import address
-from thirdbody.kernels.columns import body, body_extra, domain, law_input, patch, run_totals, sphere, surface_contact
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.tables import body, body_extra, domain, patch, run_totals, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.rotations import rotation_matrices
 
 NEAR = 0.3  # spheres are candidates when they are not farther apart

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from thirdbody.jit.gc_pause import paused
+from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.laws.codegen.dependencies import sources
 
 
@@ -111,8 +112,8 @@ def digests(folder: Path, changes: dict[str, str], apart=False) -> dict[str, str
 def test_a_change_in_what_a_kernel_reaches_is_noticed_also_by_another_process(tmp_path):
     before = digests(tmp_path / "site-packages", {})
     assert digests(tmp_path / "apart" / "site-packages", {}, apart=True) == before
-    for number, (name, (text, touched)) in enumerate(CHANGES.items()):
-        after = digests(tmp_path / str(number) / "site-packages", {name: text})
+    for k, (name, (text, touched)) in enumerate(CHANGES.items()):
+        after = digests(tmp_path / str(k) / "site-packages", {name: text})
         changed = {kernel for kernel in KERNELS if after[kernel] != before[kernel]}
         assert touched <= changed and "untouched" not in changed, name
 
@@ -127,6 +128,24 @@ def test_arrays_differ_by_shape_kind_and_every_number():
         return kernel
 
     assert len({sources([with_table(table)]) for table in tables}) == len(tables)
+
+
+def test_a_table_that_moves_a_column_changes_what_reads_it():
+    def with_table(table):
+        def kernel(x):
+            return x[table.WORN]
+
+        return kernel
+
+    tables = [
+        Table("m", "a body", path=number("m", "path"), worn=number("m3", "volume")),
+        Table("m", "a body", worn=number("m3", "volume"), path=number("m", "path")),
+        Table("m", "a body", path=vector(2, "m", "path"), worn=number("m3", "volume")),
+    ]
+    assert len({sources([with_table(table)]) for table in tables}) == len(tables)
+    assert sources([with_table(tables[0])]) == sources(
+        [with_table(Table("m", "a body", other=skip(1), worn=number("m3", "volume")))]
+    )
 
 
 class Cycle:

@@ -9,7 +9,7 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import record
+from thirdbody.kernels.tables import record
 from thirdbody.report.adhesion_check import remarks
 from thirdbody.scene.model import Scene
 

@@ -18,8 +18,9 @@ from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, run_totals, step_memory
-from thirdbody.kernels.columns import domain as limits
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.tables import body, run_totals
+from thirdbody.kernels.tables import domain as limits
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute, prepare

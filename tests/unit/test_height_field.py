@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from thirdbody.kernels import closest_point, first_body, height_field, nearby_minima
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import patch, sphere, surface_contact
 from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.tables import patch, sphere, surface_contact
 
 # the engine's functions have no wrappers for Python
 PERIOD, CELLS = (2e-5, 1.6e-5), (128, 96)

@@ -9,12 +9,12 @@ from numba.core.errors import TypingError
 
 from thirdbody.jit.array_part import array_part
 from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import load_field, pieces
 from thirdbody.kernels.contact_geometry import gather_history, load_history
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
+from thirdbody.kernels.tables import contact_state
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 Rows = namedtuple("Rows", "H kind n_history field_begin field_size")  # noqa: PYI024
 

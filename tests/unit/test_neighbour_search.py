@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER
 from thirdbody.kernels.neighbour_search import Grid, Spheres, pair_candidates
+from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, sphere
 
 SKIN = 0.1
 LARGEST = 0.5

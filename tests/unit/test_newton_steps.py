@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.kernels.columns import geometry, law_input, law_output, sphere, step_start
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import newton
 from thirdbody.kernels.implicit.jacobian import NO_TANGENT, Contact, add_contact
+from thirdbody.kernels.implicit.tables import step_start
+from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 
 def test_solution_is_that_of_lapack():

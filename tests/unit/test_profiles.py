@@ -12,10 +12,9 @@ from balls import BALLS, edited
 from matplotlib.figure import Figure
 
 import thirdbody
-from thirdbody.engine.rows import Rows
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, contact_state, patch, record, sphere
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, ONLY_LOWER, UPPER
+from thirdbody.kernels.table import Rows
+from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, contact_state, patch, record, sphere
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import panels_profiles
 from thirdbody.scene.model import Scene
@@ -87,12 +86,12 @@ def state_of(position, velocity=None, spin=None, contacts=(), offsets=((0.0, 0.0
         row[record.NORMAL3], row[record.NORMAL_FORCE] = normal, force @ normal
         row[record.TANGENTIAL_FORCE3] = force - (force @ normal) * normal
     slots = SimpleNamespace(
-        histories=Rows((histories, contact_state.table)), records=Rows((table, record.table)), own=np.array(owners, int),
+        histories=Rows((histories, contact_state)), records=Rows((table, record)), own=np.array(owners, int),
         partner=np.array(partners, int), sides=np.array(sides, int), R=table, count=len(contacts),
     )  # fmt: skip
     world = SimpleNamespace(upper=SimpleNamespace(heights=np.zeros(1)), size=(L, W), periodic=True)
     return SimpleNamespace(side=np.zeros(n * each, np.int8),
-        bodies=Rows((B, body.table)), spheres=Rows((S, sphere.table)), P=P, slots=slots, world=world, n_bodies=n,
+        bodies=Rows((B, body)), spheres=Rows((S, sphere)), P=P, slots=slots, world=world, n_bodies=n,
         body=np.repeat(np.arange(n), each), rayleigh_radius=np.full(n, np.cbrt(3.0 * volume / (4.0 * math.pi))),
     )  # fmt: skip
 

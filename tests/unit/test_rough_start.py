@@ -16,9 +16,9 @@ from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels import surface_minima
-from thirdbody.kernels.columns import height_field, surface_contact
 from thirdbody.kernels.nearby_minima import MERGE
 from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.tables import height_field, surface_contact
 from thirdbody.report.plates import print_rough_plates
 from thirdbody.runner.prepare import prepare
 from thirdbody.runner.resume import prepare_resume

@@ -9,7 +9,7 @@ import friction_cones as reference
 import hull_conditions
 import numpy as np
 
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER
 from thirdbody.report import slope_forecast
 from thirdbody.report.friction_cones import EDGES, IMPOSSIBLE, POSSIBLE, Support, can_slide, can_stick
 from thirdbody.report.slope_report import slopes_report

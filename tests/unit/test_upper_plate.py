@@ -16,8 +16,8 @@ from thirdbody.assembly.swings import why_swings
 from thirdbody.engine.time_step import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner
+from thirdbody.kernels.tables import patch, run_totals
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.report.scene_check import check_report, print_check

@@ -6,7 +6,7 @@ import numpy as np
 
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body
+from thirdbody.kernels.tables import body
 from thirdbody.laws.damping import HERTZ_DAMPING, damping_number, restitution_of
 from thirdbody.scene.model import Scene
 

@@ -8,7 +8,7 @@ from thirdbody.assembly.rough_start import depth_in_lower
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
+from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.surface import Surface
 

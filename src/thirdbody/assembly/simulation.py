@@ -28,7 +28,7 @@ from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns.sides import EVERYTHING
+from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
 from thirdbody.laws.elasticity import dundurs_beta
 from thirdbody.laws.registry import Registry, discover

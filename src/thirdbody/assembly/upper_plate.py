@@ -20,7 +20,7 @@ from thirdbody.engine.placed import Placed
 from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.engine.upper_plate import Foundation, UpperPlate
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns.sides import ONLY_LOWER
+from thirdbody.kernels.tables import ONLY_LOWER
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.surface import Surface
 

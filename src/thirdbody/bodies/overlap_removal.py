@@ -9,9 +9,8 @@ import numpy as np
 from thirdbody.bodies import bed_relaxation as kernels
 from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.clump import Clump
-from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.kernels.neighbour_search import Grid, Spheres, pair_candidates
+from thirdbody.kernels.tables import EVERYTHING, sphere
 
 _SKIN = 0.25  # of the typical radius: a search costs as much as some ten steps
 

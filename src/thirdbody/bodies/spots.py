@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from thirdbody.bodies.clump import Clump
-from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
+from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER
 
 
 def spot_body(

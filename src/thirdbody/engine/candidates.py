@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
-from thirdbody.engine.rows import Rows
-from thirdbody.kernels.columns import contact_state, record, remote_force, surface_contact
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.table import Rows
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, contact_state, record, remote_force, surface_contact
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,13 +76,13 @@ class Candidates:
 
     @property
     def histories(self) -> Rows:
-        """Contact histories by name (`kernels.columns.contact_state`)."""
-        return Rows((self.H, contact_state.table))
+        """Contact histories by name (`kernels.tables.contact_state`)."""
+        return Rows((self.H, contact_state))
 
     @property
     def records(self) -> Rows:
-        """Records of the candidates by name (`kernels.columns.record`)."""
-        return Rows((self.R, record.table))
+        """Records of the candidates by name (`kernels.tables.record`)."""
+        return Rows((self.R, record))
 
     @property
     def max_per_body(self) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.kernels.closed_contacts import ClosedContacts
-from thirdbody.kernels.columns import contact_state
+from thirdbody.kernels.tables import contact_state
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int32]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns.sides import LOWER
+from thirdbody.kernels.tables import LOWER
 
 
 def loaded_spots(state: State, body: int) -> str:

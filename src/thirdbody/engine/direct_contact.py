@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels.columns import patch
+from thirdbody.kernels.tables import patch
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class DirectContact:
         return self.length * math.log(self.prefactor / load)
 
     def columns(self) -> dict[int, float]:
-        """Return the values of the plate's row by column (`kernels.columns.patch`)."""
+        """Return the values of the plate's row by column (`kernels.tables.patch`)."""
         return {
             patch.DIRECT_PREFACTOR: self.prefactor, patch.DIRECT_LENGTH: self.length, patch.DIRECT_FRICTION: self.friction,
         }  # fmt: skip

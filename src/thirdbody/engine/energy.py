@@ -4,7 +4,7 @@ import numpy as np
 
 from thirdbody.engine.direct_contact import direct_energy
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, body_extra, patch, record, run_totals
+from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals
 
 LINES = (
     "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",

@@ -22,12 +22,12 @@ from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.team import words_of
 from thirdbody.jit.threads import allowed_threads, helpers
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels.columns import body_force, chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
-from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.explicit.tables import body_force, chunk_motion, contact_sums, drift_scratch
 from thirdbody.kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
+from thirdbody.kernels.tables import LOWER, UPPER, domain, loaded_contact, run_totals
 from thirdbody.laws.contract import Material
 
 BUDGET = 64

@@ -7,7 +7,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import domain, height_field, run_totals
+from thirdbody.kernels.tables import domain, height_field, run_totals
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid."""

@@ -33,22 +33,13 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import distribute, parts_of
-from thirdbody.kernels.columns import (
-    body_solution,
-    domain,
-    loaded_contact,
-    patch,
-    run_totals,
-    sphere_path,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
+from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals
+from thirdbody.kernels.tile import TILE
 from thirdbody.laws.contract import Material
 
 BATCH = 512

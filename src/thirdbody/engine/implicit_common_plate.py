@@ -20,22 +20,13 @@ from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import (
-    body_solution,
-    contact_state,
-    patch,
-    record,
-    run_totals,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.sides import LOWER
 from thirdbody.kernels.implicit import common_plate_driver as kernel
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings, step_start
+from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
 
 FEWEST = 8
 """Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""

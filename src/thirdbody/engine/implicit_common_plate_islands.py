@@ -17,8 +17,8 @@ from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.threads import distribute
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body_solution
 from thirdbody.kernels.implicit import common_plate_islands as kernel
+from thirdbody.kernels.implicit.tables import body_solution
 
 
 class ImplicitCommonPlateIslands(ImplicitIslands, ImplicitCommonPlate):

@@ -18,7 +18,7 @@ from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
-from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.tables import sphere
 
 if TYPE_CHECKING:
     from thirdbody.kernels.implicit.ensemble import OneBody

@@ -23,9 +23,10 @@ from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import allowed_threads, distribute
-from thirdbody.kernels.columns import run_totals, sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.tables import sphere_path, step_memory, step_settings, step_start
+from thirdbody.kernels.tables import run_totals
 
 REST, LATER = 200.0, 0.25
 """Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""

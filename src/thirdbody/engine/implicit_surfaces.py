@@ -6,8 +6,8 @@ from typing import NamedTuple
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
 from thirdbody.jit.function_pointers import address
-from thirdbody.kernels.columns import surface_contact
 from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels.tables import surface_contact
 
 
 class SurfaceUpdates(NamedTuple):

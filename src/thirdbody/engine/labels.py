@@ -9,9 +9,9 @@ from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.threads import distribute
-from thirdbody.kernels.columns import loaded_contact, observed_body
 from thirdbody.kernels.labeller_input import Observed
 from thirdbody.kernels.signatures import LABEL, OBSERVE
+from thirdbody.kernels.tables import loaded_contact, observed_body
 
 
 def labels(state: State, drag: Array) -> Array:

@@ -9,12 +9,21 @@ from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, Ints, Physics, State, table
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import neighbour_search as passes
-from thirdbody.kernels.columns import contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.rough_plates import RoughPlates
+from thirdbody.kernels.tables import (
+    DEBRIS,
+    LOWER,
+    contact_state,
+    domain,
+    height_field,
+    remote_force,
+    run_totals,
+    sphere,
+    surface_contact,
+)
 
 
 def search(state: State, recorded: bool = True) -> None:

@@ -7,7 +7,7 @@ by the integrator, or by a law with a wrong tangent or stored energy.
 import numpy as np
 
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.columns import body, body_extra, patch, run_totals
+from thirdbody.kernels.tables import body, body_extra, patch, run_totals
 
 CREATED_ENERGY_GUARD = 0.1
 """Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at

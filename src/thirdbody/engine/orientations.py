@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.tables import body, run_totals
 
 
 def orientations(state: State) -> Array:

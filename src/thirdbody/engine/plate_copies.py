@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import patch
+from thirdbody.kernels.tables import patch
 
 
 def own_patches(state: State) -> None:

@@ -211,9 +211,9 @@ def _search() -> None:
     import numpy as np
 
     from thirdbody.kernels import neighbour_search
-    from thirdbody.kernels.columns import body, body_extra, orientation, patch, sphere
     from thirdbody.kernels.neighbour_search import CandidateRows, Grid, Spheres
     from thirdbody.kernels.rigid_body import place_all
+    from thirdbody.kernels.tables import body, body_extra, orientation, patch, sphere
 
     S, P, H = np.zeros((1, sphere.WIDTH)), np.zeros((1, patch.WIDTH)), np.zeros((0, 1))
     body_of, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)

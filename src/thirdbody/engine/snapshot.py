@@ -17,8 +17,8 @@ from thirdbody.engine.contact_rows import ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.columns import step_memory
 from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.predicates import BASINS
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels.columns import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.table import Rows
+from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.rotations import to_body, to_world
 
 FLAT = np.zeros(0)
@@ -98,7 +98,7 @@ class Physics:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are declared in `kernels.columns`.
+    """Tables at one synchronised instant; columns are declared in `kernels.tables`.
 
     S may be the same array as B (`unite`); where it is not kept (`drop_spheres`), it is made anew for each reader. `side`
     (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
@@ -200,23 +200,23 @@ class State:
 
     @property
     def bodies(self) -> Rows:
-        """Bodies by name (`kernels.columns.body`, `body_extra`, `orientation`)."""
-        return Rows((self.B, body.table), (self.E, body_extra.table), (self.orientations, orientation.table))
+        """Bodies by name (`kernels.tables.body`, `body_extra`, `orientation`)."""
+        return Rows((self.B, body), (self.E, body_extra), (self.orientations, orientation))
 
     @property
     def spheres(self) -> Rows:
-        """Spheres by name (`kernels.columns.sphere`)."""
-        return Rows((self.S, sphere.table))
+        """Spheres by name (`kernels.tables.sphere`)."""
+        return Rows((self.S, sphere))
 
     @property
     def patches(self) -> Rows:
-        """Patches of the upper plate by name (`kernels.columns.patch`)."""
-        return Rows((self.P, patch.table))
+        """Patches of the upper plate by name (`kernels.tables.patch`)."""
+        return Rows((self.P, patch))
 
     @property
     def search_poses(self) -> Rows:
-        """Poses of the bodies at the last search by name (`kernels.columns.search_pose`)."""
-        return Rows((self.X0, search_pose.table))
+        """Poses of the bodies at the last search by name (`kernels.tables.search_pose`)."""
+        return Rows((self.X0, search_pose))
 
     @property
     def time(self) -> float:

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import Array, Ints, Physics
-from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 
 
 class Response(NamedTuple):

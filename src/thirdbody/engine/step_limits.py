@@ -3,8 +3,8 @@
 import numpy as np
 
 from thirdbody.engine.state import Array
-from thirdbody.kernels.columns import step_memory
 from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
+from thirdbody.kernels.implicit.tables import step_memory
 
 
 def causes(memory: Array) -> Array:

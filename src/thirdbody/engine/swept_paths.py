@@ -5,9 +5,9 @@ import numpy as np
 from thirdbody.engine.candidates import Numbers
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Array, Ints, State
-from thirdbody.kernels.columns import domain, sphere, sphere_path
-from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.kernels.implicit.accept_step import ROUNDED
+from thirdbody.kernels.implicit.tables import sphere_path
+from thirdbody.kernels.tables import EVERYTHING, domain, sphere
 
 OUTLIER = 4.0
 """Paths longer than this many times those of 99 % of the spheres are those of single bodies that tip or fly. Their pairs are

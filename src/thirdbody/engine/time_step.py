@@ -10,8 +10,8 @@ from thirdbody.engine.candidates import Candidates
 from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import Array, Ints, State
 from thirdbody.jit.threads import distribute, pieces_of
-from thirdbody.kernels.columns import patch, run_totals
 from thirdbody.kernels.explicit import critical_time_step
+from thirdbody.kernels.tables import patch, run_totals
 from thirdbody.laws.contract import Material
 
 STABILITY_FRACTION = 0.2

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import patch
+from thirdbody.kernels.tables import patch
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -5,7 +5,7 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import run_totals
+from thirdbody.kernels.tables import run_totals
 
 
 @njit(**BARE)

@@ -20,10 +20,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import geometry, law_input, law_output, spot
-from thirdbody.kernels.columns import spot_group as lane
-from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.spot_loads import LANES
+from thirdbody.kernels.spot_loads import LANES, lane, spot
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 Array = np.ndarray
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE_CHUNK
-from thirdbody.kernels.columns import contact_state
+from thirdbody.kernels.tables import contact_state
 
 Array = np.ndarray
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import height_field as head
 from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, rounded_jet, within_period
+from thirdbody.kernels.tables import height_field as head
 
 CLOSE = 1e-6
 """In units of a cell: a correction of Newton's method that is completed by Taylor's series, to rounding, without another one."""

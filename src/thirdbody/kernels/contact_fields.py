@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import contact_state, law_input, law_output
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tables import contact_state
+from thirdbody.kernels.tile import TILE, law_input, law_output
 
 
 def pieces(columns: np.ndarray) -> np.ndarray:

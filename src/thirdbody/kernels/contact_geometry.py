@@ -13,11 +13,11 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, VECTOR, broadcast, load, prefetch, put, set4, transpose, with_last
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import contact_state, geometry, law_input, law_output, sphere, surface_contact
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import load_field
 from thirdbody.kernels.periodic import image
 from thirdbody.kernels.predicates import kind_of
+from thirdbody.kernels.tables import contact_state, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""

@@ -5,9 +5,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
-from thirdbody.kernels.columns import contact_state, geometry, law_output
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import store_field
+from thirdbody.kernels.tables import contact_state
+from thirdbody.kernels.tile import TILE, geometry, law_output
 
 
 @njit(**BARE)

@@ -9,7 +9,7 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import patch, run_totals
+from thirdbody.kernels.tables import patch, run_totals
 
 
 @njit(**BARE)

@@ -11,8 +11,8 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import patch, sphere, surface_contact
 from thirdbody.kernels.predicates import is_upper, patch_of_partner
+from thirdbody.kernels.tables import patch, sphere, surface_contact
 
 
 @njit(**BARE)

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import height_field as head
+from thirdbody.kernels.tables import height_field as head
 
 Array = np.ndarray
 
@@ -185,7 +185,7 @@ def pack_field(coefficients: Array, length_x: float, length_y: float) -> Array:
     row[head.MAX_HEIGHT], row[head.MIN_HEIGHT] = wrapped.max(), wrapped.min()
     row[head.MAX_SLOPE], row[head.MAX_CURVATURE] = _bounds(wrapped, length_x / count_x, length_y / count_y)
     row[head.LEVELS] = len(levels)
-    row[head.OFFSETS][: len(levels)] = first + np.cumsum([0] + [level.size for level in levels[:-1]])
+    row[head.OFFSET24][: len(levels)] = first + np.cumsum([0] + [level.size for level in levels[:-1]])
     return np.concatenate([row, wrapped.ravel()] + [level.ravel() for level in levels])
 
 

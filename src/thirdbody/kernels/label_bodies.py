@@ -8,9 +8,9 @@ from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
-from thirdbody.kernels.columns import loaded_contact, run_totals
 from thirdbody.kernels.labeller_input import Observed, body_contacts, body_row
 from thirdbody.kernels.signatures import LABEL, OBSERVE
+from thirdbody.kernels.tables import loaded_contact, run_totals
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")

@@ -7,12 +7,22 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import put
-from thirdbody.kernels.columns import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_history import labeller_column
 from thirdbody.kernels.predicates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
 from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.sphere_rotation import rotate_behind
+from thirdbody.kernels.tables import (
+    DEBRIS,
+    LOWER,
+    UPPER,
+    body,
+    body_extra,
+    contact_state,
+    loaded_contact,
+    observed_body,
+    record,
+    run_totals,
+)
 
 
 class Observed(NamedTuple):

@@ -12,12 +12,12 @@ from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
-from thirdbody.kernels.columns import law_input, law_output, patch, sphere, surface_contact
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
 from thirdbody.kernels.signatures import MEASURE
+from thirdbody.kernels.tables import patch, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, law_input, law_output
 
 measure_at = function_at(MEASURE)
 

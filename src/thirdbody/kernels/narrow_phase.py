@@ -11,10 +11,10 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put, transpose
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import sphere, surface_contact
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.periodic import image, images, nearest_image
 from thirdbody.kernels.predicates import BASINS, is_plate, is_upper
+from thirdbody.kernels.tables import sphere, surface_contact
 
 
 @njit(**BARE)

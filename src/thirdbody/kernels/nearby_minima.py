@@ -12,8 +12,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.closest_point import closest, gradient_of
-from thirdbody.kernels.columns import height_field as head
 from thirdbody.kernels.height_field import jet_at, within_period
+from thirdbody.kernels.tables import height_field as head
 
 MERGE = 1e-3
 """In units of a cell: minima that are nearer to each other are one."""

@@ -14,10 +14,9 @@ from thirdbody.jit.simd import LANES, broadcast, less_mask, load
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import first_body
 from thirdbody.kernels.bundles import Box
-from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
 from thirdbody.kernels.periodic import images, inverse
 from thirdbody.kernels.predicates import is_sphere, order_on_sphere, partner_code
+from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, ONLY_UPPER, sphere
 
 Array = np.ndarray
 

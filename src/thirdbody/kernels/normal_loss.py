@@ -7,9 +7,9 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import body, body_extra, law_input, law_output, remote_force
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.predicates import is_plate
+from thirdbody.kernels.tables import body, body_extra, remote_force
+from thirdbody.kernels.tile import TILE, law_input, law_output
 
 HALF = 0.5
 """Fraction of the loss between two bodies that each of them gets."""

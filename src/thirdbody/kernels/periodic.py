@@ -6,7 +6,7 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import broadcast, round_to_nearest
 from thirdbody.kernels.bundles import Box
-from thirdbody.kernels.columns import domain
+from thirdbody.kernels.tables import domain
 
 
 @njit(**BARE)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import body_extra, contact_state, record
+from thirdbody.kernels.tables import body_extra, contact_state, record
 
 BASINS = 8
 """Most contacts of a sphere with one plate."""

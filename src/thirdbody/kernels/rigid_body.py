@@ -11,8 +11,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
-from thirdbody.kernels.columns import body, body_extra, domain, orientation, search_pose, sphere
 from thirdbody.kernels.rotation import matrix, spin
+from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
 
 BODIES = 64
 """Bodies per chunk."""

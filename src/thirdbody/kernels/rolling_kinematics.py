@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import geometry, law_input, law_output, record, rolling_input, rolling_output, sphere
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
+from thirdbody.kernels.tables import record, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
 MOMENTS = 2
 """Value of `rolling` in a scene with a rolling law; 1: a law requests the travel only, 0: neither."""

@@ -11,8 +11,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import broadcast, extract, load
-from thirdbody.kernels.columns import body, orientation
 from thirdbody.kernels.rotation import rotate_small
+from thirdbody.kernels.tables import body, orientation
 
 STEPS = 16
 """Steps of a block; the time step changes only at its ends."""

@@ -19,10 +19,10 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import extract
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import sphere, spot
-from thirdbody.kernels.columns import spot_group as lane
 from thirdbody.kernels.predicates import is_lower, kind_of
 from thirdbody.kernels.rigid_body import arm_to_sphere
+from thirdbody.kernels.table import Table, number, vector
+from thirdbody.kernels.tables import sphere
 
 NEAR = 0.05
 """Least distance of two spots over the smaller radius. A contact area has this radius at an overlap of 0.0025 radii."""
@@ -41,6 +41,40 @@ SWEEPS = 60
 
 ACCURACY = 1e-15
 """Change of the relief over the overlap that ends the sweeps."""
+
+# Spots of a body on the plates, in the scratch of `spot_loads`.
+spot = Table(
+    "W",
+    "a spot",
+    number=number("", "its contact, in the list of the group"),
+    x=number("m", "centre of its sphere from that of its body, along x"),
+    y=number("m", "the same along y"),
+    radius=number("m", "effective radius"),
+    overlap=number("m", "overlap with the undeformed plate"),
+    square=number("m2", "square of the contact radius that it would have alone"),
+    factor=number("N/m3", "force over the cube of the contact radius"),
+    sphere_radius=number("m", "radius of its sphere"),
+)
+
+# Two or three spots of a body on one plate, in the scratch of `spot_loads`: a lane of LANES, structure of arrays.
+lane = Table(
+    "L",
+    "a group of two or three spots",
+    row=number("", "where its rows of W begin"),
+    count=number("", "number of its spots"),
+    compliance=number("m2/N", "displacement of the plate times distance over force"),
+    x=vector(3, "m", "centres of the spheres from that of the body, along x"),
+    y=vector(3, "m", "the same along y"),
+    radius=vector(3, "m", "effective radii"),
+    sphere_radius=vector(3, "m", "radii of the spheres"),
+    factor=vector(3, "N/m3", "forces over the cubes of the contact radii"),
+    square=vector(3, "m2", "squares of the contact radii that they would have alone"),
+    converged=number("", "1: Newton's method converged"),
+    force=vector(3, "N", "normal forces"),
+    relief=vector(3, "m", "what the others lower the plate"),
+    pull_x=vector(3, "N", "forces along the plate, along x"),
+    pull_y=vector(3, "N", "the same along y"),
+)
 
 
 @njit(**BARE)

@@ -16,10 +16,10 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
 from thirdbody.kernels.closest_point import LOCAL, bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
-from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
 from thirdbody.kernels.nearby_minima import MERGE, find_minima
 from thirdbody.kernels.predicates import BASINS, is_upper
 from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
 MOVED = 0.02
 """Displacement of a sphere relative to a plate, in radii, after which all minima are searched for again."""

@@ -3,8 +3,7 @@
 from numba import njit
 
 from thirdbody.jit.options import BARE_CHUNK
-from thirdbody.kernels.columns import law_input
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tile import TILE, law_input
 
 
 @njit(**BARE_CHUNK)

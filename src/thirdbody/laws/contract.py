@@ -58,7 +58,7 @@ from numba import njit
 
 from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
-from thirdbody.kernels.columns.table import Column
+from thirdbody.kernels.table import Column
 
 if TYPE_CHECKING:
     from thirdbody.laws.measures import Measure

@@ -9,8 +9,7 @@ import numpy as np
 
 from thirdbody.assembly.swings import why_swings
 from thirdbody.engine.static_response import response
-from thirdbody.kernels.columns import sphere
-from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
+from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.laws.elasticity import e_star
 from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
 from thirdbody.laws.radial_return import MEMORY

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.tables import sphere
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns.forecast_bits import CAN_SLIDE, NO_FORECAST
+from thirdbody.kernels.tables import CAN_SLIDE, NO_FORECAST
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
 from thirdbody.report.forecast_conditions import conditions, touches_others
 from thirdbody.trajectory.reader import Run

@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.engine.neighbours import update_closest_points
-from thirdbody.kernels.columns import sphere, surface_contact
+from thirdbody.kernels.tables import sphere, surface_contact
 from thirdbody.runner.output_schedule import planned_frames
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
     The first call is not counted.
     """
     from thirdbody.errors import GuardStop
-    from thirdbody.kernels.columns import run_totals
+    from thirdbody.kernels.tables import run_totals
 
     trial = integrator.state
     try:

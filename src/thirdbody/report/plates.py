@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.kernels.columns import patch
+from thirdbody.kernels.tables import patch
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.columns.sides import DEBRIS, UPPER
+from thirdbody.kernels.tables import DEBRIS, UPPER
 from thirdbody.report.friction_cones import IMPOSSIBLE, POSSIBLE, UNDECIDED, Support, can_slide, can_stick
 from thirdbody.trajectory.reader import Run
 

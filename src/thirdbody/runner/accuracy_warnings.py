@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.upper_plate import mean_value
-from thirdbody.kernels.columns import contact_state, patch, record
+from thirdbody.kernels.tables import contact_state, patch, record
 from thirdbody.runner.settling import settling_warning
 from thirdbody.runner.yield_check import yield_warning
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.tables import body, body_extra
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

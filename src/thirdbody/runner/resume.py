@@ -169,7 +169,7 @@ def _stops(checkpoint: Checkpoint, simulation: Simulation) -> int:
 
 def _reached(checkpoint: Checkpoint) -> tuple[float, float]:
     """Return time [s] and distance [m] of a checkpoint."""
-    from thirdbody.kernels.columns import run_totals
+    from thirdbody.kernels.tables import run_totals
 
     A = checkpoint.snapshot.arrays["A"]
     return float(A[run_totals.TIME]), float(A[run_totals.DISTANCE]) or -math.inf

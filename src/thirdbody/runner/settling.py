@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.engine.energy import stored_energies
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, patch, run_totals
+from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import State, refresh_spheres
-from thirdbody.kernels.columns import body
+from thirdbody.kernels.tables import body
 
 NUDGE = 1e-9
 """Standard deviation of the displacements, in parts of a body's size, and of the rotations [rad]."""

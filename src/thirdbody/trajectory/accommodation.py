@@ -28,8 +28,7 @@ import numpy as np
 from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import rate_before
-from thirdbody.kernels.columns import record
-from thirdbody.kernels.columns.sides import LOWER, UPPER
+from thirdbody.kernels.tables import LOWER, UPPER, record
 from thirdbody.trajectory.names import ACCOMMODATION
 
 Array = np.ndarray

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
 from thirdbody.granular_flow import LAYERS, inertial_number, median_by_mass, softness
-from thirdbody.kernels.columns import body, body_extra, record
-from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.kernels.tables import DEBRIS, body, body_extra, record
 from thirdbody.trajectory.shear_zone import rising_profile, shear_zone
 
 Array = NDArray[np.float64]

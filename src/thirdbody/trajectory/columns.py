@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER
 from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.names import CYCLES as CYCLE_NAMES
 from thirdbody.trajectory.reader import Run

@@ -10,8 +10,7 @@ from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, map_densities
 from thirdbody.engine.orientations import orientations
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, body_extra, patch, record, run_totals, sphere
-from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval

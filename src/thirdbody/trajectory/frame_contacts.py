@@ -8,9 +8,8 @@ import numpy as np
 from thirdbody.engine.candidates import sides_of
 from thirdbody.engine.measures import contact_maxima
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import contact_state, record
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER
 from thirdbody.kernels.rolling_kinematics import TWIST
+from thirdbody.kernels.tables import DEBRIS, LOWER, contact_state, record
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 
 Array = np.ndarray

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import patch
-from thirdbody.kernels.columns.sides import DEBRIS
+from thirdbody.kernels.tables import DEBRIS, patch
 from thirdbody.trajectory.slabs import Parts, Slabs, line_parts, sphere_parts
 
 Array = NDArray[np.float64]

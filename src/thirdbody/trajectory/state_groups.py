@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.columns.sides import LOWER, UPPER
+from thirdbody.kernels.tables import LOWER, UPPER
 from thirdbody.quantity import GLUE, percent, quantity_text
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.validate import damage_as_fault

@@ -17,10 +17,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
-from thirdbody.kernels.columns import geometry, law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 from thirdbody.kernels.rolling_kinematics import has_twist
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
 
 @njit(**BARE)

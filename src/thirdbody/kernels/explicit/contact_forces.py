@@ -27,23 +27,12 @@ from thirdbody.jit.simd import (
 )
 from thirdbody.kernels import close_spots, first_body
 from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.columns import (
-    body_extra,
-    contact_sums,
-    geometry,
-    law_input,
-    law_output,
-    record,
-    rolling_input,
-    rolling_output,
-    sphere,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_moved, gather_tile, store_remote_force
 from thirdbody.kernels.explicit.group_forces import add_force, shift_of
+from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.measures import measure_tile
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.normal_loss import add_normal_losses
@@ -54,6 +43,8 @@ from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments,
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.spot_loads import solve_bodies
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
+from thirdbody.kernels.tables import body_extra, record, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
 GROUP = 8
 """Chunks of bodies per group. The data of a group stay in the near cache until it is done: 16 take as long, 4 take 5 to 8 %

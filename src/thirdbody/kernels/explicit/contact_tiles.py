@@ -5,8 +5,6 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, put, store
-from thirdbody.kernels.columns import body_force, law_input, law_output, remote_force, rolling_input
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import (
     gather_pair_contacts,
     gather_plate_contact,
@@ -16,9 +14,12 @@ from thirdbody.kernels.contact_geometry import (
 )
 from thirdbody.kernels.contact_history import reset_history
 from thirdbody.kernels.explicit.contact_dissipation import separation_rate
+from thirdbody.kernels.explicit.tables import body_force
 from thirdbody.kernels.measures import measure_opened
 from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.rolling_kinematics import gather_rolling
+from thirdbody.kernels.tables import remote_force
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
 
 BODY_FRACTION = 0.5
 """Fraction of the friction work between two bodies that each of them gets."""

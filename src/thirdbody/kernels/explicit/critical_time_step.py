@@ -15,8 +15,6 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere, surface_contact
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.direct_contact import max_stiffness
 from thirdbody.kernels.explicit.stiffness_matrix import (
     SAFE,
@@ -28,11 +26,14 @@ from thirdbody.kernels.explicit.stiffness_matrix import (
     normalise,
     square_matrix,
 )
+from thirdbody.kernels.explicit.tables import contact_stiffness
 from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.periodic import box_of, image
 from thirdbody.kernels.predicates import is_sphere, is_upper, patch_of_partner
 from thirdbody.kernels.rigid_body import arm_to_sphere
 from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.tables import body, body_extra, patch, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, law_input
 
 Array = np.ndarray
 

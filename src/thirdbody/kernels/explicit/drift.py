@@ -12,8 +12,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, transpose
-from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_scratch, orientation, sphere
 from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
+from thirdbody.kernels.explicit.tables import chunk_motion, drift_scratch
 from thirdbody.kernels.rigid_body import (
     BODIES,
     NEGLIGIBLE_MOMENTUM,
@@ -27,6 +27,7 @@ from thirdbody.kernels.rigid_body import (
     vector,
 )
 from thirdbody.kernels.rotation import free_rotation, matrix, spin
+from thirdbody.kernels.tables import body, body_extra, orientation, sphere
 
 
 @njit(**BARE)

@@ -19,7 +19,6 @@ from thirdbody.jit.simd import (
     store,
     with_last,
 )
-from thirdbody.kernels.columns import body, domain, orientation, sphere
 from thirdbody.kernels.rigid_body import (
     BODIES,
     MAX_DISTANCE,
@@ -30,6 +29,7 @@ from thirdbody.kernels.rigid_body import (
     store_three,
 )
 from thirdbody.kernels.sphere_rotation import rotate_sphere
+from thirdbody.kernels.tables import body, domain, orientation, sphere
 
 
 @njit(**BARE)

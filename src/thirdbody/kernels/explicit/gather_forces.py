@@ -5,10 +5,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import broadcast, broadcast_lane, extract, flush_below, load, set4, store, with_last
-from thirdbody.kernels.columns import body, body_extra, chunk_motion, remote_force
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.group_forces import add_force, shift_of, store_forces
+from thirdbody.kernels.explicit.tables import chunk_motion
 from thirdbody.kernels.rigid_body import BODIES, NEGLIGIBLE_MOMENTUM, NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, REMOTE, spin_body
+from thirdbody.kernels.tables import body, body_extra, remote_force
 
 
 @njit(**BARE)

@@ -8,7 +8,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import broadcast, load, store, with_last
-from thirdbody.kernels.columns import body, body_force
+from thirdbody.kernels.explicit.tables import body_force
+from thirdbody.kernels.tables import body
 
 
 @njit(**BARE)

@@ -8,7 +8,6 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED
-from thirdbody.kernels.columns import body_extra
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
@@ -17,6 +16,7 @@ from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.rigid_body import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
+from thirdbody.kernels.tables import body_extra
 
 law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
 

@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import body_extra, patch
 from thirdbody.kernels.direct_contact import direct_force
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, value
+from thirdbody.kernels.tables import body_extra, patch
 
 
 @njit(**BARE)

@@ -16,15 +16,16 @@ from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, patch, run_totals
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_powers
+from thirdbody.kernels.explicit.tables import chunk_motion, contact_sums
 from thirdbody.kernels.rigid_body import BODIES, largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, LATE, OBSERVATION, WORK, context_of
 from thirdbody.kernels.sphere_rotation import steps_behind, weight_of
+from thirdbody.kernels.tables import domain, patch, run_totals
 
 
 class Stop(IntEnum):

@@ -10,19 +10,6 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    contact_state,
-    law_output,
-    record,
-    run_totals,
-    sphere,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_history import reset_history, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
@@ -32,12 +19,15 @@ from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
 from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
+from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.vector_algebra import cross
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.surface_velocity import surface_velocity
+from thirdbody.kernels.tables import body, body_extra, contact_state, record, run_totals, sphere
+from thirdbody.kernels.tile import TILE, law_output
 
 
 @njit(**BARE)

@@ -6,27 +6,11 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    contact_sums,
-    geometry,
-    law_output,
-    patch,
-    record,
-    run_totals,
-    sphere,
-    sphere_path,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
 from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
+from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.bundles import FREEDOMS
@@ -35,10 +19,13 @@ from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.implicit.step_control import step_ratio
+from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rough_plates import update_by, update_surfaces
+from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_output
 
 ROUNDED = 1.001
 """Length of the path of a sphere over the sum of its chords, an upper bound: a step turns a body by 0.05 rad at most."""

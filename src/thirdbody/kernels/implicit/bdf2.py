@@ -12,7 +12,6 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.bundles import ActiveBody
 from thirdbody.kernels.implicit.friction_work import MIN_CUT, work_error
@@ -35,9 +34,11 @@ from thirdbody.kernels.implicit.step_control import (
     rotation_of,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
+from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.labeller_input import update_body_memory
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
 from thirdbody.kernels.signatures import OBSERVE
+from thirdbody.kernels.tables import patch, run_totals
 
 observe_at = function_at(OBSERVE)
 

@@ -5,9 +5,9 @@ from numba import njit, types
 
 from thirdbody.jit.options import DIRECT
 from thirdbody.jit.packed_arguments import PACKED
-from thirdbody.kernels.columns import step_start
 from thirdbody.kernels.implicit.bdf2 import advance_body
 from thirdbody.kernels.implicit.bundles import context_of, make_workspace
+from thirdbody.kernels.implicit.tables import step_start
 
 
 @njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), nogil=True, **DIRECT)

@@ -7,8 +7,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import step_memory, surface_contact
+from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.predicates import BASINS, is_upper
+from thirdbody.kernels.tables import surface_contact
 
 
 @njit(**BARE)

@@ -8,8 +8,6 @@ of the arrow matrix. One scalar equation for the plate remains (`engine.implicit
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import body_solution, law_output, patch, step_memory, step_start
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.accept_step import accept_step
 from thirdbody.kernels.implicit.bdf2 import update_labeller
@@ -36,7 +34,10 @@ from thirdbody.kernels.implicit.step_control import (
     rotation_of,
 )
 from thirdbody.kernels.implicit.step_limits import lands
+from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
 from thirdbody.kernels.predicates import is_upper
+from thirdbody.kernels.tables import patch
+from thirdbody.kernels.tile import TILE, law_output
 
 
 @njit(**BARE)

@@ -5,7 +5,6 @@ from numba import njit, types
 from thirdbody.jit.options import OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body_solution, step_memory
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.bundles import MOTION, active_body, context_of, make_workspace
@@ -21,6 +20,7 @@ from thirdbody.kernels.implicit.step_control import (
     set_next_dt,
     step_ratio,
 )
+from thirdbody.kernels.implicit.tables import body_solution, step_memory
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
 

@@ -9,7 +9,6 @@ from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
-from thirdbody.kernels.columns import body_solution, patch
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
 from thirdbody.kernels.implicit.accept_step import accept_step
 from thirdbody.kernels.implicit.band_matrix import entry, factorise_band
@@ -21,6 +20,8 @@ from thirdbody.kernels.implicit.island_step import errors_of, island_lands, isla
 from thirdbody.kernels.implicit.newton import Outcome
 from thirdbody.kernels.implicit.pair_contacts import save_pair_overlaps
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
+from thirdbody.kernels.implicit.tables import body_solution
+from thirdbody.kernels.tables import patch
 
 
 @njit(**BARE)

@@ -8,13 +8,14 @@ whose steps all begin at rest, it is the work of the force at the end. The force
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import contact_state, law_input, law_output, record, rolling_input, rolling_output, step_settings
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.contact_dissipation import has_dashpot_moments
 from thirdbody.kernels.implicit.residual import depth_at
+from thirdbody.kernels.implicit.tables import step_settings
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_twist
+from thirdbody.kernels.tables import contact_state, record
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 
 
 @njit(**BARE)

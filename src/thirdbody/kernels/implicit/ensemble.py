@@ -12,11 +12,12 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, DIRECT
 from thirdbody.jit.packed_arguments import PACKED, first_words
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
-from thirdbody.kernels.columns import body, run_totals, sphere, step_memory, step_start
 from thirdbody.kernels.implicit.bdf2 import advance_body
 from thirdbody.kernels.implicit.bundles import KINDS, context_of, make_workspace
 from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.rigid_body import place_as_it_is
+from thirdbody.kernels.tables import body, run_totals, sphere
 
 Array = np.ndarray
 

@@ -11,25 +11,15 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import (
-    body,
-    contact_state,
-    domain,
-    law_input,
-    law_output,
-    rolling_input,
-    sphere,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
 from thirdbody.kernels.implicit.residual import depth_at
+from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.normal_loss import friction_work_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
+from thirdbody.kernels.tables import body, contact_state, domain, sphere
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
 
 FLOOR = 0.02
 """Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a

@@ -10,9 +10,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
-from thirdbody.kernels.columns import height_field, surface_contact
 from thirdbody.kernels.height_field import jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.vector_algebra import cross
+from thirdbody.kernels.tables import height_field, surface_contact
 
 STEP = 1e-4
 """Length of the differences, in units of a cell."""

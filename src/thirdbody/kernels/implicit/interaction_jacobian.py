@@ -11,13 +11,13 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import contact_tangent, geometry, sphere
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
 from thirdbody.kernels.implicit.vector_algebra import cross
 from thirdbody.kernels.predicates import is_lower, is_upper
 from thirdbody.kernels.spot_loads import NEAR, SWEEPS
+from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry
 
 ACCURACY = 1e-9
 """Change of a relieved strain over the largest that ends the sweeps: of a tangent, not of a force."""

@@ -13,20 +13,12 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, CHUNK
 from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.columns import (
-    contact_sums,
-    contact_tangent,
-    geometry,
-    law_input,
-    law_output,
-    observed_body,
-    rolling_input,
-    rolling_output,
-    step_contacts,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE
+from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.implicit.bundles import FREEDOMS, Workspace, active_body
+from thirdbody.kernels.implicit.tables import step_contacts
+from thirdbody.kernels.tables import observed_body
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
 Array = np.ndarray
 

@@ -4,11 +4,12 @@ from numba import njit, types
 
 from thirdbody.jit.options import BARE, DIRECT
 from thirdbody.jit.packed_arguments import PACKED
-from thirdbody.kernels.columns import run_totals, step_memory
 from thirdbody.kernels.implicit.bundles import context_of
 from thirdbody.kernels.implicit.island_bundles import tables_of
 from thirdbody.kernels.implicit.island_step import island_of, island_step, pool_of_part
 from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.tables import run_totals
 
 
 @njit(**BARE)

@@ -10,7 +10,6 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import body, patch, step_start
 from thirdbody.kernels.implicit.band_matrix import factorise_band, substitute_band
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.island_bundles import active_at, space_at
@@ -28,6 +27,8 @@ from thirdbody.kernels.implicit.newton import (
 from thirdbody.kernels.implicit.pair_contacts import add_pair_forces, gather_pairs, limit_pair_overlaps, limit_pair_reversal
 from thirdbody.kernels.implicit.pair_jacobian import assemble_island
 from thirdbody.kernels.implicit.residual import active_contacts, residual, set_configuration
+from thirdbody.kernels.implicit.tables import step_start
+from thirdbody.kernels.tables import body, patch
 
 ITERATIONS = 16
 """Maximum iterations: more than for one body (`newton.ITERATIONS`), since a shorter step is one of all bodies of the island."""

@@ -9,7 +9,6 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import run_totals, step_memory, step_settings
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs, work_error_of_island
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.band_matrix import row_length
@@ -38,8 +37,10 @@ from thirdbody.kernels.implicit.step_control import (
     rotation_of,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
+from thirdbody.kernels.implicit.tables import step_memory, step_settings
 from thirdbody.kernels.labeller_input import Observed
 from thirdbody.kernels.periodic import box_of
+from thirdbody.kernels.tables import run_totals
 
 
 @njit(**BARE_CHUNK)

@@ -30,19 +30,6 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import interact, relieve, restore
-from thirdbody.kernels.columns import (
-    body,
-    contact_tangent,
-    geometry,
-    law_input,
-    law_output,
-    patch,
-    rolling_output,
-    sphere,
-    step_start,
-    surface_contact,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import padded
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.interaction_jacobian import add_interaction
@@ -57,11 +44,14 @@ from thirdbody.kernels.implicit.residual import (
     inertia_of,
     vector_at,
 )
+from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.vector_algebra import cross, dot, product
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.rough_plates import update_by
 from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.tables import body, patch, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_output
 
 tangents_at = function_at(LAW)
 

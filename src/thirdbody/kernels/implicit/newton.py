@@ -9,21 +9,6 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import interact
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    geometry,
-    height_field,
-    law_input,
-    law_output,
-    patch,
-    sphere,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
@@ -35,8 +20,11 @@ from thirdbody.kernels.implicit.residual import (
     residual,
     set_configuration,
 )
+from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.vector_algebra import dot
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
+from thirdbody.kernels.tables import body, body_extra, height_field, patch, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the

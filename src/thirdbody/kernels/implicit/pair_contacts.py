@@ -10,17 +10,6 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import (
-    geometry,
-    law_input,
-    law_output,
-    rolling_input,
-    sphere,
-    step_contacts,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
 from thirdbody.kernels.implicit.island_bundles import pair_tile, tile_count
 from thirdbody.kernels.implicit.newton import AT_LIMIT, BACK, OVERLAP_GROWTH
@@ -35,9 +24,12 @@ from thirdbody.kernels.implicit.residual import (
     scale_slip,
     vector_at,
 )
+from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
 from thirdbody.kernels.implicit.vector_algebra import cross, dot
 from thirdbody.kernels.periodic import image
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments
+from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
 
 
 @njit(**BARE)

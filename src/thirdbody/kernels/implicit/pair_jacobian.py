@@ -21,8 +21,6 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.columns import geometry, law_input, sphere, step_start
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.band_matrix import entry, row_length
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
@@ -37,8 +35,11 @@ from thirdbody.kernels.implicit.jacobian import (
 )
 from thirdbody.kernels.implicit.pair_contacts import arm_of, closed_part, ends_of, partner_point
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, frame_of, vector_at
+from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.vector_algebra import cross, dot, scaled_sum
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input
 
 Vector = tuple[float, float, float]
 

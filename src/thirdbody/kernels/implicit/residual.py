@@ -16,29 +16,10 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import add_interaction_energy, interact, relieve, restore, spots_of
-from thirdbody.kernels.columns import (
-    body,
-    body_extra,
-    domain,
-    geometry,
-    law_input,
-    law_output,
-    orientation,
-    patch,
-    rolling_input,
-    rolling_output,
-    run_totals,
-    sphere,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-    surface_contact,
-)
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
+from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body, quaternion
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
@@ -46,6 +27,8 @@ from thirdbody.kernels.rotation import matrix, rotate
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.kernels.spot_loads import solve_body
+from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
 

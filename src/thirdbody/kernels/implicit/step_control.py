@@ -10,23 +10,14 @@ from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import load
 from thirdbody.kernels import first_body
 from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.columns import (
-    body,
-    domain,
-    patch,
-    run_totals,
-    sphere,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-)
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_limits import TRAVEL, StepLimit
+from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
+from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 
 
 class Stop(IntEnum):

@@ -11,7 +11,6 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.kernels import first_body
-from thirdbody.kernels.columns import domain, height_field, sphere, surface_contact
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.gradient_change import write_gradient_change
 from thirdbody.kernels.predicates import BASINS, is_upper
@@ -27,6 +26,7 @@ from thirdbody.kernels.surface_minima import (
     search_all,
     search_is_due,
 )
+from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
 MARGIN = 0.15
 """Largest gap of a minimum that is followed, in radii: more than `step_limits.TRAVEL` and `surface_minima.MOVED` together."""

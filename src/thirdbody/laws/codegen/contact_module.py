@@ -5,8 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from thirdbody.kernels.columns import contact_tangent, law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.codegen import fragments
 from thirdbody.laws.contract import STAGES, STIFF, Law
 

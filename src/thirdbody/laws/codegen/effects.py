@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.tables import body, body_extra
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of, tuples_for
 from thirdbody.laws.codegen.module_cache import load_module

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.columns import law_input, law_output
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tile import TILE, law_input, law_output
 from thirdbody.laws.conformance.cone import CONE
 from thirdbody.laws.conformance.paths import (
     PAIRS,

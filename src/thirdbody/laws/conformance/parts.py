@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.kernels.columns import body, body_extra, loaded_contact, observed_body
-from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_step import ContactStep
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, body, body_extra, loaded_contact, observed_body
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
 from thirdbody.laws.codegen.measures import compose_measures
@@ -109,7 +108,7 @@ def of_effect(effect: BodyEffect) -> dict[str, Callable[[], Result]]:
         function = compose_effects([effect])
         for label, mix in cases:
             for what, state in BODIES.items():
-                B, E = np.zeros((1, body.table.width)), np.zeros((1, body_extra.table.width))
+                B, E = np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH))
                 B[0, body.MASS], B[0, body.POSITION3], B[0, body.VELOCITY3] = state[0], state[1:4], state[4:7]
                 B[0, body.SPIN3] = state[7:10]
                 B[0, body.FORCE3], B[0, body.TORQUE3], E[0, body_extra.INERTIA3] = TOTAL[:3], TOTAL[3:], state.inertia

@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_fields import pieces
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.codegen.laws import compose
 from thirdbody.laws.contract import BodyEffect, Law, Material, Option, Pair, SpotInteraction
 from thirdbody.laws.hertz import HERTZ

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thirdbody.kernels.columns import law_output
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.tile import TILE, law_output
 from thirdbody.laws.conformance.paths import (
     Array,
     Bench,
@@ -39,7 +38,7 @@ FORCES = [
     law_output.STORED_TANGENTIAL,
 ]
 ENERGIES = (law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL, law_output.DISSIPATED, law_output.FRICTION_LOSS)
-NAMES = {column.first: column.name for column in law_output.table}
+NAMES = {column.first: column.name for column in law_output}
 
 
 def finite(bench: Bench) -> Result:

@@ -1,0 +1,104 @@
+"""Tables of the implicit steps."""
+
+from thirdbody.kernels.table import Table, number, vector
+
+# Settings of the implicit integrator: one row.
+step_settings = Table(
+    "V",
+    "the run",
+    tolerance=number("", "error of a step over the radius of the largest contact"),
+    longest=number("m", "longest drag of a step"),
+    shortest=number("s", "length of the shortest step that is tried"),
+    inertial=number("", "1: bodies keep their momentum; 0: every step begins at rest"),
+    expected_overlap=number("m", "overlap to expect"),
+    growth=number("", "largest ratio of a step to the last one"),
+    radii=number("", "longest drag of a step over the radius of the largest contact"),
+    work=number("", "error of a step in the friction work, in parts of the energies in play"),
+)
+
+# State of the implicit integrator per body, in addition to its totals (a row like `run_totals`).
+step_memory = Table(
+    "T",
+    "a body",
+    next_dt=number("s", "length of the step to try next"),
+    cuts=number("", "number of steps that were cut"),
+    hard_steps=number("", "number of steps that were cut often"),
+    tries=number("", "number of steps tried"),
+    iterations=number("", "number of iterations of Newton's method"),
+    stored=number("J", "elastic energy of its contacts"),
+    contact_radius=number("m", "radius of its largest contact"),
+    code=number("", "what stopped the body (`implicit.step_control.Stop`)"),
+    slot=number("", "the contact that stopped it"),
+    longest_drag=number("m", "longest drag of a step"),
+    last_dt=number("s", "length of the last step; 0: start anew"),
+    jumped=number("", "1: forces jumped in the last step, which started anew"),
+    last_coordinates=vector(7, "m", "coordinates of the last step"),
+    last_dv=vector(3, "m/s", "change of the velocity in the last step"),
+    last_dl=vector(3, "kg m2/s", "change of the angular momentum in it"),
+    last_dw=vector(3, "rad/s", "change of the angular velocity in it"),
+    last_drise=number("m/s", "change of the velocity of the patch in it"),
+    stiffness=number("N/m", "stiffness of the body"),
+    limit=number("", "what limits the length of the next step (`implicit.step_limits.StepLimit`)"),
+    limited=vector(8, "", "how many steps each cause has limited"),
+    max_energy=number("J", "largest energy that its contacts could store so far (`friction_work`)"),
+    candidates=number("", "number of candidates that can touch in this step: the first ones of the body"),
+    last_force=vector(2, "N", "rough plates: change of the force on the upper plate along x and y in the last step"),
+)
+
+# State of a body and its patch at the start of an implicit step, and coefficients of the step.
+step_start = Table(
+    "Z",
+    "a body",
+    position=vector(3, "m", "centre of mass"),
+    velocity=vector(3, "m/s", "velocity"),
+    quaternion=vector(4, "", "orientation w, x, y, z; body to world"),
+    angular_momentum=vector(3, "kg m2/s", "angular momentum, world axes"),
+    spin=vector(3, "rad/s", "angular velocity"),
+    patch_height=number("m", "height of the patch"),
+    patch_velocity=number("m/s", "velocity of the patch, upwards"),
+    arm=number("m", "distance of the farthest point from the centre of mass"),
+    plate_height=number("m", "height of the plate at the end of the step"),
+    now=number("", "rate of change = (NOW change - BEFORE last change)/dt"),
+    before=number("", "see NOW"),
+    plate_displacement=number("m", "displacement of the plate that a patch is sprung to"),
+    tether_stiffness=number("N/m", "stiffness of the spring to the start position, without inertia"),
+    mass_fraction=number("", "fraction of its mass that a body without inertia keeps"),
+    patch_displacement=vector(2, "m", "displacement of the patch along x and y"),
+    patch_load=number("N", "load of the patch"),
+    old_weight=number("", "weight of the force at the start of the step in what the plate and friction take: a half, or 0"),
+)
+
+# Diagnostics of the contacts of a body that the residual of an implicit step returns: one row.
+step_contacts = Table(
+    "diagnostics",
+    "a body",
+    normal_force=number("N", "sum of the sizes of the normal forces"),
+    max_overlap=number("m", "largest overlap"),
+    max_radius=number("m", "largest radius of a contact area"),
+    max_ratio=number("", "largest overlap over the radius of its sphere"),
+    slot=number("", "its contact"),
+)
+
+# Solution of a body under a common plate, for a given rise of the plate.
+body_solution = Table(
+    "solutions",
+    "a body",
+    solved=number("", "1: its equilibrium was found"),
+    push=number("N", "force on the plate, upwards"),
+    slope=number("N/m", "change of that force with the displacement of the plate, the body following"),
+    error=number("", "error of the step over what is allowed"),
+    rotation=number("rad", "rotation in the step"),
+    iterations=number("", "iterations of Newton's method"),
+    crowded=number("", "1: it has more contacts than a tile holds"),
+    lands=number("", "1: one of its contacts closed in the step"),
+    in_island=number("", "1: it is solved together with the other bodies of its island"),
+)
+
+# Path of the centre of a sphere since the last search for islands, in implicit runs with contact between bodies.
+sphere_path = Table(
+    "paths",
+    "a sphere",
+    length=number("m", "length of the path, chord by chord"),
+    low=vector(3, "m", "lower corner of a box around the path"),
+    high=vector(3, "m", "upper corner of the box"),
+)
