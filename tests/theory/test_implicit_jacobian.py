@@ -13,17 +13,13 @@ from theory.plain import plain
 
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.height_field import pack_field
-from thirdbody.kernels.implicit.band_matrix import entry, row_length
-from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ActiveBody, ImplicitContext, make_workspace
-from thirdbody.kernels.implicit.island_bundles import TABLES, IslandTables, make_pool
-from thirdbody.kernels.implicit.island_newton import evaluate as evaluate_of_island
-from thirdbody.kernels.implicit.island_step import island_of
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.pair_jacobian import assemble_island
-from thirdbody.kernels.implicit.residual import active_contacts, set_configuration
-from thirdbody.kernels.implicit.residual import residual as write_residual
-from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
+from thirdbody.kernels.implicit.jacobian import assemble
+from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
+from thirdbody.kernels.implicit.pairs import pairs_part
+from thirdbody.kernels.implicit.spots_part import spots_part
+from thirdbody.kernels.implicit.surface_steps import rough_part, update_accepted, update_tangents, update_trial
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_room
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import RoughPlates
@@ -73,16 +69,27 @@ def tangents(I, K, n, _):  # noqa: E741
             K[k * TILE + q] = values[k]
 
 
-def evaluate(context, y, dt, r, J):
-    space, motion = plain(make_workspace)(context), Motion(dt, 0.0, 0.0)
-    active = ActiveBody(0, 0, context.starts[0], context.memory[0], context.totals[0])
-    space.before[:] = context.initial_overlaps
-    plain(set_configuration)(context, active, y, dt)
-    m = plain(active_contacts)(context, active, y, motion, space)
-    plain(write_residual)(context, active, m, y, motion, space)
-    plain(assemble_jacobian)(context, active, m, dt, False, space)
-    r[:], J[:] = space.residual, space.jacobian
-    return m
+def evaluate(context, tables, y, r, J):
+    """Residual and Jacobian of an island; returns its contacts."""
+    n, made = len(tables.bodies), {}
+    half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
+    room = make_room(context, n, 1, FREEDOMS * n * (3 * half_width + 1), context.max_per_body)
+    island, motion = plain(island_at, made)(0, context, tables, room), Motion(DT, 0.0, 0.0)
+    room.coordinates[:, 0] = y.reshape(n, FREEDOMS)
+    room.before[:] = context.initial_overlaps[: context.max_per_body]
+    m = plain(evaluate_island, made)(0.0, motion, context, island, room)
+    plain(assemble, made)(m, False, motion, context, island, room)
+    r[:] = room.coordinates[:, 2].ravel()
+    for i, row in enumerate(J):
+        for k in range(len(row)):
+            row[k] = room.jacobian[0, FREEDOMS * i + k] if n == 1 else room.band[i * 3 * half_width + k + half_width]
+    return int(room.counts.sum()) + m
+
+
+ONE = {
+    "bodies": np.zeros(1, np.int64), "body_edges": np.array([0, 1]), "position": np.zeros(1, np.int64),
+    "widths": np.zeros(1, np.int64), "pairs": np.zeros(0, np.int64), "pair_edges": np.zeros(2, np.int64),
+}  # fmt: skip
 
 
 # -- a body of four spheres between two surfaces --
@@ -168,7 +175,7 @@ def rough_tables(rng, curved, force, closing):
     given = tables(rows) | {
         "own": np.arange(rows, dtype=np.int32) // (2 * BASINS), "partner": (-1 - BASINS * plate - basins).astype(np.int32),
         "Q": np.zeros((rows, surface_contact.WIDTH)), "lower": lower, "upper": upper,
-        "update_surfaces": update_trial, "surface_tangents": update_tangents,
+        "update_surfaces": update_trial, "surface_tangents": update_tangents, "rough_part": plain(rough_part),
     }  # fmt: skip
     Q, S, P, H, D, Z = (given[name] for name in ("Q", "S", "P", "H", "D", "starts"))
     Z[0, step_start.QUATERNION : step_start.QUATERNION + 4] = q / np.linalg.norm(q)
@@ -217,8 +224,8 @@ def errors_of(write, n, steps, least):
 
 
 def jacobian_errors(given, steps):
-    context = filled(ImplicitContext, KINDS, given)
-    return errors_of(lambda y, r, J: evaluate(context, y, DT, r, J), FREEDOMS, steps, 2)
+    context, tables = filled(ImplicitContext, KINDS, given), filled(IslandTables, ISLANDS, ONE)
+    return errors_of(lambda y, r, J: evaluate(context, tables, y, r, J), FREEDOMS, steps, 2)
 
 
 STEPS = np.array([1e-3, 1e-4, 1e-5])
@@ -249,7 +256,7 @@ def test_spots_that_interact_have_the_jacobian_of_all_of_them():
     """Three spots on the lower plate, one above. Left out is the change of the forces along the plate, N^2 g/r^2 of 3 N/2d."""
     offsets, near = OFFSETS.copy(), 0.05
     offsets[:3, 2] = -0.6, -0.59, -0.6
-    given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF])}
+    given = flat_tables() | {"offsets": offsets, "interaction": np.array([near, near, STIFF]), "spots_part": plain(spots_part)}
     errors = jacobian_errors(given, STEPS[1:2])
     # g N/d is 1.5 % of the overlap: without the interaction in the Jacobian it would be off by that
     assert errors.max() < 1e-4, errors
@@ -266,21 +273,6 @@ def test_with_the_gradient_force_the_jacobian_is_the_derivative_of_the_residual(
 
 
 # -- two bodies that touch --
-
-
-def evaluate_two(context, tables, y, dt, r, J):
-    """Residual and Jacobian of an island of two bodies; returns its contacts."""
-    island = plain(island_of)(0, context, tables)
-    pool = plain(make_pool)(context, 2, 1, 2 * FREEDOMS * plain(row_length)(island.half_width))
-    for k in range(2 * FREEDOMS):
-        pool.coordinates[k // FREEDOMS, 0, k % FREEDOMS] = y[k]
-    m = plain(evaluate_of_island)(context, island, 0.0, Motion(dt, 0.0, 0.0), pool)
-    plain(assemble_island)(context, island, m, dt, False, pool)
-    for i in range(2 * FREEDOMS):
-        r[i] = pool.coordinates[i // FREEDOMS, 2, i % FREEDOMS]
-        for j in range(2 * FREEDOMS):
-            J[i, j] = pool.band[plain(entry)(i, j, island.half_width)]
-    return m
 
 
 def two_bodies(rng, force, closing):
@@ -307,13 +299,13 @@ def two_bodies(rng, force, closing):
         "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
         "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
         "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "max_per_body": 1,
-        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]),
+        "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "pairs_part": plain(pairs_part),
     }  # fmt: skip
     island = {
         "bodies": np.arange(2), "body_edges": np.array([0, 2]), "position": np.arange(2), "widths": np.ones(1, np.int64),
         "pairs": np.zeros(1, np.int64), "pair_edges": np.array([0, 1]),
     }  # fmt: skip
-    return filled(ImplicitContext, KINDS, given), filled(IslandTables, TABLES, island)
+    return filled(ImplicitContext, KINDS, given), filled(IslandTables, ISLANDS, island)
 
 
 @pytest.mark.parametrize(("force", "closing"), [(0.0, False), (0.01, False), (0.01, True)], ids=["at rest", "loaded", "closing"])
@@ -321,7 +313,7 @@ def test_jacobian_of_two_bodies_that_touch(force, closing):
     rng = np.random.default_rng(7)
     for _ in range(2):
         context, tables = two_bodies(rng, force, closing)
-        write = lambda y, r, J, context=context, tables=tables: evaluate_two(context, tables, y, DT, r, J)  # noqa: E731
+        write = lambda y, r, J, context=context, tables=tables: evaluate(context, tables, y, r, J)  # noqa: E731
         errors = errors_of(write, 2 * FREEDOMS, STEPS[:2], 1).max(axis=1)
         # central differences: a hundredth at a tenth of the step, down to rounding of 1e-16 over the step
         assert errors[1] < 0.011 * errors[0] + 3e-11, errors

@@ -276,7 +276,12 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     chosen = Accuracy(**options, skip_unsolved=solver.on_failure == "continue")
     smallest = float(np.min(state.spheres.radius))
-    built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
+    from thirdbody.engine.implicit import Implicit
+    from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
+
+    together = carried_together(state)
+    kind = ImplicitEnsemble if is_ensemble(state) and not together else Implicit
+    built = kind(state, list(choice.materials), tangents, upper.overlap * smallest, chosen, together=together)
     built.start()
     return built
 
@@ -285,32 +290,11 @@ def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
     """Return the names of the units of compiled code that a run needs (`engine.precompile`), the longest first."""
     if chosen.kind == "explicit":
         return EXPLICIT
-    if carried_together(state):
-        return ("common_plate_islands", "common_plate", "labels") if state.world.debris_meets else ("common_plate", "labels")
-    if state.world.debris_meets:
-        return "islands", "bodies", "labels"
     from thirdbody.engine.implicit_ensemble import is_ensemble
 
-    return "ensemble" if is_ensemble(state) else "bodies", "labels"
-
-
-def _kind(state: State) -> type[Implicit]:
-    if state.world.debris_meets:
-        if carried_together(state):
-            from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
-
-            return ImplicitCommonPlateIslands
-        from thirdbody.engine.implicit_islands import ImplicitIslands
-
-        return ImplicitIslands
-    if carried_together(state):
-        from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
-
-        return ImplicitCommonPlate
-    from thirdbody.engine.implicit import Implicit
-    from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
-
-    return ImplicitEnsemble if is_ensemble(state) else Implicit
+    own = "common_plate" if carried_together(state) else "ensemble" if is_ensemble(state) else "driver"
+    parts = {"pairs": state.world.debris_meets, "rough": state.world.rough, "spots": len(state.physics.interaction) > 0}
+    return own, *(name for name, needed in parts.items() if needed), "labels"
 
 
 def carried_together(state: State) -> bool:

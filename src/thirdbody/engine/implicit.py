@@ -1,12 +1,14 @@
-"""Implicit integrator (BDF2, backward-Euler starts) for bodies that touch only the plates.
+"""Implicit integrator (BDF2, backward-Euler starts) of islands of bodies.
 
 A body between the plates is a small problem with six coordinates and the height of its patch. Solved with the tangents of the
 laws, it needs no steps that resolve elastic waves: steps are as long as the motion allows, and their number does not depend on
-the speed of the drag. Between two outputs bodies are independent, with individual time steps; results are bit-identical for any
-number of threads.
+the speed of the drag. Bodies that could meet form islands, which are solved as one system (`engine.meeting`); without contact
+between bodies each is an island of its own. Between two outputs islands are independent, with individual time steps, unless all
+bodies carry one plate (`engine.common_plate`). Results are bit-identical for any number of threads.
 """
 
 import math
+import threading
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,12 +18,14 @@ from typing import Any
 import numpy as np
 
 from thirdbody.engine.accuracy import Accuracy
-from thirdbody.engine.candidates import Numbers
+from thirdbody.engine.common_plate import CommonPlate
 from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
-from thirdbody.engine.implicit_surfaces import find_minima, surface_updates
+from thirdbody.engine.implicit_parts import find_minima, part_addresses
+from thirdbody.engine.islands import Islands, single_bodies
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
+from thirdbody.engine.meeting import Meeting
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
 from thirdbody.engine.plate_copies import own_patches
@@ -33,10 +37,11 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import distribute, parts_of
-from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
+from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
 from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ROOM, ImplicitContext, make_room
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals
 from thirdbody.kernels.tile import TILE
@@ -66,27 +71,55 @@ ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
 
+MEETING_RADII = 2.0
+"""Longest drag of a step in radii of the largest contact where bodies meet (less than that of a body alone, `engine.accuracy`): in
+longer ones a contact between bodies that begins to slide is labelled late."""
+
 UNLOADED = 0.01
 """Assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere."""
 
 
-class Implicit:
-    """Implicit integrator of a state whose bodies touch only the plates.
+class Rooms:
+    """Scratch of each thread (`workspace.ROOM`), made when a thread first needs it."""
 
-    `tangents`: compiled tangents of the laws; `overlap`: expected overlap [m]. A step ends at every stop, so there are no stops
-    except outputs.
+    def __init__(self) -> None:
+        self._sizes, self._made = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of a copy: it makes its own."""
+        return {"_sizes": self._sizes, "_made": {}}
+
+    def fit(self, sizes: tuple[int, ...]) -> None:
+        """Provide for islands of at most so many bodies, pairs, numbers in the band, and candidates of a body."""
+        if any(new > old for new, old in zip(sizes, self._sizes, strict=True)):
+            self._sizes, self._made = tuple(map(max, sizes, self._sizes)), {}
+
+    def of_thread(self, context: Any) -> Array:
+        """Return the packed scratch of this thread."""
+        room = self._made.get(threading.get_ident())
+        if room is None:
+            room = self._made[threading.get_ident()] = Packer(ROOM)
+            room(make_room(context, *self._sizes))
+        return room(room.given)
+
+
+class Implicit:
+    """Implicit integrator of a state.
+
+    `tangents`: compiled tangents of the laws; `overlap`: expected overlap [m]; `together`: all bodies carry one free plate, the
+    last patch. A step ends at every stop, so there are no stops except outputs.
     """
 
-    divisible, together = False, False
-    meets = False
-    """Whether bodies have contact with each other."""
-    earlier: dict[str, Array] = {}
-    """Tables of an earlier instant by their name in a snapshot: a run can go on from there only; empty: from now."""
+    divisible = False
 
     def __init__(
         self, state: State, materials: list[Material], tangents: Callable, overlap: float, accuracy: Accuracy | None = None,
-        guards: Guards | None = None,
+        guards: Guards | None = None, together: bool = False,
     ) -> None:  # fmt: skip
+        self.meeting = Meeting(self) if state.world.debris_meets else None
+        self.plate = CommonPlate(self, state) if together else None
+        self.earlier: dict[str, Array] = {}
+        """Tables of an earlier instant by their name in a snapshot: a run can go on from there only; empty: from now."""
         self.accuracy = accuracy or Accuracy()
         self.state, self._tangents = state, tangents
         state.inertial = self.accuracy.inertia
@@ -98,10 +131,10 @@ class Implicit:
         self.rayleigh = float(times.min())
         own_patches(state)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
-        # of bodies under a common plate (`implicit_common_plate`)
-        self.starts, self.ends = np.zeros((0, step_start.WIDTH)), np.zeros((0, FREEDOMS))
-        self.solutions, self.initial_overlaps = np.zeros((0, body_solution.WIDTH)), np.zeros(0)
-        self.paths = np.zeros((0, sphere_path.WIDTH))  # where bodies meet
+        shared = state.n_bodies if together else 0
+        self.starts, self.ends = np.zeros((shared, step_start.WIDTH)), np.zeros((shared, FREEDOMS))
+        self.solutions, self.initial_overlaps = np.zeros((shared, body_solution.WIDTH)), np.zeros(0)
+        self.paths = np.zeros((state.n_spheres if self.meets else 0, sphere_path.WIDTH))
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
         self.memory[:, step_memory.NEXT_DT] = FIRST * self.rayleigh
@@ -115,10 +148,22 @@ class Implicit:
         self._law, self._effects, self._observe = (
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
-        self._tangent, self._pack, self._surface_updates = address(tangents, LAW), Packer(KINDS), surface_updates(state)
+        self._tangent, self._pack, self._parts = address(tangents, LAW), Packer(KINDS), part_addresses(state)
+        self.islands: Islands
+        self._pack_islands, self.rooms = Packer(ISLANDS), Rooms()
         self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
+
+    @property
+    def meets(self) -> bool:
+        """Whether bodies have contact with each other."""
+        return self.meeting is not None
+
+    @property
+    def together(self) -> bool:
+        """Whether all bodies share their steps."""
+        return self.plate is not None
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
@@ -129,6 +174,8 @@ class Implicit:
         V[step_settings.EXPECTED_OVERLAP], V[step_settings.GROWTH] = overlap, chosen.growth
         springs = any(name.endswith(".field[0]") for name in self.state.physics.history)
         V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * chosen.tolerance
+        if self.meets:
+            V[step_settings.RADII] = min(V[step_settings.RADII], MEETING_RADII)
         return V
 
     def start(self) -> None:
@@ -139,8 +186,20 @@ class Implicit:
         search(state)
         state.world = world
         find_minima(state)
-        self.max_per_body = state.slots.max_per_body
-        self.stride = math.inf
+        self.max_per_body, self.stride = state.slots.max_per_body, math.inf
+        self.edges, self.incidence = state.slots.edges, state.slots.incidence
+        if self.plate:
+            self.plate.start()
+        if self.meeting:
+            self.meeting.start()
+        else:
+            self.connect(single_bodies(state.n_bodies, self.edges, self.incidence))
+
+    def connect(self, islands: Islands) -> None:
+        """Take these islands as those that are advanced."""
+        self.islands = islands
+        self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
+        self.rooms.fit((*islands.largest(FREEDOMS), self.max_per_body))
 
     def advance_to(
         self,
@@ -169,20 +228,31 @@ class Implicit:
                 # also after a guard or an interrupt: bodies are at the times they have reached
                 now = until if reached else float(self.totals[:, run_totals.TIME].min())
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
-            self._refuse_stopped()
+            self.refuse_stopped()
 
     @property
     def per_call(self) -> int:
-        """Largest number of bodies in a call."""
-        return BATCH
+        """Largest number of islands in a call."""
+        return self.islands.count if self.meeting else BATCH
 
-    def _advance_to(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
-        for first in range(0, self.state.n_bodies, self.per_call):
-            last = min(first + self.per_call, self.state.n_bodies)
+    def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        if self.meeting:
+            self.meeting.advance_to(until, watch, between)
+        else:
+            self.advance_all(until, watch, between)
+
+    def advance_all(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        """Advance all islands to a time [s]."""
+        if self.plate:
+            self.plate.advance_to(until, watch, between)
+            return
+        for first in range(0, self.islands.count, self.per_call):
+            last = min(first + self.per_call, self.islands.count)
             while waiting := self._waiting(first, last, until):
-                self._call(waiting, partial(self.advance_bodies, first, last, until), slice(first, last))
+                those = slice(None) if self.meeting else slice(first, last)
+                self._call(waiting, partial(self.advance_islands, first, last, until), those)
                 watch()
-        self._collect()
+        self.collect()
 
     def _call(self, bodies: int, advance: Callable[[float], None], those: slice = slice(None)) -> None:
         """Advance so many bodies of `those` by one compiled call; of one trial step, if measures map where they are then."""
@@ -190,56 +260,85 @@ class Implicit:
         advance(1.0 if self._mapped else max(FEW, CALL * self.pace / bodies))
         self.pace = float(self.memory[those, step_memory.TRIES].sum() - before) / max(clock.perf_counter() - begun, 1e-9)
         if self._mapped:
-            self._collect()
+            self.collect()
 
-    def _collect(self) -> None:
+    def collect(self) -> None:
         """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
-        update_measures(self.state)
+        if self.meeting:
+            self.meeting.collect()
+        else:
+            update_measures(self.state)
 
     def _until(self, until: float) -> float:
         """Return the time [s], at most `until`, to which all bodies are advanced next."""
-        return until
+        return self.meeting.until(until) if self.meeting else until
 
     def _waiting(self, first: int, last: int, until: float) -> int:
-        """Return the number of running bodies that have not reached a time [s] (relevant after resume)."""
-        going = self.memory[first:last, step_memory.CODE] == Stop.NONE
-        return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
+        """Return the number of bodies in islands `order[first:last]` that go on and have not reached a time [s]."""
+        codes, times = self.memory[:, step_memory.CODE], self.totals[:, run_totals.TIME]
+        if not self.meeting:
+            return int(np.count_nonzero((codes[first:last] == Stop.NONE) & (times[first:last] < until)))
+        return self.islands.waiting(codes != Stop.NONE, times < until)
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays and notes with the integrator's own state."""
-        return {"totals": self.totals, "memory": self.memory}, {}
+        arrays = {"totals": self.totals, "memory": self.memory}
+        if self.meeting:
+            arrays["counts"] = self.meeting.counts
+        return (arrays | self.plate.tables() if self.plate else arrays), {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
         """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
-        for name, table in Implicit.export_state(self)[0].items():
+        for name, table in self.export_state()[0].items():
             table[:] = arrays[name]
+        self.earlier = {}  # `start` copied the tables that were replaced just now
 
-    def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
-        """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each.
+    def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
+        """Advance the islands `order[first:last]` to a time [s], with at most `tries` trial steps each.
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
-        # imported here: other implicit integrators compile none of it
-        from thirdbody.kernels.implicit.body_driver import advance_bodies
+        pieces = self.islands.pieces if self.meeting else parts_of(first, last, tries)
+        context, tables = self.packed(), self.packed_islands()
 
-        context = self._context()
-        distribute(parts_of(first, last, tries), lambda: lambda part: advance_bodies(*part, until, tries, context))
+        def worker() -> Callable[[tuple[int, int]], None]:
+            room = self.room()
+            return lambda piece: driver.advance_islands(*piece, until, tries, context, tables, room)
+
+        distribute(pieces, worker)
 
     def trial(self, bodies: int, until: float) -> None:
-        """Advance the first `bodies` bodies to a time [s], with what measures collect, to measure the cost. Raises GuardStop."""
-        while waiting := self._waiting(0, bodies, until):
-            self._call(waiting, partial(self.advance_bodies, 0, bodies, until), slice(bodies))
-        self._collect()
-        self._refuse_stopped()
+        """Advance the first `bodies` bodies, under a common plate all, to a time [s], to measure the cost. Raises GuardStop."""
+        if self.plate:
+            self.plate.advance_to(until, lambda: None, lambda: None)
+            return
+        islands = single_bodies(bodies, self.edges, self.incidence)
+        own, meeting = self.islands, self.meeting
+        try:
+            self.islands, self.meeting = islands, None
+            while waiting := self._waiting(0, bodies, until):
+                self._call(waiting, partial(self.advance_islands, 0, bodies, until), slice(bodies))
+            self.collect()
+        finally:
+            self.islands, self.meeting = own, meeting
+        self.refuse_stopped()
 
-    def _context(self) -> Array:
+    def room(self) -> Array:
+        """Return the packed scratch of this thread."""
+        return self.rooms.of_thread(self._pack.given)
+
+    def packed_islands(self) -> Array:
+        """Return the packed tables of the islands."""
+        return self._pack_islands(self.islands.tables)
+
+    def packed(self) -> Array:
         """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        (force, moment, twist), (edges, incidence) = physics.force_columns, self._plate_candidates()
+        force, moment, twist = physics.force_columns
         begin, size = physics.field
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
-                own=slots.own, partner=slots.partner, kind=slots.kind, edges=edges, incidence=incidence,
+                own=slots.own, partner=slots.partner, kind=slots.kind, edges=self.edges, incidence=self.incidence,
                 body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
                 **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
                 effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
@@ -250,7 +349,7 @@ class Implicit:
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
-                paths=self.paths, **self._surface_updates._asdict(), **self._measures,
+                paths=self.paths, **self._parts, **self._measures,
             )
         )  # fmt: skip
 
@@ -258,13 +357,10 @@ class Implicit:
         """Return spheres, histories and records."""
         return {"S": self.state.S, "H": self.state.slots.H, "R": self.state.slots.R}
 
-    def _plate_candidates(self) -> tuple[Numbers, Numbers]:
-        """Return `edges` and `incidence` of the candidates with plates (`engine.state.Candidates`)."""
-        return self.state.slots.edges, self.state.slots.incidence
-
     def _summed(self) -> Array:
-        """Return the totals summed over all bodies."""
-        return self.totals.sum(axis=0)
+        """Return the totals summed over all bodies, and those of a common plate."""
+        summed = self.totals.sum(axis=0)
+        return summed + self.plate.totals if self.plate else summed
 
     def _distance(self, time: float, whole: float, reached: bool) -> float:
         """Return the sliding distance [m] at a time [s]; `whole` if the stop was reached."""
@@ -293,14 +389,14 @@ class Implicit:
         if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
             self.state.patches.height[-1] = at_time(self.schedule.gap, time)
 
-    def _refuse_stopped(self) -> None:
+    def refuse_stopped(self) -> None:
         """Raise GuardStop for the first stopped body; with `skip_unsolved`, bodies without a solution are skipped."""
         codes = self.memory[:, step_memory.CODE]
         stopped = np.flatnonzero(codes != Stop.NONE)
         if self.accuracy.skip_unsolved:
             stopped = stopped[codes[stopped] != Stop.UNSOLVED]
         if len(stopped):
-            raise GuardStop(self._explain(int(stopped[0])))
+            raise GuardStop(self.explain(int(stopped[0])))
 
     def refuse_created_energy(self) -> None:
         """Raise GuardStop if the integrator has created more than CREATED_ENERGY_GUARD of the exchanged energy."""
@@ -337,8 +433,8 @@ class Implicit:
             "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
             "steps_limited_by": limited_by(T),
             "limiting_body": limiting_body(T, state.order),
-            "unsolved": {int(body): self._explain(int(body)) for body in lost},
-        }
+            "unsolved": {int(body): self.explain(int(body)) for body in lost},
+        } | ({"islands": self.meeting.summary()} if self.meeting else {})
 
     def describe_limit(self) -> str:
         """Return, as text, the most frequent step limit since the last call; empty before the first step."""
@@ -354,7 +450,7 @@ class Implicit:
         """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
-    def _explain(self, body: int) -> str:
+    def explain(self, body: int) -> str:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = self._who(body)

@@ -36,7 +36,7 @@ class Scratch(NamedTuple):
 
 def is_ensemble(state: State) -> bool:
     """Return whether the bodies are more than a batch, and meet flat plates only, without measures that sum over contacts."""
-    return state.n_bodies > BATCH and not state.world.rough and not state.physics.measures
+    return state.n_bodies > BATCH and not (state.world.debris_meets or state.world.rough or state.physics.measures)
 
 
 class ImplicitEnsemble(Implicit):
@@ -77,26 +77,26 @@ class ImplicitEnsemble(Implicit):
         """Largest number of bodies in a call."""
         return BATCH if isinstance(self.state.slots.rows, AllRows) else BATCH * BATCHES * allowed_threads()
 
-    def advance_bodies(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
+    def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
         """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each (`Implicit`)."""
         rows = self.state.slots.rows
         if isinstance(rows, AllRows):
-            super().advance_bodies(first, last, until, tries)
+            super().advance_islands(first, last, until, tries)
             return
         # imported here: to ask whether a state fits compiles none of it
         from thirdbody.kernels.implicit.ensemble import Span, advance_batch
 
-        context = self._context()
+        context, tables = self.packed(), self.packed_islands()
 
         def worker() -> Callable[[int], None]:
-            scratch, packed = self._make_scratch(), context.copy()
+            scratch, packed, room = self._make_scratch(), context.copy(), self.room()
 
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
                 if self._waiting(low, high, until):
                     span = Span(number * BATCH, min((number + 1) * BATCH, self.state.n_bodies), low, high)
                     closed = rows.compact[number]
-                    n = advance_batch(span, until, tries, packed, closed.contacts(), scratch.closed, scratch.one)
+                    n = advance_batch(span, until, tries, packed, tables, room, (closed.contacts(), scratch.closed), scratch.one)
                     closed.replace(scratch.closed, n)
 
             return advance

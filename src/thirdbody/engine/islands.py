@@ -1,4 +1,4 @@
-"""Islands: sets of bodies that could meet before the next search, connected by their candidates."""
+"""Islands: sets of bodies that could meet before the next search, connected by their candidates; each other body is one alone."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ import numpy as np
 
 from thirdbody.engine.candidates import Candidates
 from thirdbody.engine.state import Ints, State
-from thirdbody.kernels.implicit.island_bundles import IslandTables
+from thirdbody.jit.threads import PIECES
+from thirdbody.kernels.implicit.workspace import IslandTables
 
 
 @dataclass(frozen=True)
 class Islands:
-    """Islands of at least two bodies, as tables of the kernels (`IslandTables`), with their sizes (n,).
+    """Islands as tables of the kernels (`IslandTables`), with their sizes (n,).
 
-    `member` (n_bodies,): whether a body is in one; `number` (n_bodies,): the same for all bodies that are connected.
+    `number` (n_bodies,): the island of each body; `pieces`: ranges of `order` of similar cost, for threads.
     """
 
     tables: Any  # its fields are made at run time, so type checkers do not see them
     sizes: Ints
-    member: np.ndarray
     number: Ints
+    pieces: list[tuple[int, int]]
 
     @property
     def count(self) -> int:
@@ -30,13 +31,36 @@ class Islands:
         return len(self.sizes)
 
     @property
-    def parts(self) -> int:
-        """Number of parts of the work."""
-        return len(self.tables.part_edges) - 1
+    def in_islands(self) -> int:
+        """Number of bodies that are not alone."""
+        return int(self.sizes[self.sizes > 1].sum())
+
+    def largest(self, freedoms: int) -> tuple[int, int, int]:
+        """Return the largest numbers of bodies, of pairs, and of numbers in the band of the Jacobian of an island."""
+        widths = freedoms * (self.tables.widths + 1) - 1
+        band = freedoms * self.sizes * (3 * widths + 1)
+        pairs = int(np.diff(self.tables.pair_edges).max(initial=0))
+        return int(self.sizes.max(initial=1)), max(pairs, 1), int(band.max(initial=1))
+
+    def waiting(self, stopped: np.ndarray, late: np.ndarray) -> int:
+        """Return the number of bodies in islands of which no body has `stopped` and whose first is `late` (n_bodies,), bool."""
+        first = self.tables.body_edges[:-1]
+        going = ~np.maximum.reduceat(stopped[self.tables.bodies], first)
+        return int(self.sizes[going & late[self.tables.bodies[first]]].sum())
 
 
-def islands_of(state: State, slots: Candidates, parts: int) -> Islands:
-    """Return the islands that the candidates between bodies connect, shared among `parts` threads by their expected cost.
+def single_bodies(n: int, edges: Any, incidence: Any) -> Islands:
+    """Return n islands of one body; `edges`, `incidence`: of the candidates of each body."""
+    each, none = np.arange(n), np.zeros(0, np.int64)
+    tables = IslandTables(  # type: ignore[call-arg]
+        bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none, pair_edges=np.zeros(n + 1, np.int64),
+        widths=np.zeros(n, np.int64), order=each, all_edges=edges, all_incidence=incidence,
+    )  # fmt: skip
+    return Islands(tables, np.ones(n, np.int64), each, [])
+
+
+def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
+    """Return the islands that the candidates between bodies connect, in the order of their expected cost, falling.
 
     The bodies of an island are in an order in which those that could meet are close (reverse Cuthill-McKee), so that its
     Jacobian is a narrow band.
@@ -47,37 +71,31 @@ def islands_of(state: State, slots: Candidates, parts: int) -> Islands:
     k = np.arange(slots.n_plates, slots.count)
     a, b, n = state.body[slots.own[k]], state.body[slots.partner[k]], state.n_bodies
     graph = coo_matrix((np.ones(2 * len(k)), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
-    components, number = connected_components(graph, directed=False)
-    sizes = np.bincount(number, minlength=components)
-    member = sizes[number] > 1
+    count, number = connected_components(graph, directed=False)
+    number = number.astype(np.int64)
+    sizes = np.bincount(number, minlength=count)
     near = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    near = near[member[near]]
     bodies = near[np.argsort(number[near], kind="stable")]
-    large = np.flatnonzero(sizes > 1)
-    body_edges = np.concatenate(([0], np.cumsum(sizes[large])))
-    position = np.zeros(n, np.int64)
-    position[bodies] = np.arange(len(bodies)) - np.repeat(body_edges[:-1], sizes[large])
-    row = np.full(components, -1)
-    row[large] = np.arange(len(large))
-    of_pair = row[number[a]]
+    body_edges = np.concatenate(([0], np.cumsum(sizes)))
+    position = np.empty(n, np.int64)
+    position[bodies] = np.arange(n) - np.repeat(body_edges[:-1], sizes)
+    of_pair = number[a]
     pairs = k[np.argsort(of_pair, kind="stable")]
-    pair_edges = np.concatenate(([0], np.cumsum(np.bincount(of_pair, minlength=len(large)))))
-    widths = np.zeros(len(large), np.int64)
+    pair_edges = np.concatenate(([0], np.cumsum(np.bincount(of_pair, minlength=count))))
+    widths = np.zeros(count, np.int64)
     np.maximum.at(widths, of_pair, np.abs(position[a] - position[b]))
-    order, part_edges = _shared(sizes[large] * (1.0 + widths) ** 2, parts)
+    costs = sizes * (1.0 + widths) ** 2
+    order = np.argsort(-costs, kind="stable")
     tables = IslandTables(  # type: ignore[call-arg]
         bodies=bodies, body_edges=body_edges, position=position, pairs=pairs, pair_edges=pair_edges, widths=widths, order=order,
-        part_edges=part_edges, all_edges=slots.edges, all_incidence=slots.incidence,
+        all_edges=slots.edges, all_incidence=slots.incidence,
     )  # fmt: skip
-    return Islands(tables, sizes[large], member, number)
+    return Islands(tables, sizes, number, _pieces(costs[order], threads))
 
 
-def _shared(costs: np.ndarray, parts: int) -> tuple[Ints, Ints]:
-    """Return the islands in the order of the parts, and where each part begins: the costliest one to the part with least work."""
-    work, lists = np.zeros(parts), [[] for _ in range(parts)]  # type: tuple[np.ndarray, list[list[int]]]
-    for island in np.argsort(-costs, kind="stable"):
-        part = int(np.argmin(work))
-        work[part] += costs[island]
-        lists[part].append(int(island))
-    edges = np.concatenate(([0], np.cumsum([len(part) for part in lists])))
-    return np.array([island for part in lists for island in part], np.int64), edges.astype(np.int64)
+def _pieces(costs: np.ndarray, threads: int) -> list[tuple[int, int]]:
+    """Return ranges of about the same cost, or of one island that costs more."""
+    total, n = np.cumsum(costs), PIECES * threads if threads > 1 else 1
+    edges = np.searchsorted(total, total[-1] * np.arange(1, n) / n) + 1
+    edges = np.unique(np.concatenate(([0], np.minimum(edges, len(costs)), [len(costs)])))
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))

@@ -187,24 +187,28 @@ def _labels() -> None:
     from thirdbody.kernels import label_bodies  # noqa: F401
 
 
-def _bodies() -> None:
-    from thirdbody.kernels.implicit import body_driver  # noqa: F401
+def _driver() -> None:
+    from thirdbody.kernels.implicit import driver  # noqa: F401
 
 
 def _ensemble() -> None:
     from thirdbody.kernels.implicit import ensemble  # noqa: F401
 
 
-def _islands() -> None:
-    from thirdbody.kernels.implicit import island_driver  # noqa: F401
-
-
 def _common_plate() -> None:
-    from thirdbody.kernels.implicit import common_plate_driver  # noqa: F401
+    from thirdbody.kernels.implicit import common_plate  # noqa: F401
 
 
-def _common_plate_islands() -> None:
-    from thirdbody.kernels.implicit import common_plate_islands  # noqa: F401
+def _pairs() -> None:
+    from thirdbody.kernels.implicit import pairs  # noqa: F401
+
+
+def _rough() -> None:
+    from thirdbody.kernels.implicit import surface_steps  # noqa: F401
+
+
+def _spots() -> None:
+    from thirdbody.kernels.implicit import spots_part  # noqa: F401
 
 
 def _search() -> None:
@@ -228,12 +232,12 @@ def _search() -> None:
 
 
 UNITS: dict[str, Callable[[], None]] = {
-    "islands": _islands, "common_plate_islands": _common_plate_islands, "common_plate": _common_plate, "ensemble": _ensemble,
-    "bodies": _bodies, "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels,
+    "common_plate": _common_plate, "ensemble": _ensemble, "driver": _driver, "pairs": _pairs, "rough": _rough, "spots": _spots,
+    "passes": _passes, "step": _step, "stability": _stability, "search": _search, "labels": _labels,
 }  # fmt: skip
 """Units of compilation by name, the longest first."""
 
-SECONDS, FEWER = {"islands": 85, "common_plate_islands": 85, "common_plate": 60, "ensemble": 60, "bodies": 60}, 20
+SECONDS, FEWER = {"common_plate": 60, "ensemble": 60, "driver": 60, "pairs": 30}, 20
 """Processor time of a Zen 3 core [s] for the long units, with their laws, and for each other one."""
 
 EXPLICIT = ("passes", "step", "stability", "search")

@@ -16,11 +16,11 @@ from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
 from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
-from thirdbody.kernels.implicit.friction_work import FLOOR, contact_difference, contact_energy, energy_scale, work_error_of_plates
-from thirdbody.kernels.implicit.island_bundles import active_at, pair_tile, space_at, tile_count
-from thirdbody.kernels.implicit.pair_contacts import ends_of, pair_overlap, pair_wrench
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.friction_work import contact_difference, contact_energy
+from thirdbody.kernels.implicit.pair_geometry import ends_of, pair_overlap, pair_wrench
+from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.implicit.vector_algebra import cross
+from thirdbody.kernels.implicit.workspace import pair_tile, tile_count
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed
@@ -49,59 +49,44 @@ def pair_opening_work(k, context, motion, box):
 
 
 @njit(**BARE_CHUNK)
-def pair_work_errors(context, island, m, motion, pool):
+def pair_work_errors(context, island, m, motion, room):
     """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
     for a in range(island.bodies.shape[0]):
-        pool.errors[a, 0], pool.errors[a, 1] = 0.0, 0.0
+        room.errors[a, 0], room.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
         _, _, a, b = ends_of(k, context, island)
         error, stored = 0.0, 0.0
-        if p < m and pool.pair_slots[p // TILE, p % TILE] == k:
-            q, tile = p % TILE, pair_tile(p // TILE, pool)
+        if p < m and room.pair_slots[p // TILE, p % TILE] == k:
+            q, tile = p % TILE, pair_tile(p // TILE, room)
             error = contact_difference(q, context.initial_overlaps[k], context, tile)
             stored = contact_energy(q, tile)
             p += 1
         elif is_closed(k, context.H):
             error = abs(pair_opening_work(k, context, motion, island.box))
         for c in (a, b):
-            pool.errors[c, 0] += error
-            pool.errors[c, 1] += stored
-
-
-@njit(**BARE_CHUNK)
-def work_error_of_island(context, island, m, motion, pool):
-    """Return the largest error of the friction work of a body over the tolerance (`friction_work.work_error`)."""
-    if context.force < 0:
-        return 0.0
-    largest = 0.0
-    pair_work_errors(context, island, m, motion, pool)
-    for a in range(island.bodies.shape[0]):
-        active, space = active_at(a, context, island), space_at(a, pool)
-        error = work_error_of_plates(context, active, pool.counts[a], motion, space) + pool.errors[a, 0]
-        scale = energy_scale(context, active, pool.counts[a], space) + FLOOR * pool.errors[a, 1]
-        largest = max(largest, error / max(context.settings[step_settings.WORK] * scale, 1e-300))
-    return largest
+            room.errors[c, 0] += error
+            room.errors[c, 1] += stored
 
 
 @njit(**BARE)
-def work_on(a, force, torque, context, island, pool):
+def work_on(a, force, torque, context, island, room):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, arm = pool.coordinates[a, 0], 1.0 / context.starts[island.bodies[a], step_start.ARM]
+    y, arm = room.coordinates[a, 0], 1.0 / island.starts[a, step_start.ARM]
     return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
 
 
 @njit(**BARE)
-def works_on(a, b, wrench, context, island, pool):
+def works_on(a, b, wrench, context, island, room):
     """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
     f, torque, back = wrench
-    work_a = work_on(a, f, torque, context, island, pool)
-    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, pool)
+    work_a = work_on(a, f, torque, context, island, room)
+    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, room)
 
 
 @njit(**BARE)
-def works_of_old(k, context, island, pool):
+def works_of_old(k, context, island, room):
     """Return the works [J] in the step of the last force of candidate k on both bodies; 0 where it was open."""
     if not is_closed(k, context.H):
         return 0.0, 0.0
@@ -118,7 +103,7 @@ def works_of_old(k, context, island, pool):
             twist = R[k, record.TWIST_MOMENT]
             m_x, m_y, m_z = m_x + twist * n_x, m_y + twist * n_y, m_z + twist * n_z
         x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
-    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, pool)
+    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, room)
 
 
 @njit(**BARE)
@@ -146,16 +131,16 @@ def stored_energy(k, context):
 
 
 @njit(**BARE)
-def accept_closed(p, k, context, island, motion, pool, smooth):
+def accept_closed(p, k, context, island, motion, room, smooth):
     """Book contact p, candidate k, on both bodies, and write its record; its history is stored afterwards.
 
     Its tile has the friction loss that is booked. `smooth`: see `is_smooth`.
     """
-    (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, pool)
+    (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, room)
     q, b_i, b_j, O = p % TILE, island.bodies[a], island.bodies[b], tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
-    (mean_a, mean_b), weight = works_of_old(k, context, island, pool), 0.5 if smooth else 0.0
-    end_a, end_b = works_on(a, b, (f, torque, back), context, island, pool)
+    (mean_a, mean_b), weight = works_of_old(k, context, island, room), 0.5 if smooth else 0.0
+    end_a, end_b = works_on(a, b, (f, torque, back), context, island, room)
     mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
     part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
     damped = dashpot_loss(q, k, context.initial_overlaps[k], smooth, motion.dt, context, tile)
@@ -177,9 +162,9 @@ def accept_closed(p, k, context, island, motion, pool, smooth):
 
 
 @njit(**BARE)
-def accept_opened(k, smooth, context, island, motion, pool):
+def accept_opened(k, smooth, context, island, motion, room):
     """End candidate k, which opened within the step, and book what it stored on both bodies."""
-    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, pool)
+    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, room)
     weight = 0.5 if smooth else 0.0
     mean_a, mean_b = weight * mean_a, weight * mean_b
     gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
@@ -197,29 +182,29 @@ def is_smooth(context, island):
     """Return whether forces jump on no body: what is dissipated is the work of their mean (`friction_work.weight_of_old`)."""
     smooth = True
     for a in range(island.bodies.shape[0]):
-        smooth = smooth and context.starts[island.bodies[a], step_start.OLD_WEIGHT] > 0.0
+        smooth = smooth and island.starts[a, step_start.OLD_WEIGHT] > 0.0
     return smooth
 
 
 @njit(**BARE_CHUNK)
-def accept_pairs(context, island, m, motion, pool):
+def accept_pairs(context, island, m, motion, room):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
     smooth, p = is_smooth(context, island), np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
-        if p < m and pool.pair_slots[p // TILE, p % TILE] == k:
+        if p < m and room.pair_slots[p // TILE, p % TILE] == k:
             p += 1
         elif is_closed(k, context.H):
-            accept_opened(k, smooth, context, island, motion, pool)
+            accept_opened(k, smooth, context, island, motion, room)
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), pool.pair_slots[t], pair_tile(t, pool)
+        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
         of_mean = smooth and context.force >= 0
         if of_mean:
             book(n, context, tile)
         for q in range(0 if of_mean else n):
             tile.outputs[law_output.DISSIPATED * TILE + q] += unbooked_energy(q, slots[q], context, tile.outputs)
         for q in range(n):
-            accept_closed(t * TILE + q, slots[q], context, island, motion, pool, smooth)
+            accept_closed(t * TILE + q, slots[q], context, island, motion, room, smooth)
         store_history(n, slots, context, tile)
         for q in range(n):
             remember_pair(q, slots[q], context, island, tile)

@@ -1,43 +1,59 @@
 """Bodies under one common plate: they share its height and therefore its time step.
 
-The system matrix is an arrow matrix: one block per body, and one row and column for the plate. `solve_bodies` solves the bodies
-for a given rise of the plate, with the derivative of their force on the plate at equilibrium of each body: the Schur complement
-of the arrow matrix. One scalar equation for the plate remains (`engine.implicit_common_plate`).
+The system matrix is an arrow matrix: one block per island, and one row and column for the plate. `solve_at` solves islands for a
+given rise of the plate, with the derivative of their force on the plate at their equilibrium: the Schur complement of the arrow
+matrix, by one more right-hand side of their band matrices, the column of the plate. One scalar equation for the plate remains
+(`engine.implicit_common_plate`). Contacts between bodies do not feel the plate, so rows and columns of its rise are those of the
+bodies.
 """
 
-from numba import njit
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
+from thirdbody.jit.packed_arguments import PACKED
+from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.first_body import is_rough
-from thirdbody.kernels.implicit.accept_step import accept_step
-from thirdbody.kernels.implicit.bdf2 import update_labeller
-from thirdbody.kernels.implicit.bundles import FREEDOMS, active_body
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.newton import Outcome, factorise, newton, substitute
-from thirdbody.kernels.implicit.residual import (
-    active_contacts,
-    contact_force,
-    gradient_force,
-    measure_arm,
-    residual,
-    save_start,
-    set_configuration,
-)
+from thirdbody.kernels.implicit.accept_step import reject_step
+from thirdbody.kernels.implicit.driver import accept_island, judge_island, label_island
+from thirdbody.kernels.implicit.jacobian import assemble
+from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
+from thirdbody.kernels.implicit.residual import contact_force, gradient_force, measure_arm, save_start
 from thirdbody.kernels.implicit.step_control import (
     advance_clock,
+    bdf2_weights,
     begin_step,
     count_step,
+    error_of_change,
     guard_code,
     initial_overlaps,
-    local_error,
+    is_breakpoint,
+    next_breakpoint,
+    next_length,
+    plate_velocity,
     predict,
-    rotation_of,
+    reduction_factor,
+    set_next_dt,
+    step_ratio,
 )
-from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
+from thirdbody.kernels.implicit.workspace import (
+    FREEDOMS,
+    MOTION,
+    START,
+    active_at,
+    call_part,
+    context_of,
+    island_at,
+    islands_of,
+    room_of,
+    space_at,
+)
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
+
+_D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
 
 
 @njit(**BARE)
@@ -54,30 +70,6 @@ def plate_reaction(context, active, m, space):
             if is_rough(context):
                 push -= gradient_force(k, space.tile.outputs[law_output.STORED_NORMAL * TILE + q], context)[2]
     return push
-
-
-@njit(**BARE)
-def plate_stiffness(context, active, m, dt, space):
-    """Return d(plate_reaction)/d(rise of the plate) [N/m] at equilibrium of the body."""
-    x, row, J = space.correction, space.trial, space.jacobian
-    assemble_jacobian(context, active, m, dt, True, space)
-    spring = context.P[active.patch, patch.SPRING]
-    if spring != 0.0:
-        for k in range(7):
-            x[k] = spring if k == 6 else 0.0
-        if not factorise(J, space.pivots, 7):
-            return 0.0
-        substitute(J, space.pivots, x, 7)
-        return spring * (x[6] - 1.0)
-    own = J[6, 6]
-    for k in range(6):
-        x[k], row[k] = J[k, 6], J[6, k]
-    if not factorise(J, space.pivots, 6):
-        return 0.0
-    substitute(J, space.pivots, x, 6)
-    for k in range(6):
-        own += row[k] * x[k]
-    return own
 
 
 @njit(**BARE)
@@ -125,42 +117,187 @@ def write_outcome(context, active, outcome, iterations, landing, y):
         context.ends[active.number, k] = y[k]
 
 
-@njit(**BARE_CHUNK)
-def solve_body(context, b, first_iteration, displacement, motion, space):
-    """Solve the step of body b for a given rise of the plate."""
-    active, y, dt = active_body(b, context), space.y, motion.dt
-    begin_body(context, active, first_iteration, displacement, motion, space)
-    outcome, m, iterations = newton(context, active, motion, space)
-    write_outcome(context, active, outcome, iterations, lands(context, b, m, space), y)
-    if outcome == Outcome.SOLVED:
-        solution = context.solutions[b]
-        solution[body_solution.PUSH] = plate_reaction(context, active, m, space)
-        solution[body_solution.SLOPE] = plate_stiffness(context, active, m, dt, space)
-        solution[body_solution.ERROR] = local_error(context, active, dt, space.diagnostics)
-        solution[body_solution.ROTATION] = rotation_of(y, active.start)
+@njit(**BARE)
+def separate_plate(a, spring, island, room):
+    """Write the column of the plate, for the body at position a, as a right-hand side, and take its rise out of the band.
 
-
-@njit(**BARE_CHUNK)
-def accept_body(context, b, end, whole, cuts, motion, space):
-    """Accept the step of body b.
-
-    Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
+    `spring`: stiffness of the spring of its patch [N/m]; 0: the plate itself touches the body.
     """
-    active = active_body(b, context)
-    copy_start(context, b, False, space)
-    set_configuration(context, active, space.y, motion.dt)
-    m = active_contacts(context, active, space.y, motion, space)
-    residual(context, active, m, space.y, motion, space)
-    accept_step(context, active, m, motion, True, space)
-    end_step(context, active, motion, (end, whole, cuts), space)
-    if context.labels != 0:
-        update_labeller(active, context, context, space)
+    J, column, band, w = room.jacobian[a], room.coordinates[a, 2], room.band, island.half_width
+    for k in range(FREEDOMS):
+        column[k] = 0.0 if spring != 0.0 or k == 6 else J[FREEDOMS * k + 6]
+    if spring != 0.0:
+        column[6] = spring
+        return
+    first = FREEDOMS * a * (3 * w + 1) + w
+    for k in range(6):
+        band[first + 3 * w * k + 6], band[first + 18 * w + k] = 0.0, 0.0
+    band[first + 18 * w + 6] = -1.0
 
 
 @njit(**BARE)
-def end_step(context, active, motion, ended, space):
-    """Advance clock and counters of a body after an accepted step; `ended`: its end [s], whether exactly then, how often cut."""
+def body_stiffness(a, spring, room):
+    """Return d(plate_reaction)/d(rise of the plate) [N/m] of the body at position a, whose coordinates follow."""
+    J, x = room.jacobian[a], room.coordinates[a, 3]
+    if spring != 0.0:
+        return spring * (x[6] - 1.0)
+    own = J[48]
+    for k in range(6):
+        own += J[42 + k] * x[k]
+    return own
+
+
+@njit(**BARE)
+def write_stiffness(m, motion, context, island, room):
+    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies."""
+    bodies, P = island.bodies, context.P
+    assemble(m, True, motion, context, island, room)
+    for a in range(bodies.shape[0]):
+        separate_plate(a, P[context.patch[bodies[a]], patch.SPRING], island, room)
+    regular = factorise_jacobian(True, island, room)
+    if regular:
+        solve_correction(True, island, room)
+    for a in range(bodies.shape[0]):
+        slope = body_stiffness(a, P[context.patch[bodies[a]], patch.SPRING], room) if regular else 0.0
+        context.solutions[bodies[a], body_solution.SLOPE] = slope
+
+
+@njit(**BARE_CHUNK)
+def solve_one(h, first_iteration, displacement, motion, packed, tables, packed_room):
+    """Solve the step of island h for a given rise of the plate."""
+    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    bodies, alone = island.bodies, island.bodies.shape[0] == 1
+    for a in range(bodies.shape[0]):
+        begin_body(context, active_at(a, context, island), first_iteration, displacement, motion, space_at(a, room))
+    if first_iteration and island.pairs.shape[0] > 0:
+        call_part(context.pairs_part, START, 0, 0, motion, island)
+    outcome, m, iterations = solve_island(h, motion, packed, tables, packed_room)
+    # the friction work of a body that meets only plates is not estimated: it has no step of its own
+    error, rotation, landing = judge_island(h, m, outcome == Outcome.SOLVED and not alone, motion, packed, tables, packed_room)
+    for a in range(bodies.shape[0]):
+        active, space = active_at(a, context, island), space_at(a, room)
+        write_outcome(context, active, outcome, iterations, landing, space.y)
+        if outcome == Outcome.SOLVED:
+            solution = context.solutions[bodies[a]]
+            solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
+            solution[body_solution.PUSH] = plate_reaction(context, active, room.counts[a], space)
+    if outcome == Outcome.SOLVED:
+        write_stiffness(m, motion, context, island, room)
+
+
+@njit(**BARE_CHUNK)
+def accept_one(h, motion, ended, packed, tables, packed_room):
+    """Accept the step of island h; `ended`: its end [s], whether exactly then, how often cut.
+
+    Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
+    """
+    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
     end, whole, cuts = ended
-    advance_clock(active.totals, motion, end, whole)
-    count_step(active.memory, active.totals, motion.dt, cuts)
-    active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(active.number, context, space.diagnostics)
+    for a in range(island.bodies.shape[0]):
+        copy_start(context, island.bodies[a], False, space_at(a, room))
+        for k in range(FREEDOMS):
+            room.coordinates[a, 3, k] = 0.0
+    m = evaluate(0.0, motion, context, island, room)
+    accept_island(h, m, motion, True, packed, tables, packed_room)
+    for a in range(island.bodies.shape[0]):
+        active = active_at(a, context, island)
+        advance_clock(active.totals, motion, end, whole)
+        count_step(active.memory, active.totals, motion.dt, cuts)
+        code, slot = guard_code(active.number, context, room.diagnostics[a])
+        active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = code, slot
+    if context.labels != 0:
+        label_island(h, packed, tables, packed_room)
+
+
+@njit(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
+def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_room):
+    """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
+
+    `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
+    `solutions`.
+    """
+    islands = islands_of(tables)
+    for p in range(first, last):
+        solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_room)
+
+
+@njit(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
+def accept_at(first, last, ended, motion, packed, tables, packed_room):
+    """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
+    islands = islands_of(tables)
+    for p in range(first, last):
+        accept_one(islands.order[p], motion, ended, packed, tables, packed_room)
+
+
+@njit(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS)
+def restore_islands(first, last, packed, tables, packed_room):
+    """Return the islands `order[first:last]` to the start of the step."""
+    context, room, islands = context_of(packed), room_of(packed_room), islands_of(tables)
+    for p in range(first, last):
+        island = island_at(islands.order[p], packed, tables, packed_room)
+        for a in range(island.bodies.shape[0]):
+            reject_step(context, active_at(a, context, island), space_at(a, room).y)
+
+
+# -- control of the common step; T: memory of the plate, a row of `step_memory` like that of a body --
+
+
+@njit(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
+def common_step_length(T, t, packed, end):
+    """Return length [s] and limiting cause of the next step (`step_control.next_length`)."""
+    return next_length(T, t, context_of(packed), end)
+
+
+@njit(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
+def plate_motion(T, V, displacement, velocity, dt):
+    """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
+    its change beyond that of the last step, scaled [m/s].
+
+    `velocity`: before the step; V: settings.
+    """
+    now, before = bdf2_weights(T, V, dt)
+    after = (now * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
+    change = now * (after - velocity) - before * T[step_memory.LAST_DRISE]
+    return after, change / dt, now / dt, after - velocity - step_ratio(T, V, dt) * T[step_memory.LAST_DRISE]
+
+
+@njit(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
+def plate_error(change, radius, T, V, dt):
+    """Return the error of the plate's step over the tolerance (`step_control.error_of_change`)."""
+    return error_of_change(abs(change), radius, T, V, dt)
+
+
+@njit(_D(_B, _D, _D), **OPTIONS)
+def reduction(converged, error, rotation):
+    """Return the factor that shortens a rejected step."""
+    return reduction_factor(converged, error, rotation)
+
+
+@njit(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
+def set_common_length(T, growth, dt, error, easy, cut, limit):
+    """Set the length of the next step and what limits it (`step_control.set_next_dt`)."""
+    set_next_dt(T, growth, dt, error, easy, cut, limit)
+
+
+@njit(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
+def plate_velocity_of(t, packed, dt):
+    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
+    return plate_velocity(t, context_of(packed), dt)
+
+
+@njit(_B(_D, PACKED, _D), **OPTIONS)
+def is_breakpoint_at(t, packed, end):
+    """Return whether the smooth interval that began at t [s] ends at a breakpoint of the motion."""
+    return is_breakpoint(t, context_of(packed), end)
+
+
+@njit(_D(_D, PACKED, _D), **OPTIONS)
+def next_breakpoint_after(t, packed, until):
+    """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
+    return next_breakpoint(t, context_of(packed), until)
+
+
+@njit(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
+def book_direct(totals, P, dt, v_x, v_y, old):
+    """Add a step of direct contact to the totals of the plate, the last row of P (`direct_contact.book_direct_contact`)."""
+    book_direct_contact(totals, P, P.shape[0] - 1, Motion(dt, v_x, v_y), old)

@@ -12,10 +12,10 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, DIRECT
 from thirdbody.jit.packed_arguments import PACKED, first_words
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
-from thirdbody.kernels.implicit.bdf2 import advance_body
-from thirdbody.kernels.implicit.bundles import KINDS, context_of, make_workspace
+from thirdbody.kernels.implicit.driver import advance_island
 from thirdbody.kernels.implicit.step_control import Stop
-from thirdbody.kernels.implicit.tables import step_memory, step_start
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.implicit.workspace import KINDS, context_of
 from thirdbody.kernels.rigid_body import place_as_it_is
 from thirdbody.kernels.tables import body, run_totals, sphere
 
@@ -69,15 +69,15 @@ _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.floa
 SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 4, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
 
 
-@njit(_LONG(SPAN, types.float64, types.float64, PACKED, CLOSED, CLOSED, ONE_BODY), nogil=True, **DIRECT)
-def advance_batch(span, until, tries, packed, closed, new, one):
-    """Advance bodies of a batch as `bdf2.advance_bodies`; write the batch's closed contacts to `new` and return their number.
+@njit(_LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT)
+def advance_batch(span, until, tries, packed, tables, packed_room, contacts, one):
+    """Advance bodies of a batch as `driver.advance_islands`; write the batch's closed contacts to the second of `contacts` and return their number.
 
     `packed`: a packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables;
-    `new`: with room for all candidates of the batch.
+    `contacts`: closed ones before, and tables with room for all candidates of the batch.
     """
+    closed, new = contacts
     context, n_closed = context_of(packed), np.int64(closed.on.shape[0])
-    space, start = make_workspace(context), np.zeros(step_start.WIDTH)
     begin, p, written = context.edges[span.first], np.int64(0), np.int64(0)
     for b in range(span.first, span.last):
         k = context.edges[b]
@@ -92,7 +92,7 @@ def advance_batch(span, until, tries, packed, closed, new, one):
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
             of_body = context_of(packed)
             place_spheres(b, of_body, one)
-            advance_body(b, until, tries, of_body, start, space)
+            advance_island(b, until, tries, packed, tables, packed_room)
             written = compact(n, written, first, one.H, one.R, new)
         else:
             written = keep(p, after, written, closed, new)

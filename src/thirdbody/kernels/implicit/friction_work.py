@@ -14,7 +14,7 @@ from thirdbody.kernels import first_body
 from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.dashpot_work import loss_of_end
 from thirdbody.kernels.implicit.residual import depth_at
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.normal_loss import friction_work_of
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.surface_velocity import surface_velocity
@@ -144,15 +144,6 @@ def kinetic_energies(b, B, arm):
         translation += B[b, body.VELOCITY + k] ** 2
         rotation += (arm * B[b, body.SPIN + k]) ** 2
     return 0.5 * B[b, body.MASS] * translation, 0.5 * B[b, body.MASS] * rotation
-
-
-@njit(**BARE)
-def work_error(context, active, m, motion, space):
-    """Return the error of the friction work of the step over the tolerance, that of the settings times `energy_scale`."""
-    if context.force < 0:
-        return 0.0
-    error = work_error_of_plates(context, active, m, motion, space)
-    return error / max(context.settings[step_settings.WORK] * energy_scale(context, active, m, space), 1e-300)
 
 
 @njit(**BARE)

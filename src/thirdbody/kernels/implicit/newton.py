@@ -1,30 +1,36 @@
-"""Damped Newton's method for one step of one body; writes no history."""
+"""Damped Newton's method for one step of an island, from one body to many; writes no history.
+
+Corrections are limited for all bodies by the same fraction. The residual that has to fall is, of one body, its norm; of several,
+the root of the sum of squares, each over the forces that act on the body at the first iteration.
+"""
 
 import math
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.close_spots import interact
-from thirdbody.kernels.implicit.bundles import FREEDOMS
-from thirdbody.kernels.implicit.candidates import last_candidate
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.residual import (
-    MAX_ROTATION,
-    active_contacts,
-    contact_point,
-    frame_of,
-    residual,
-    set_configuration,
-)
+from thirdbody.kernels.implicit.correction_limits import limit_correction
+from thirdbody.kernels.implicit.jacobian import assemble
+from thirdbody.kernels.implicit.linear import factorise, substitute
+from thirdbody.kernels.implicit.residual import active_contacts, residual, set_configuration
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.vector_algebra import dot
-from thirdbody.kernels.predicates import has_effect_columns, is_upper
-from thirdbody.kernels.tables import body, body_extra, height_field, patch, sphere
-from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
+from thirdbody.kernels.implicit.workspace import (
+    FREEDOMS,
+    GATHER,
+    LIMIT,
+    active_at,
+    call_part,
+    context_of,
+    island_at,
+    room_of,
+    space_at,
+)
+from thirdbody.kernels.predicates import has_effect_columns
+from thirdbody.kernels.tables import body, body_extra, height_field, patch
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the
@@ -43,74 +49,34 @@ CONTRACTS = 0.1
 """Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what it leaves
 out (turning frames) is then small."""
 
-ITERATIONS, LEAPS = 10, 4
-"""Maximum iterations (beyond that, two half steps are cheaper), and corrections accepted although the residual grows: where
-contacts change between stick and slip, Newton's method has to overshoot to reach the other branch. Corrections are not halved
-instead: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer evaluations."""
 
-OVERLAP_GROWTH = 0.5
-"""Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
+class Patience(NamedTuple):
+    """Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
 
-AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
-"""A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
-which a correction may reverse it."""
+    Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to overshoot
+    to reach the other branch.
+    """
+
+    iterations: int
+    leaps: int
+    halvings: int
+
+
+ALONE = Patience(10, 4, 0)
+"""Of one body. Halving instead of leaping: of 1000 clumps that slide 100 um half as many steps fail without, in a third fewer
+evaluations."""
+
+TOGETHER = Patience(16, 2, 1)
+"""Of several bodies: more iterations, since a shorter step is one of all of them."""
 
 
 class Outcome(IntEnum):
-    """Outcomes of `newton`."""
+    """Outcomes of `solve_island`."""
 
     SOLVED = 0
     UNSOLVED = 1
     CROWDED = 2
-    """The body has more contacts than a tile holds."""
-
-
-@njit(**BARE_CHUNK)
-def factorise(J, pivots, n):
-    """Overwrite J (n, n) with its triangular factors (Gaussian elimination with row pivots); False if J is singular.
-
-    The diagonal of the upper factor is stored inverted.
-    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six or seven unknowns, and raises for a singular matrix.
-    """
-    for c in range(n):
-        best, row = abs(J[c, c]), c
-        for i in range(c + 1, n):
-            if abs(J[i, c]) > best:
-                best, row = abs(J[i, c]), i
-        if not best > 0.0 or not best < 1e300:
-            return False
-        pivots[c] = row
-        if row != c:
-            for j in range(n):
-                J[c, j], J[row, j] = J[row, j], J[c, j]
-        inverse = 1.0 / J[c, c]
-        J[c, c] = inverse
-        for i in range(c + 1, n):
-            factor = J[i, c] * inverse
-            J[i, c] = factor
-            if factor != 0.0:
-                for j in range(c + 1, n):
-                    J[i, j] -= factor * J[c, j]
-    return True
-
-
-@njit(**BARE)
-def substitute(J, pivots, r, n):
-    """Overwrite r with the solution x of A x = -r, where J and `pivots` are the factors of A (`factorise`).
-
-    Column by column, so that the sums of all rows advance side by side; `n` is a constant where this is inlined.
-    """
-    for c in range(n):
-        row = pivots[c]
-        r[c], r[row] = r[row], r[c]
-    for c in range(n):
-        for i in range(c + 1, n):
-            r[i] -= J[i, c] * r[c]
-    for c in range(n - 1, -1, -1):
-        x = -r[c] * J[c, c]
-        r[c] = x
-        for i in range(c):
-            r[i] += J[i, c] * x
+    """A body has more contacts than a tile holds."""
 
 
 @njit(**BARE)
@@ -128,16 +94,6 @@ def effect_size(b, E):
     if not has_effect_columns(E):
         return 0.0
     return abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
-
-
-@njit(**BARE)
-def effects_on(b, E):
-    """Return a number that changes with force or torque of the effects on body b."""
-    total = 0.0
-    if has_effect_columns(E):
-        for k in range(3):
-            total += (k + 1) * (E[b, body_extra.EFFECT_FORCE + k] + E[b, body_extra.EFFECT_TORQUE + k])
-    return total
 
 
 @njit(**BARE)
@@ -164,24 +120,23 @@ def steepest(field):
 
 
 @njit(**BARE)
-def rounding_force(context, active, diagnostics):
-    """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights alone."""
+def rounding_force(context, active, alone, diagnostics):
+    """Return the residual [N] caused by rounding of coordinates: overlaps are small differences of them.
+
+    Contacts with planes feel heights only, those with rough plates the place by the slope, those between bodies all coordinates.
+    """
     b, B = active.number, context.B
-    radius = abs(B[b, body.POSITION + 2])
-    if first_body.is_rough(context):
+    far = abs(B[b, body.POSITION + 2])
+    if not alone:
+        far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
+    elif first_body.is_rough(context):
         slope = max(steepest(context.lower), steepest(context.upper))
-        radius = max(radius, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
-    radius = max(radius + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
-    return rounding_at(radius, diagnostics)
-
-
-@njit(**BARE)
-def rounding_at(coordinate, diagnostics):
-    """Return the residual [N] caused by rounding of a coordinate [m]."""
+        far = max(far, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
+    far = max(far + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
     # Hertz: dN/dd = 1.5 N/d
-    return ROUNDING * coordinate * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+    return ROUNDING * far * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
 
 
 @njit(**BARE)
@@ -203,82 +158,6 @@ def is_balanced(context, active, dt, fraction, minimum, space):
 
 
 @njit(**BARE)
-def displacement(x, arm, r, upper):
-    """Return the displacement (3,) [m] relative to its plate of a point of the body by the correction x of the coordinates.
-
-    `arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
-    """
-    return (
-        x[0] + (x[4] * r[2] - x[5] * r[1]) * arm,
-        x[1] + (x[5] * r[0] - x[3] * r[2]) * arm,
-        x[2] + (x[3] * r[1] - x[4] * r[0]) * arm - (x[6] if upper else 0.0),
-    )
-
-
-@njit(**BARE)
-def limit_overlap_change(context, active, expected_overlap, space):
-    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m].
-
-    Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
-    """
-    b, x, S, arm = active.number, space.correction, context.S, 1.0 / active.start[step_start.ARM]
-    arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-    rotation = arc * arm
-    fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
-    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
-        return fraction  # no point of the body moves farther
-    max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
-    for e in range(context.edges[b], last_candidate(b, context)):
-        k = context.incidence[e] >> 1
-        i, j = context.own[k], context.partner[k]
-        up, overlap, n = is_upper(j), first_body.overlap(k, context), first_body.normal(k, context)
-        change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
-        if change > 0.0:
-            margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)
-            if change * fraction > margin:
-                fraction = margin / change
-        if up and overlap > max_upper:
-            max_upper, change_up = overlap, change
-        if not up and overlap > max_lower:
-            max_lower, change_low = overlap, change
-    # the deepest contact of each plate stays closed, or the plate would drop out of the next iteration
-    for maximum, change in ((max_upper, change_up), (max_lower, change_low)):
-        if -change * fraction > OVERLAP_GROWTH * max(maximum, expected_overlap):
-            fraction = OVERLAP_GROWTH * max(maximum, expected_overlap) / -change
-    return fraction
-
-
-@njit(**BARE)
-def limit_slip_reversal(context, active, m, fraction, space):
-    """Return the fraction, at most `fraction`, of the correction that reverses no slip.
-
-    Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
-    jumps over it.
-    """
-    I, O, G = space.tile.inputs, space.tile.outputs, space.tile.geometry  # noqa: E741
-    arm = 1.0 / active.start[step_start.ARM]
-    for q in range(m):
-        limit = O[law_output.FRICTION_LIMIT * TILE + q]
-        t_x = O[law_output.TANGENTIAL_X * TILE + q]
-        t_y = O[law_output.TANGENTIAL_Y * TILE + q]
-        if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
-            continue
-        if interact(context) and G[geometry.RELIEF * TILE + q] >= I[law_input.OVERLAP * TILE + q]:
-            continue  # relieved wholly: it holds nothing
-        k, (_, e, g) = space.slots[q], frame_of(q, G)
-        s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
-        point = contact_point(q, context.own[k], context.S, G)
-        moved = displacement(space.correction, arm, point, is_upper(context.partner[k]))
-        size = math.sqrt(s_x * s_x + s_y * s_y)
-        back = -(dot(moved, e) * s_x + dot(moved, g) * s_y)
-        # ends just inside the friction limit
-        margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
-        if back * fraction > margin > 0.0:
-            fraction = margin / back
-    return fraction
-
-
-@njit(**BARE)
 def is_settled(context, now, scale, space):
     """Return whether `space.correction`, of coordinates where the residual is `now` [N], is negligible."""
     V = context.settings
@@ -288,64 +167,163 @@ def is_settled(context, now, scale, space):
 
 
 @njit(**BARE)
-def limit_correction(context, active, m, space):
-    """Return the fraction of `space.correction` that is tried first."""
-    expected_overlap = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
-    fraction = limit_overlap_change(context, active, expected_overlap, space)
-    return limit_slip_reversal(context, active, m, fraction, space)
+def evaluate(part, motion, context, island, room):
+    """Evaluate the residuals with `part` of the correction; return the number of contacts between bodies, -1 if crowded."""
+    n = island.bodies.shape[0]
+    for a in range(n):
+        space = space_at(a, room)
+        for k in range(FREEDOMS):
+            space.trial[k] = space.y[k] + part * space.correction[k]
+        set_configuration(context, active_at(a, context, island), space.trial, motion.dt)
+    for a in range(n):
+        space = space_at(a, room)
+        room.counts[a] = active_contacts(a, space.trial, motion, context, island, room)
+        if room.counts[a] < 0:
+            return np.int64(-1)
+        residual(a, room.counts[a], space.trial, motion, context, island, room)
+    if island.pairs.shape[0] == 0:
+        return np.int64(0)
+    call_part(context.pairs_part, GATHER, 0, 0, motion, island)
+    return np.int64(room.answer[0])
 
 
 @njit(**BARE)
-def solve_with_factors(space):
-    """Solve for the correction at the residual with the factors of a Jacobian."""
-    for k in range(FREEDOMS):
-        space.correction[k] = space.residual[k]
-    substitute(space.jacobian, space.pivots, space.correction, FREEDOMS)
+def measure(first, dt, context, island, room):
+    """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly.
+
+    `first`: these are the first ones of the step, whose forces are the scale.
+    """
+    square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.bodies.shape[0] == 1
+    for a in range(island.bodies.shape[0]):
+        active, space = active_at(a, context, island), space_at(a, room)
+        now, scale = euclidean_norm(space.residual), force_scale(context, active, space.trial, dt, space.diagnostics)
+        minimum = rounding_force(context, active, alone, space.diagnostics)
+        enough = max(CONVERGED * scale, minimum)
+        room.scales[a, 0] = scale
+        if first:
+            room.scales[a, 1] = 1.0 if alone else 1.0 / max(scale, 1e-300)
+        if not (now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space)):
+            solved = False
+        if not (now <= max(ACCEPTED * scale, minimum) and is_balanced(context, active, dt, ACCEPTED, minimum, space)):
+            nearly = False
+        square += (now * room.scales[a, 1]) ** 2
+        smallest = min(smallest, enough * room.scales[a, 1])
+    return math.sqrt(square), smallest, solved, nearly
 
 
 @njit(**BARE)
-def newton(context, active, motion, space):
-    """Solve for the coordinates, from a guess in `space.y`; return outcome, contacts, iterations.
+def effects_on(context, island):
+    """Return a number that changes with force or torque of the effects on a body."""
+    total, E = 0.0, context.E
+    if has_effect_columns(E):
+        for a in range(island.bodies.shape[0]):
+            b = island.bodies[a]
+            for k in range(3):
+                total += (k + 1) * (E[b, body_extra.EFFECT_FORCE + k] + E[b, body_extra.EFFECT_TORQUE + k])
+    return total
+
+
+@njit(**BARE)
+def factorise_jacobian(coupled, island, room):
+    """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `jacobian.assemble`."""
+    n, w = island.bodies.shape[0], island.half_width
+    if n == 1 and not coupled:
+        return factorise(room.jacobian[0], room.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
+    return factorise(room.band, room.pivots, FREEDOMS * n, w, 3 * w, w)
+
+
+@njit(**BARE)
+def solve_correction(coupled, island, room):
+    """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
+    n, w, x = island.bodies.shape[0], island.half_width, room.solution
+    for a in range(n):
+        for k in range(FREEDOMS):
+            x[FREEDOMS * a + k] = room.coordinates[a, 2, k]
+    if n == 1 and not coupled:
+        substitute(room.jacobian[0], room.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
+    else:
+        substitute(room.band, room.pivots, x, FREEDOMS * n, w, 3 * w, w)
+    for a in range(n):
+        for k in range(FREEDOMS):
+            room.coordinates[a, 3, k] = x[FREEDOMS * a + k]
+
+
+@njit(**BARE)
+def all_settled(context, island, room):
+    """Return whether the corrections of all bodies are negligible."""
+    for a in range(island.bodies.shape[0]):
+        space = space_at(a, room)
+        if not is_settled(context, euclidean_norm(space.residual), room.scales[a, 0], space):
+            return False
+    return True
+
+
+@njit(**BARE)
+def limited_part(m, motion, context, island, room):
+    """Return the fraction of the corrections that is tried first."""
+    fraction = 1.0
+    for a in range(island.bodies.shape[0]):
+        part = limit_correction(context, active_at(a, context, island), room.counts[a], space_at(a, room))
+        fraction = min(fraction, part)
+    if island.pairs.shape[0] == 0:
+        return fraction
+    room.answer[0] = fraction
+    call_part(context.pairs_part, LIMIT, 0, m, motion, island)
+    return room.answer[0]
+
+
+@njit(**BARE_CHUNK)
+def solve_island(h, motion, packed, tables, packed_room):
+    """Solve for the coordinates of all bodies of island h, from a guess; return outcome, contacts between bodies, iterations.
 
     Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
     expected to be the last one, they also give it.
     """
-    y, r, dt = space.y, space.residual, motion.dt
-    size, part, leaps, iterations, m, effects = 1e300, 0.0, 0, 0, np.int64(0), 0.0
-    for k in range(FREEDOMS):
-        space.correction[k] = 0.0
-    while True:
+    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    patience = ALONE if island.bodies.shape[0] == 1 else TOGETHER
+    size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
+    first = True
+    for a in range(island.bodies.shape[0]):
         for k in range(FREEDOMS):
-            y[k] += part * space.correction[k]
-        set_configuration(context, active, y, dt)
-        m = active_contacts(context, active, y, motion, space)
+            room.coordinates[a, 3, k] = 0.0
+    while True:
+        m = evaluate(part, motion, context, island, room)
         if m < 0:
             return Outcome.CROWDED, m, iterations
-        residual(context, active, m, y, motion, space)
-        now, scale = euclidean_norm(r), force_scale(context, active, y, dt, space.diagnostics)
-        minimum = rounding_force(context, active, space.diagnostics)
-        enough = max(CONVERGED * scale, minimum)
+        now, enough, solved, nearly = measure(first, motion.dt, context, island, room)
+        first = False
         if not now < 1e300:
             return Outcome.UNSOLVED, m, iterations
-        if now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space):
+        better = solved or now < (1.0 - 1e-4 * part) * size
+        if not better and halvings < patience.halvings:
+            halvings, part = halvings + 1, 0.5 * part
+            continue
+        if not better and halvings == patience.halvings and leaps < patience.leaps:
+            leaps += 1
+            better = patience.halvings == 0
+            if not better:  # the whole correction, after all
+                halvings, part = halvings + 1, whole
+                continue
+        better = better or halvings > patience.halvings
+        for a in range(island.bodies.shape[0]):
+            for k in range(FREEDOMS):
+                room.coordinates[a, 0, k] = room.coordinates[a, 1, k]
+        if solved:
             return Outcome.SOLVED, m, iterations
-        better = now < (1.0 - 1e-4 * part) * size
-        if (not better and leaps == LEAPS) or iterations == ITERATIONS:
+        if not better or iterations == patience.iterations:
             # laws with corners do not converge to the last digits
-            converged = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
-            return (Outcome.SOLVED if converged else Outcome.UNSOLVED), m, iterations
-        leaps += 0 if better else 1
+            return (Outcome.SOLVED if nearly else Outcome.UNSOLVED), m, iterations
         contracts = iterations > 0 and part == 1.0 and now <= CONTRACTS * size
         last = contracts and now * now <= enough * size
-        constant, effects = effects == effects_on(active.number, context.E), effects_on(active.number, context.E)
+        constant, effects = effects == effects_on(context, island), effects_on(context, island)
         if contracts and constant:
-            solve_with_factors(space)
-            if is_settled(context, now, scale, space):
+            solve_correction(False, island, room)
+            if all_settled(context, island, room):
                 return Outcome.SOLVED, m, iterations
         if not last:
-            assemble_jacobian(context, active, m, dt, False, space)
-            if not factorise(space.jacobian, space.pivots, FREEDOMS):
+            assemble(m, False, motion, context, island, room)
+            if not factorise_jacobian(False, island, room):
                 return Outcome.UNSOLVED, m, iterations
-        solve_with_factors(space)
-        size, iterations = now, iterations + 1
-        part = 1.0 if last else limit_correction(context, active, m, space)
+        solve_correction(False, island, room)
+        size, halvings, iterations = now, 0, iterations + 1
+        part = whole = 1.0 if last else limited_part(m, motion, context, island, room)

@@ -1,6 +1,6 @@
 """Residual of an implicit step of one body between two plates, at the end of a trial step.
 
-`set_configuration` moves body, spheres and patch to the end of the step with the coordinates y (`bundles.FREEDOMS`); `residual`
+`set_configuration` moves body, spheres and patch to the end of the step with the coordinates y (`workspace.FREEDOMS`); `residual`
 evaluates the laws there and writes the residual (7,) [N]; its derivative is in `jacobian`. No history is written before the
 step is accepted (`accept_step`).
 Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `contact_history`); here a contact
@@ -15,18 +15,16 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
-from thirdbody.kernels.close_spots import add_interaction_energy, interact, relieve, restore, spots_of
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
-from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, PULL, RELIEVE, RESTORE, active_at, call_part, space_at
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body, quaternion
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
 from thirdbody.kernels.rotation import matrix, rotate
 from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.signatures import EFFECTS, LAW
-from thirdbody.kernels.spot_loads import solve_body
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 
@@ -125,8 +123,9 @@ def momentum_of(b, context):
 
 
 @njit(**BARE)
-def active_contacts(context, active, y, motion, space):
-    """Gather the contacts of the body at the coordinates y into the tile; return their number, or -1 if they do not fit."""
+def active_contacts(a, y, motion, context, island, room):
+    """Gather the contacts of the body at position a, at its coordinates y, with plates; return their number, -1: too many."""
+    active, space = active_at(a, context, island), space_at(a, room)
     b, tile, slots = active.number, space.tile, space.slots
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
@@ -154,8 +153,8 @@ def active_contacts(context, active, y, motion, space):
         tile.inputs[at + rolling_input.INVERSE_DT * TILE] = active.start[step_start.NOW] / motion.dt
         tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
         scale_slip(q, before, context, tile.inputs)
-    if interact(context):
-        solve_body(m, slots, context, spots_of(tile))
+    if context.spots_part != 0:
+        call_part(context.spots_part, GATHER, a, m, motion, island)
     return m
 
 
@@ -235,18 +234,18 @@ def contact_moment(q, context, tile):
 
 
 @njit(**BARE)
-def residual(context, active, m, y, motion, space):
-    """Write the residual (7,) [N] of the body and its patch with m contacts, at the coordinates y.
+def residual(a, m, y, motion, context, island, room):
+    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, at the coordinates y.
 
-    Sums and maxima over the contacts are written to `space.diagnostics`.
+    Sums and maxima over the contacts are written to its `diagnostics`.
     """
+    active, space = active_at(a, context, island), space_at(a, room)
     b, tile, r, diagnostics = active.number, space.tile, space.residual, space.diagnostics
-    if interact(context):
-        relieve(m, tile)
+    if context.spots_part != 0:
+        call_part(context.spots_part, RELIEVE, a, m, motion, island)
     law_at(context.law)(tile.inputs, tile.outputs, padded(m, context.n_history), context.pairs)
-    if interact(context):
-        restore(m, tile)
-        add_interaction_energy(m, tile)
+    if context.spots_part != 0:
+        call_part(context.spots_part, RESTORE, a, m, motion, island)
     for k in range(FREEDOMS):
         r[k] = 0.0
     for k in range(step_contacts.WIDTH):
@@ -270,9 +269,9 @@ def residual(context, active, m, y, motion, space):
             r[6] -= f_z
         if first_body.is_rough(context):
             add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
-        if interact(context):
-            add_spot_pull(q, context, space)
         observe_contact(q, context, space)
+    if context.spots_part != 0:
+        call_part(context.spots_part, PULL, a, m, motion, island)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
     if context.has_effects != 0:
@@ -306,19 +305,6 @@ def add_gradient_force(k, energy, context, r):
     r[5] += x * f_y - y * f_x
     if is_upper(context.partner[k]):
         r[6] -= f_z
-
-
-@njit(**BARE)
-def add_spot_pull(q, context, space):
-    """Add the force along the plate on the spot of contact q (`close_spots`), at the centre of its sphere, to the residual."""
-    i, S, G, r = context.own[space.slots[q]], context.S, space.tile.geometry, space.residual
-    f_x, f_y = G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE]
-    x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
-    r[0] += f_x
-    r[1] += f_y
-    r[3] -= z * f_y
-    r[4] += z * f_x
-    r[5] += x * f_y - y * f_x
 
 
 @njit(**BARE)

@@ -7,14 +7,18 @@ before they can touch, since no sphere moves farther in a step than the margin o
 
 import math
 
+import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED
 from thirdbody.kernels import first_body
 from thirdbody.kernels.height_field import has_heights
+from thirdbody.kernels.implicit.contact import PLANE, add_curved, add_planar, contact_of, owner_side, plate_side
 from thirdbody.kernels.implicit.gradient_change import write_gradient_change
+from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, context_of, island_at, room_of, space_at
 from thirdbody.kernels.predicates import BASINS, is_upper
-from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels.rolling_kinematics import has_moments
+from thirdbody.kernels.rough_plates import UPDATE, update_by
 from thirdbody.kernels.surface_minima import (
     end_minimum,
     follow,
@@ -158,3 +162,32 @@ def update_tangents(first, last, tables):
         if tables.Q[k, surface_contact.MINIMA] != 0.0:
             write_changes(k, tables.upper if is_upper(tables.partner[k]) else tables.lower, tables)
         k = next_rough(k + BASINS, last, tables)
+
+
+@njit(**BARE)
+def tensor_at(k, t, Q):
+    """Return the six columns from t on of candidate k: a symmetric tensor of `surface_contact`."""
+    return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
+
+
+@njit(PART, **POINTED, **NO_COUNTS)
+def rough_part(_, h, a, m, motion, packed, tables, packed_room):
+    """Add the m contacts of the body at position a of island h, some of them with rough plates, to its Jacobian."""
+    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    b, space, Q = island.bodies[a], space_at(a, room), context.Q
+    update_by(context.surface_tangents, context.edges[b], context.edges[b + 1], context)
+    for q in range(m):
+        k = space.slots[q]
+        shape = (
+            tensor_at(k, surface_contact.NORMAL_GRADIENT, Q), first_body.three(Q, k, surface_contact.GRADIENT),
+            tensor_at(k, surface_contact.GRADIENT_CHANGE, Q),
+        )  # fmt: skip
+        sides = (
+            owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.tile.geometry),
+            plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
+        )
+        contact = contact_of(q, space.before[k - context.edges[b]], motion.dt, sides, shape, context, space.tile)
+        if has_moments(context) or shape[0] != PLANE:
+            add_curved(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
+        else:
+            add_planar(contact, space.jacobian)

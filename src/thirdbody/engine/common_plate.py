@@ -1,32 +1,38 @@
-"""Implicit integrator with one plate carried by all bodies: rigid, or with a foundation.
+"""One plate that all bodies carry in the implicit integrator: rigid, or with a foundation.
 
-All bodies share their time steps. Each body is solved for a trial rise of the plate; one scalar equation remains, the balance
+All bodies share their time steps. Each island is solved for a trial rise of the plate; one scalar equation remains, the balance
 of the plate's load and the sum of the bodies' forces, whose slope is the Schur complement of the whole system. It is solved by
 Newton's method inside a bracket, since the force falls with the rise but has corners.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.engine.direct_contact import direct_loss, direct_reaction
-from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.plate_copies import one_plate
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.implicit import common_plate_driver as kernel
-from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
-from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
+
+BATCH = 512
+"""Bodies of which one step is enough between two looks at the clock."""
 
 FEWEST = 8
 """Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
@@ -49,106 +55,94 @@ class PlateStep:
     change: float
 
 
-class ImplicitCommonPlate(Implicit):
-    """`Implicit` for a state whose last patch is a free plate carried by all bodies."""
+class CommonPlate:
+    """A free plate that all bodies carry, the last patch: it makes the steps of an implicit integrator."""
 
-    def __init__(self, state: State, *arguments, **options) -> None:
+    def __init__(self, integrator: Implicit, state: State) -> None:
         one_plate(state)
-        super().__init__(state, *arguments, **options)
-        n = state.n_bodies
-        self.starts, self.ends = np.zeros((n, step_start.WIDTH)), np.zeros((n, FREEDOMS))
-        self.solutions = np.zeros((n, body_solution.WIDTH))
-        self.plate = np.zeros(run_totals.WIDTH)  # totals of the plate itself
-        self.plate_memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
-        for column in (step_memory.NEXT_DT, step_memory.LIMIT):
-            self.plate_memory[column] = self.memory[0, column]
-
-    together = True
-
-    def trial(self, bodies: int, until: float) -> None:
-        """As in `Implicit`, but always for all bodies."""
-        self._advance_to(until, lambda: None, lambda: None)
+        self.integrator = integrator
+        self.totals = np.zeros(run_totals.WIDTH)  # of the plate itself
+        self.memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
 
     def start(self) -> None:
-        """As `Implicit.start`."""
-        super().start()
-        self.initial_overlaps = np.zeros(self.state.slots.count)
-        kernel.book_direct(self.plate, self.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
+        """Take the length of the first step from the bodies."""
+        for column in (step_memory.NEXT_DT, step_memory.LIMIT):
+            self.memory[column] = self.integrator.memory[0, column]
+        kernel.book_direct(self.totals, self.integrator.state.P, 0.0, 0.0, 0.0, 0.0)  # the force at the start
 
-    def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """As `Implicit.export_state`; `starts` and `ends` are omitted, since every step computes them."""
-        arrays, notes = super().export_state()
-        return arrays | {"plate": self.plate, "plate_memory": self.plate_memory}, notes
+    def tables(self) -> dict[str, Array]:
+        """Return the tables of the plate by their names in a checkpoint."""
+        return {"plate": self.totals, "plate_memory": self.memory}
 
-    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """As `Implicit.restore`."""
-        super().restore(arrays, notes)
-        self.plate[:], self.plate_memory[:] = arrays["plate"], arrays["plate_memory"]
-
-    def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
-        while self.totals[0, run_totals.TIME] < until:
+    def advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        """Advance all bodies to a time [s]."""
+        one = self.integrator
+        while one.totals[0, run_totals.TIME] < until:
             self._step(until)
-            self._collect()
-            self._refuse_stopped()
+            one.collect()
+            one.refuse_stopped()
             # counted from the start of the run, so that a resumed run calls `watch` at the same instants
-            noted = int(self.totals[0, run_totals.STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
+            noted = int(one.totals[0, run_totals.STEPS]) % max(1, BATCH // one.state.n_bodies) == 0
             (watch if noted else between)()
 
     def _step(self, until: float) -> None:
         """Make one step, shortened until it is accepted. Raises GuardStop if no step is."""
-        time, T, context = float(self.totals[0, run_totals.TIME]), self.plate_memory, self._context()
+        one = self.integrator
+        time, T, context = float(one.totals[0, run_totals.TIME]), self.memory, one.packed()
         end = kernel.next_breakpoint_after(time, context, until)
-        if end - time < self.settings[step_settings.SHORTEST]:
+        if end - time < one.settings[step_settings.SHORTEST]:
             # the interval is shorter than any step: a stop that misses a breakpoint by rounding
-            self.totals[:, run_totals.TIME] = end
-            self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
+            one.totals[:, run_totals.TIME] = end
+            one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
             return
-        (dt, cause), cuts, load, body = self._length(time, end), 0, float(self.state.patches.load[-1]), 0
+        (dt, cause), cuts, load, body = self._length(time, end), 0, float(one.state.patches.load[-1]), 0
         while True:
             whole = dt >= NEARLY * (end - time)
             dt = end - time if whole else dt
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             self._load(time, dt)
             step, converged = self._solve(dt, (v_x, v_y))
-            error, rotation = self._error(step, dt), float(self.solutions[:, body_solution.ROTATION].max())
+            error, rotation = self._error(step, dt), float(one.solutions[:, body_solution.ROTATION].max())
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
             cuts += 1
             body, cause = self._why(converged, error, rotation)
-            kernel.restore_bodies(context)
+            self._each(kernel.restore_islands)
             dt *= kernel.reduction(converged, error, rotation)
-            if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
+            if dt < one.settings[step_settings.SHORTEST] or one.solutions[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
-        self._accept_bodies((end, whole, cuts, Motion(dt, v_x, v_y)), context)
+        self._each(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
         self._accept(dt, step, load, (v_x, v_y))
-        body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
-        self.memory[body, step_memory.LIMITED + cause] += 1.0
-        easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
-        kernel.set_common_length(T, self.accuracy.growth, dt, error, easy, cuts > 0, cause)
+        body = body if cuts else int(np.argmax(one.solutions[:, body_solution.ERROR]))
+        one.memory[body, step_memory.LIMITED + cause] += 1.0
+        easy = one.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
+        kernel.set_common_length(T, one.accuracy.growth, dt, error, easy, cuts > 0, cause)
         if whole and kernel.is_breakpoint_at(time, context, end):
-            self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
+            one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
     def _why(self, converged: bool, error: float, rotation: float) -> tuple[int, int]:
         """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
-        lost = self.solutions[:, body_solution.SOLVED] == 0.0
+        one = self.integrator
+        lost = one.solutions[:, body_solution.SOLVED] == 0.0
         by_rotation = converged and not (error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30))
-        worst = self.solutions[:, body_solution.ROTATION if by_rotation else body_solution.ERROR]
+        worst = one.solutions[:, body_solution.ROTATION if by_rotation else body_solution.ERROR]
         body = int(np.argmax(lost if lost.any() else worst))
-        if self.solutions[body, body_solution.LANDS] > 0.0:
+        if one.solutions[body, body_solution.LANDS] > 0.0:
             return body, StepLimit.LANDING
         return body, StepLimit.ROTATION if by_rotation else (StepLimit.ERROR if converged else StepLimit.NEWTON)
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
-        row, first_iteration, context = self.state.P[-1], True, self._context()
+        one = self.integrator
+        row, first_iteration = one.state.P[-1], True
         displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            self._solve_bodies((first_iteration, displacement, Motion(dt, *velocity)), context)
+            self._each(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
             first_iteration = False
             step = self._motion(displacement, dt)
-            if not self.solutions[:, body_solution.SOLVED].all():
+            if not one.solutions[:, body_solution.SOLVED].all():
                 return step, False
-            push, slope = (float(self.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
+            push, slope = (float(one.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
             direct, direct_stiffness = direct_reaction(row, displacement)
             push, slope = push + direct, slope - direct_stiffness
             force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
@@ -157,7 +151,7 @@ class ImplicitCommonPlate(Implicit):
             if abs(force) <= CONVERGED * scale:
                 return step, True
             low, high = (displacement, high) if force > 0.0 else (low, displacement)
-            slope -= row[patch.DAMPING] * step.rate + float(self.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
+            slope -= row[patch.DAMPING] * step.rate + float(one.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
             # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             displacement = displacement + change if low < displacement + change < high else 0.5 * (low + high)
@@ -165,90 +159,96 @@ class ImplicitCommonPlate(Implicit):
                 return step, abs(force) <= 1e-5 * scale
         return step, False
 
-    def _solve_bodies(self, step: tuple[bool, float, Motion], context: Array) -> None:
-        """Solve the step of all bodies for a given rise of the plate; `step`: arguments of `common_plate_driver.solve_bodies`."""
-        distribute(self._pieces(), lambda: lambda piece: kernel.solve_bodies(*piece, *step, context))
+    def _each(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
+        """Call a kernel for pieces of all islands."""
+        one = self.integrator
+        pieces = one.islands.pieces or pieces_of(0, one.islands.count, FEWEST)
+        context, tables = one.packed(), one.packed_islands()
 
-    def _accept_bodies(self, step: tuple[float, bool, int, Motion], context: Array) -> None:
-        """Accept the step of all bodies; `step`: arguments of `common_plate_driver.accept_bodies`."""
-        distribute(self._pieces(), lambda: lambda piece: kernel.accept_bodies(*piece, *step, context))
+        def worker() -> Callable[[tuple[int, int]], None]:
+            room = one.room()
+            return lambda piece: kernel_of_pieces(*piece, *step, context, tables, room)
 
-    def _pieces(self) -> list[tuple[int, int]]:
-        return pieces_of(0, self.state.n_bodies, FEWEST)
+        distribute(pieces, worker)
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
-        H, R = self.state.slots.H, self.state.slots.R
+        one = self.integrator
+        H, R = one.state.slots.H, one.state.slots.R
         max_overlap = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
-        return 0.5 * max(max_overlap, float(self.settings[step_settings.EXPECTED_OVERLAP]))
+        return 0.5 * max(max_overlap, float(one.settings[step_settings.EXPECTED_OVERLAP]))
 
     def _motion(self, displacement: float, dt: float) -> PlateStep:
         """Return the step of the plate that rises by `displacement` [m]."""
-        now = float(self.state.patches.velocity[-1])
-        velocity, acceleration, rate, change = kernel.plate_motion(self.plate_memory, self.settings, displacement, now, dt)
-        return PlateStep(displacement, velocity, acceleration if self.accuracy.inertia else 0.0, rate, change)
+        one = self.integrator
+        now = float(one.state.patches.velocity[-1])
+        velocity, acceleration, rate, change = kernel.plate_motion(self.memory, one.settings, displacement, now, dt)
+        return PlateStep(displacement, velocity, acceleration if one.accuracy.inertia else 0.0, rate, change)
 
     def _error(self, step: PlateStep, dt: float) -> float:
         """Return the largest error of bodies and plate over the tolerance."""
-        radius = float(self.memory[:, step_memory.CONTACT_RADIUS].max())
-        own = kernel.plate_error(step.change, radius, self.plate_memory, self.settings, dt)
-        return max(own, float(self.solutions[:, body_solution.ERROR].max()))
+        one = self.integrator
+        radius = float(one.memory[:, step_memory.CONTACT_RADIUS].max())
+        own = kernel.plate_error(step.change, radius, self.memory, one.settings, dt)
+        return max(own, float(one.solutions[:, body_solution.ERROR].max()))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Return the length [s] of the next step and its cause (`kernels.implicit.step_limits`)."""
+        one = self.integrator
         carrying = self._carrying()
-        radii = self.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]
-        self.plate_memory[step_memory.CONTACT_RADIUS] = radii.min()
-        return kernel.common_step_length(self.plate_memory, time, self._context(), end)
+        radii = one.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]
+        self.memory[step_memory.CONTACT_RADIUS] = radii.min()
+        return kernel.common_step_length(self.memory, time, one.packed(), end)
 
     def _carrying(self) -> np.ndarray:
         """Return which bodies touch the upper plate or other bodies (n,), bool.
 
         Others lie on the lower plate. Their weight presses them by less than a nanometre, and no drag slides over that.
         """
-        state, slots = self.state, self.state.slots
+        one = self.integrator
+        state, slots = one.state, one.state.slots
         carrying = np.zeros(state.n_bodies, bool)
         carrying[state.body[slots.own[(slots.sides != LOWER) & (slots.H[:, contact_state.SLIP] > 0.0)]]] = True
         return carrying
 
     def _load(self, time: float, dt: float) -> None:
         """Set the scheduled load [N] of the plate at the end of a step that crosses no breakpoint."""
-        if self.schedule.load:
-            row = self.state.P[-1]
-            row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
+        one = self.integrator
+        if one.schedule.load:
+            row = one.state.P[-1]
+            row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
 
     def _accept(self, dt: float, step: PlateStep, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
-        T, row = self.plate_memory, self.state.P[-1]
+        one = self.integrator
+        T, row = self.memory, one.state.P[-1]
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
         mass, work = float(row[patch.MASS]), -carried * step.displacement
-        kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(self.accuracy.inertia)
-        self.plate[run_totals.PLATE_WORK] += work
-        self.plate[run_totals.PLATE_WORK_SIZE] += abs(work)
+        kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(one.accuracy.inertia)
+        self.totals[run_totals.PLATE_WORK] += work
+        self.totals[run_totals.PLATE_WORK_SIZE] += abs(work)
         dashpot_work = float(row[patch.DAMPING]) * step.displacement**2 / dt
-        self.plate[run_totals.DAMPING_WORK] += dashpot_work
+        self.totals[run_totals.DAMPING_WORK] += dashpot_work
         lost = float(row[patch.DAMPING]) * step.velocity * step.displacement - dashpot_work
         lost += (float(row[patch.LOAD]) - carried) * step.displacement
-        self.plate[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
+        self.totals[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
         T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.displacement, step.velocity - before
         T[step_memory.LAST_DT] = dt
         row[patch.HEIGHT] += step.displacement
         row[patch.VELOCITY] = step.velocity
         if row[patch.DIRECT_PREFACTOR] > 0.0:
-            kernel.book_direct(self.plate, self.state.P, dt, *velocity, old)
-            self.plate[run_totals.NUMERICAL_LOSS] += direct_loss(row, step.displacement)
+            kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
+            self.totals[run_totals.NUMERICAL_LOSS] += direct_loss(row, step.displacement)
 
     def _refuse_unsolved(self) -> None:
         """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
-        lost = np.flatnonzero(self.solutions[:, body_solution.SOLVED] == 0.0)
+        one = self.integrator
+        lost = np.flatnonzero(one.solutions[:, body_solution.SOLVED] == 0.0)
         if not len(lost):
-            when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
+            when = f"stopped at t = {one.totals[0, run_totals.TIME]:.6g} s"
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
-        crowded = self.solutions[lost[0], body_solution.CROWDED] > 0.0
-        self.memory[lost[0], step_memory.CODE] = Stop.CROWDED if crowded else Stop.UNSOLVED
-        raise GuardStop(self._explain(int(lost[0])))
-
-    def _summed(self) -> Array:
-        return super()._summed() + self.plate
+        crowded = one.solutions[lost[0], body_solution.CROWDED] > 0.0
+        one.memory[lost[0], step_memory.CODE] = Stop.CROWDED if crowded else Stop.UNSOLVED
+        raise GuardStop(one.explain(int(lost[0])))

@@ -1,4 +1,4 @@
-"""What the interaction of the spots of a body (`close_spots`) adds to the Jacobian of an implicit step.
+"""The interaction of the spots of a body (`close_spots`) in an implicit step: the part `spots_part` of it (`workspace.PART`).
 
 The relieved overlaps x = d - g N(x) change by dx = (1 + g W)^-1 dd, with the stiffness W_i = dN_i/dx_i of the spots. `jacobian`
 takes dx = dd; here the difference -g W dx is added, times the change of force and torque per relieved overlap. Left out is the
@@ -9,13 +9,25 @@ import math
 
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED
 from thirdbody.kernels import first_body
-from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
 from thirdbody.kernels.implicit.vector_algebra import cross
+from thirdbody.kernels.implicit.workspace import (
+    FREEDOMS,
+    GATHER,
+    PART,
+    PULL,
+    RELIEVE,
+    RESTORE,
+    TANGENTS,
+    context_of,
+    room_of,
+    space_at,
+)
 from thirdbody.kernels.predicates import is_lower, is_upper
-from thirdbody.kernels.spot_loads import NEAR, SWEEPS
+from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry
 
@@ -101,7 +113,38 @@ def add_interaction(m, context, space):
         for c in range(FREEDOMS):
             change = K[(contact_tangent.RELIEVED + c) * TILE + q] - strain[c]
             for d in range(3):
-                J[d, c] += f[d] * change
-                J[3 + d, c] += torque[d] * change
+                J[FREEDOMS * d + c] += f[d] * change
+                J[FREEDOMS * (3 + d) + c] += torque[d] * change
             if is_upper(context.partner[k]):
-                J[6, c] -= f[2] * change
+                J[FREEDOMS * 6 + c] -= f[2] * change
+
+
+@njit(**BARE)
+def add_spot_pull(q, context, space):
+    """Add the force along the plate on the spot of contact q (`close_spots`), at the centre of its sphere, to the residual."""
+    i, S, G, r = context.own[space.slots[q]], context.S, space.tile.geometry, space.residual
+    f_x, f_y = G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE]
+    x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+    r[0] += f_x
+    r[1] += f_y
+    r[3] -= z * f_y
+    r[4] += z * f_x
+    r[5] += x * f_y - y * f_x
+
+
+@njit(PART, **POINTED, **NO_COUNTS)
+def spots_part(stage, _, a, m, motion, packed, tables, packed_room):
+    """Do what a stage of a step requires for the m spots of the body at position a of an island."""
+    context, space = context_of(packed), space_at(a, room_of(packed_room))
+    if stage == GATHER:
+        solve_body(m, space.slots, context, spots_of(space.tile))
+    elif stage == RELIEVE:
+        relieve(m, space.tile)
+    elif stage == RESTORE:
+        restore(m, space.tile)
+    elif stage == PULL:
+        add_interaction_energy(m, space.tile)
+        for q in range(m):
+            add_spot_pull(q, context, space)
+    elif stage == TANGENTS:
+        add_interaction(m, context, space)

@@ -1,0 +1,219 @@
+"""Contact between bodies in the implicit integrator.
+
+After every stride of the drag, the bodies that could meet within the next one are found: those connected by such pairs form an
+island (`engine.islands`), which is advanced as one system of equations. Then the paths of all spheres are checked. Where two
+spheres that were no candidates may have touched, their islands go back to the start of the stride and are advanced again as one;
+under a common plate all bodies do. So the result does not depend on how far bodies were expected to move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.engine.candidates import Numbers
+from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.expected_islands import LARGEST, MARGIN, island_stride
+from thirdbody.engine.islands import islands_of
+from thirdbody.engine.measures import collect_measures, deposit_on_maps
+from thirdbody.engine.neighbours import replace_pairs, search_pairs
+from thirdbody.engine.state import Array
+from thirdbody.engine.swept_paths import may_have_touched
+from thirdbody.errors import GuardStop
+from thirdbody.jit.threads import allowed_threads
+from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.tables import step_memory
+from thirdbody.kernels.tables import run_totals
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
+
+REST, LATER = 200.0, 0.25
+"""Largest time between two searches while the plates do not move: in Rayleigh times, or as a part of the time so far."""
+
+STATE, SLOTS = ("B", "E", "orientations", "S", "P", "M"), ("Q", "H", "R")
+"""Tables that a step changes: of a state, and of its candidates."""
+
+COUNTS = ("searches", "largest_island", "in_islands", "repeated")
+"""What is counted: searches, bodies of the largest island, sum over searches of bodies in islands, islands advanced again."""
+
+TOGETHER_ADVICE = "in a bed of several layers with solver.inertial_number, which tells the speed that is slow enough"
+PATCHES_ADVICE = 'at a higher speed, or on_failure = "continue", to go on all the same'
+"""What else a scene can do, where all bodies carry one plate and where each has a patch."""
+
+
+class Meeting:
+    """Search for islands of an implicit integrator, and return to the start of a stride."""
+
+    def __init__(self, integrator: Implicit) -> None:
+        self.integrator = integrator
+        self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
+        self._saved: dict[str, Array] = {}
+        self._deposits: list[Array] = []  # of this stride, on maps of measures
+
+    def start(self) -> None:
+        """Find the first islands."""
+        self.integrator.stride = island_stride(self.integrator.state)
+        self._search()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the number of searches, the largest island, and the mean fraction of bodies in islands."""
+        searches, largest, inside, repeated = self.counts
+        return {
+            "searches": int(searches), "largest": int(largest), "repeated": int(repeated),
+            "fraction_of_bodies": float(inside / max(searches, 1.0) / self.integrator.state.n_bodies),
+        }  # fmt: skip
+
+    def until(self, until: float) -> float:
+        """Return the time [s], at most `until`, of the next search; also where the plates are at rest."""
+        one = self.integrator
+        now, sooner = one.state.time, until
+        if one.schedule.path(now, until) == 0.0:
+            sooner = min(until, now + max(REST * one.rayleigh, LATER * now))
+        if not one.together or sooner == until:
+            return sooner
+        # all share their steps: no stop is added where no bodies are near each other now
+        return sooner if len(search_pairs(one.state, MARGIN * one.stride)[0]) else until
+
+    def advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        """Advance all islands to a time [s], until none has missed a contact."""
+        one = self.integrator
+        going = one.memory[:, step_memory.CODE] == Stop.NONE
+        if not np.any(going & (one.totals[:, run_totals.TIME] < until)):
+            return  # the run was stopped after this stride
+        self._search()
+        while True:
+            one.advance_all(until, watch, between)
+            own, partner = self._missed()
+            if not len(own):
+                break
+            self._repeat(own, partner)
+        for deposits in self._deposits:
+            deposit_on_maps(one.state, deposits)
+        self._deposits = []
+        largest = max(self.counts[1], self._recent[1])
+        self.counts += self._recent
+        self.counts[1] = largest
+        one.earlier = {}
+        watch()
+
+    def collect(self) -> None:
+        """Collect what contacts have measured; deposits wait until the stride is accepted: bodies may yet go back to its start."""
+        deposits = collect_measures(self.integrator.state)
+        self._deposits += [deposits] if len(deposits) else []
+
+    # -- search --
+
+    def _search(self) -> None:
+        """Find the pairs that can touch within the next stride, and the islands that they make; save the state."""
+        one = self.integrator
+        state, going = one.state, one.memory[:, step_memory.CODE] == Stop.NONE
+        own, partner = search_pairs(state, MARGIN * one.stride)
+        both = going[state.body[own]] & going[state.body[partner]]
+        replace_pairs(state, own[both], partner[both])
+        self._positions = state.S[:, :3].copy()
+        self._begin_paths(np.ones(state.n_spheres, bool))
+        self._save()
+        self._recent[:] = 0.0
+        self._connect()
+        self._recent[0], self._recent[2] = 1.0, float(one.islands.in_islands)
+
+    def _begin_paths(self, spheres: np.ndarray) -> None:
+        """Let the paths of these `spheres` (n,), a mask, begin where they were at the last search."""
+        one = self.integrator
+        here = self._positions[spheres]
+        one.paths[spheres] = np.column_stack((np.zeros(len(here)), here, here))
+
+    def _connect(self) -> None:
+        """Find the islands. Raises GuardStop where one of them is too large to pay."""
+        one = self.integrator
+        slots = one.state.slots
+        one.max_per_body = max(one.max_per_body, slots.max_per_body)
+        one.connect(islands_of(one.state, slots, allowed_threads()))
+        largest = int(one.islands.sizes.max())
+        self._recent[1] = max(self._recent[1], largest if largest > 1 else 0)
+        if largest > LARGEST and not one.accuracy.skip_unsolved:
+            advice = TOGETHER_ADVICE if one.together else PATCHES_ADVICE
+            raise GuardStop(
+                f"stopped at t = {one.state.time:.6g} s: {largest} bodies could meet within the next "
+                f"{one.stride:.2g} m of sliding, and the implicit integrator solves them together: more than {LARGEST} "
+                f'do not pay; integrator = "explicit", {advice}'
+            )
+
+    def _missed(self) -> tuple[Numbers, Numbers]:
+        """Return the pairs of spheres that may have touched since the last search without being candidates."""
+        one = self.integrator
+        state, slots = one.state, one.state.slots
+        own, partner = may_have_touched(state, self._positions, one.paths)
+        pairs = slice(slots.n_plates, slots.count)
+        known = np.isin(self._keys(own, partner), self._keys(slots.own[pairs], slots.partner[pairs]))
+        going = one.memory[:, step_memory.CODE] == Stop.NONE
+        new = ~known & going[state.body[own]] & going[state.body[partner]]
+        return own[new], partner[new]
+
+    def _keys(self, own: Numbers, partner: Numbers) -> np.ndarray:
+        """Return a number for each pair, in the order of candidates."""
+        one = self.integrator
+        return own.astype(np.int64) * one.state.n_spheres + partner
+
+    def _repeat(self, own: Numbers, partner: Numbers) -> None:
+        """Make these pairs candidates, and return the islands that they connect to the last search."""
+        one = self.integrator
+        state, old, n = one.state, one.state.slots, one.state.slots.n_plates
+        keys = np.union1d(self._keys(own, partner), self._keys(old.own[n:], old.partner[n:]))
+        pairs = (keys // state.n_spheres).astype(np.int32), (keys % state.n_spheres).astype(np.int32)
+        now, old.rows = old.rows, AllRows(self._saved["H"], self._saved["R"])
+        replace_pairs(state, *pairs)
+        self._saved |= {"H": state.slots.H, "R": state.slots.R}
+        state.slots, old.rows = old, now
+        replace_pairs(state, *pairs)
+        self._name_saved()
+        self._connect()
+        number = one.islands.number
+        back = np.isin(number, number[state.body[own]])
+        self._recent[3] += len(np.unique(number[back]))
+        self._put_back(back)
+
+    # -- copies of the state --
+
+    def _tables(self) -> dict[str, Array]:
+        """Return all tables that steps change, by name."""
+        one = self.integrator
+        tables = {name: getattr(one.state, name) for name in STATE}
+        tables |= {name: getattr(one.state.slots, name) for name in SLOTS}
+        tables |= {"W": one.state.W} if one.state.physics.measures else {}
+        tables |= {"totals": one.totals, "memory": one.memory}
+        return tables | one.plate.tables() if one.plate else tables
+
+    def _save(self) -> None:
+        """Copy them: a run can go on from here only, until the end of the stride (`earlier`)."""
+        self._saved = {name: table.copy() for name, table in self._tables().items()}
+        self._name_saved()
+
+    def _name_saved(self) -> None:
+        """Name the copies as `engine.snapshot` does."""
+        one = self.integrator
+        prefix = dict.fromkeys((*STATE, "W"), "") | dict.fromkeys(SLOTS, "slots_")
+        one.earlier = {prefix.get(name, "integrator_") + name: table for name, table in self._saved.items()}
+
+    def _put_back(self, bodies: np.ndarray) -> None:
+        """Return some `bodies` (n,), a mask, to the start of the stride; all of them under a common plate."""
+        one = self.integrator
+        state, tables = one.state, self._tables()
+        if one.plate:
+            for name, table in tables.items():
+                table[:] = self._saved[name]
+            self._begin_paths(np.ones(state.n_spheres, bool))
+            self._deposits = []
+            return
+        patches = np.zeros(len(state.P), bool)
+        patches[state.patch[bodies]] = True
+        rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
+        rows["H"] = rows["R"] = bodies[state.body[state.slots.own]]
+        rows["Q"] = rows["H"][: len(state.slots.Q)]
+        for name, table in tables.items():
+            table[rows[name]] = self._saved[name][rows[name]]
+        self._begin_paths(rows["S"])
+        self._deposits = [rows[~bodies[rows[:, 0].astype(int)]] for rows in self._deposits]

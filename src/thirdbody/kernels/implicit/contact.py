@@ -1,0 +1,320 @@
+"""A contact of two sides, as the Jacobian of an implicit step sees it: how its forces change with the coordinates of its bodies.
+
+The contact has the unit normal n from its partner to its owner, and the axes e and g = n x e of its frame. It lies at
+r = a - A n from the centre of mass of the owner's body, where a is the centre of the sphere and A = R - overlap/2, and at
+r' = a' + A' n from that of the partner's, if that is a sphere. It acts on the owner with the force f = N n + T_1 e + T_2 g and
+with the torque r x f + M, on the partner with -f and -r' x f - M. A plate is a side without coordinates of its own; a patch, or a
+common plate, has its rise h. Let the body of a side move by u and turn by w. Relative to the partner, the centre of the owner's
+sphere then moves by c = u + w x a and its surface by s = u + w x r; for the partner's body both are negative, with a' and r'; for
+a plate that rises by h, c = s = -h z. To first order
+
+    overlap and slip:   dd = -n.c             ds_1 = e.s      ds_2 = g.s
+    normal:             dn = H c, with a symmetric tensor H: on planes 0, between spheres (1 - nn)/D with D = R + R' - overlap, on
+                        rough plates `surface_contact.NORMAL_GRADIENT`
+    frame:              turns by W = n x dn + (w.n/2) n: transported with the normal, turned about it by half the spin
+    slip in the frame:  ds_1 += S.(W x e)     ds_2 += S.(W x g)    with the displacement S of the step
+    force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike, with the relative rotation
+    effective radius:   d ln R_eff = G.c, which changes N and T_1, T_2 as an overlap of N/(2 dN/dd) d ln R_eff would do
+    gradient force:     p = -U/2 G, at the centre of the owner's sphere, with the energy U of the normal spring;
+                        dp = -(N dd + U/2 G.c)/2 G - U/2 B c, with the derivative B of G (`surface_contact.GRADIENT_CHANGE`)
+    arms:               dr = w x a + dd n/2 - A dn              dr' = w x a' - dd n/2 + A' dn
+
+and N, T_1, T_2, M_1, M_2 and the moment M_0 about n follow from the tangents of the laws. This is exact at the start of a step;
+left out is what grows with the rotation in the step, and the change of a dashpot's normal velocity as the normal turns. G and B
+are there on rough plates only. For contacts with planes, most of all contacts, the same is written by blocks of three columns;
+the turning of the frame about its normal is left out there: Newton's method takes as many iterations without, and a step costs 6
+to 15 % less.
+"""
+
+from typing import NamedTuple
+
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.kernels.implicit.residual import (
+    closed_fraction,
+    contact_force,
+    contact_moment,
+    contact_point,
+    depth_at,
+    frame_of,
+    vector_at,
+)
+from thirdbody.kernels.implicit.vector_algebra import cross, dot, product, scaled_sum
+from thirdbody.kernels.implicit.workspace import FREEDOMS
+from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output
+
+Vector = tuple[float, float, float]
+Tensor = tuple[float, float, float, float, float, float]
+"""Symmetric: xx, yy, zz, xy, xz, yz."""
+
+NOWHERE, PLANE = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Side(NamedTuple):
+    """One side of a contact."""
+
+    row: int
+    """First row and column of its body in the equations; -1: a plate, which has none."""
+    rise: int
+    """Row and column of the rise of a plate; -1: a body, or a plate at rest."""
+    scale: float
+    """One over the arm of the body [1/m], if rotations are scaled in the equations; else 1."""
+    centre: Vector
+    """Centre of the sphere from the centre of mass [m]."""
+    point: Vector
+    """Contact point from there [m]."""
+    arm: float
+    """Distance of the contact point from the centre of the sphere [m]."""
+
+
+class Contact(NamedTuple):
+    """A contact: forces and geometry at the end of the step, and tangents."""
+
+    owner: Side
+    partner: Side
+    frame: tuple[Vector, Vector, Vector]
+    """Normal and both axes."""
+    force: Vector
+    moment: Vector
+    displacement: Vector
+    """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
+    tangent: tuple[float, float, float, float, float, float, float]
+    """Change of N with the overlap, and of T_1, T_2 with the slip and the overlap (`contact_tangent`)."""
+    rolling_tangent: Tensor
+    """Change of M_1, M_2 with rotations about the axes and with the overlap; zero without moments."""
+    twist_tangent: tuple[float, float]
+    """Change of the moment about the normal with the rotation about it, and with the overlap."""
+    bend: Tensor
+    """H [1/m]"""
+    normal_force: float
+    energy: float
+    """Energy of the normal spring [J]."""
+    gradient: Vector
+    """G [1/m]"""
+    gradient_change: Tensor
+    """B [1/m2]"""
+
+
+@njit(**BARE)
+def contact_of(q, before, dt, sides, shape, context, tile):
+    """Return contact q of a tile as a `Contact`.
+
+    `before`: overlap plus reach at the start of the step [m]; `sides`: owner and partner; `shape`: bend, gradient and its change.
+    """
+    G, (bend, gradient, gradient_change) = tile.geometry, shape
+    rolling, frame, fraction = has_moments(context), frame_of(q, G), closed_fraction(q, before, context, tile.inputs)
+    displacement = (
+        dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
+        tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
+        tile.inputs[law_input.SLIP_Y * TILE + q] / fraction,
+    )
+    return Contact(
+        sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if rolling else NOWHERE, displacement,
+        tangent_at(q, before, context, tile), rolling_tangent_at(q, fraction, tile.tangents) if rolling else PLANE,
+        twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), bend,
+        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
+        gradient, gradient_change,
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def owner_side(q, i, row, scale, S, G):
+    """Return the side of the owner, sphere i, of contact q."""
+    centre = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+    return Side(row, -1, scale, centre, contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
+
+
+@njit(**BARE)
+def plate_side(rise):
+    """Return the side of a plate; `rise`: its row and column, -1 for one at rest."""
+    return Side(-1, rise, 1.0, NOWHERE, NOWHERE, 0.0)
+
+
+@njit(**BARE)
+def tangent_at(q, before, context, tile):
+    """Return the tangents of contact q; `before`: overlap at the start of the step [m], negative: a gap."""
+    K, I = tile.tangents, tile.inputs  # noqa: E741
+    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
+    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
+    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
+    if before < 0.0:
+        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
+        depth, fraction = depth_at(q, context, I), closed_fraction(q, before, context, I)
+        growth = -before / ((depth - before) * (depth - before)) / fraction
+        xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
+        yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
+        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
+    return K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd
+
+
+@njit(**BARE)
+def rolling_tangent_at(q, fraction, K):
+    """Return the tangents of the moment of contact q; `fraction`: of the rotation that counts, as the contact was closed."""
+    at = contact_tangent.ROLLING * TILE + q
+    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
+    return fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
+
+
+@njit(**BARE)
+def twist_tangent_at(q, fraction, K):
+    """Return the tangents of the moment of contact q about its normal; `fraction`: as in `rolling_tangent_at`."""
+    at = contact_tangent.TWIST * TILE + q
+    return fraction * K[at], K[at + TILE]
+
+
+@njit(**BARE)
+def force_tensor(contact):
+    """Return the rows of A [N/m]: change of the force with the displacement of the surface."""
+    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
+    t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
+    return (
+        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
+        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
+        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
+    )
+
+
+@njit(**BARE)
+def moment_rows(r, rows, p, arm):
+    """Return the rows of r x A - p arm, where `rows` are those of A."""
+    x, y, z = r
+    return (
+        scaled_sum(y, rows[2], -z, rows[1], -p[0], arm),
+        scaled_sum(z, rows[0], -x, rows[2], -p[1], arm),
+        scaled_sum(x, rows[1], -y, rows[0], -p[2], arm),
+    )
+
+
+@njit(**BARE)
+def add_block(row, column, rows, J):
+    """Add three rows of three to J (7, 7), flat."""
+    for i in range(3):
+        for k in range(3):
+            J[FREEDOMS * (row + i) + column + k] += rows[i][k]
+
+
+@njit(**BARE)
+def add_planar(contact, J):
+    """Add a contact with a plane, without moments, to the Jacobian of its body, J (7, 7), flat; rotations in rad.
+
+    The force on the body changes with the displacement s of its surface by the tensor A, and s = u + w x r:
+
+        df/du = A                        df/dw: rows r x A_i
+        dt/du = r x A - p n              dt/dw = r x df/dw - p (r x n) + a f - (a.f) 1        with p = n x f/2
+
+    from dt = r x df + dr x f and dr = w x a + dd n/2, where the overlap changes by dd = -n.s.
+    """
+    n, r, f, a = contact.frame[0], contact.owner.point, contact.force, contact.owner.centre
+    A = force_tensor(contact)
+    force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
+    x, y, z = cross(n, f)
+    p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
+    torque_by_displacement, torque_by_rotation = moment_rows(r, A, p, n), moment_rows(r, force_by_rotation, p, cross(r, n))
+    add_block(0, 0, A, J)
+    add_block(0, 3, force_by_rotation, J)
+    add_block(3, 0, torque_by_displacement, J)
+    add_block(3, 3, torque_by_rotation, J)
+    for i in range(3):
+        at = FREEDOMS * (3 + i) + 3
+        for k in range(3):
+            J[at + k] += a[i] * f[k]
+        J[at + i] -= along_arm
+    if contact.partner.rise >= 0:
+        # the patch rises: the body moves down relative to it, and the opposite force acts on it
+        for i in range(3):
+            J[FREEDOMS * i + 6] -= A[i][2]
+            J[FREEDOMS * (3 + i) + 6] -= torque_by_displacement[i][2]
+            J[FREEDOMS * 6 + i] -= A[2][i]
+            J[FREEDOMS * 6 + 3 + i] -= force_by_rotation[2][i]
+        J[FREEDOMS * 6 + 6] += A[2][2]
+
+
+class Column(NamedTuple):
+    """One coordinate: displacements of centre and surface of the owner's sphere relative to the partner, and rotation w of the
+    body that moves, with its sign: 1 owner, -1 partner, 0 a plate."""
+
+    moved: Vector
+    surface: Vector
+    rotation: Vector
+    sign: float
+
+
+@njit(**BARE)
+def column_of(c, side, sign):
+    """Return coordinate c of the body of a side."""
+    u = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
+    w = (1.0 if c == 3 else 0.0, 1.0 if c == 4 else 0.0, 1.0 if c == 5 else 0.0)
+    moved, surface = (
+        scaled_sum(sign, u, sign, cross(w, side.centre), 0.0, u),
+        scaled_sum(sign, u, sign, cross(w, side.point), 0.0, u),
+    )
+    return Column(moved, surface, w, sign)
+
+
+@njit(**BARE_CHUNK)
+def add_curved(contact, J, step, offset):
+    """Add any contact to the Jacobian J (`linear`), coordinate by coordinate."""
+    owner, partner = contact.owner, contact.partner
+    for c in range(12 if partner.row >= 0 else 7 if partner.rise >= 0 else 6):
+        if c < 6:
+            add_column(column_of(c, owner, 1.0), owner.row + c, owner.scale if c > 2 else 1.0, contact, J, step, offset)
+        elif partner.row >= 0:
+            scale = partner.scale if c > 8 else 1.0
+            add_column(column_of(c - 6, partner, -1.0), partner.row + c - 6, scale, contact, J, step, offset)
+        else:
+            add_column(Column((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), NOWHERE, 0.0), partner.rise, 1.0, contact, J, step, offset)
+
+
+@njit(**BARE_CHUNK)
+def add_column(column, at, scale, contact, J, step, offset):
+    """Add the changes of forces and torques with one coordinate, column `at` of J, times `scale`."""
+    (n, e, g), f, d, w = contact.frame, contact.force, -dot(contact.frame[0], column.moved), column.rotation
+    owner, partner = contact.owner, contact.partner
+    dn = product(contact.bend, column.moved)
+    turn = scaled_sum(1.0, cross(n, dn), 0.5 * dot(w, n), n, 0.0, n)
+    s_n, s_1, s_2 = contact.displacement
+    total = scaled_sum(s_n, n, s_1, e, s_2, g)
+    s_1, s_2 = dot(e, column.surface) + dot(total, cross(turn, e)), dot(g, column.surface) + dot(total, cross(turn, g))
+    k_n, xx, xy, yx, yy, xd, yd = contact.tangent
+    bent = dot(contact.gradient, column.moved)
+    depth = d + (0.5 * contact.normal_force / k_n * bent if k_n > 0.0 else 0.0)
+    df = scaled_sum(k_n * depth, n, xx * s_1 + xy * s_2 + xd * depth, e, yx * s_1 + yy * s_2 + yd * depth, g)
+    df = scaled_sum(1.0, df, 1.0, cross(turn, f), 0.0, f)
+    first, second = max(column.sign, 0.0), max(-column.sign, 0.0)
+    swing = cross(w, owner.centre)
+    dr = scaled_sum(first, swing, 0.5 * d, n, -owner.arm, dn)
+    m_1, m_2, m_0 = moment_change(column, d, contact)
+    dm = scaled_sum(1.0, scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment)), m_0, n, 0.0, n)
+    torque = scaled_sum(1.0, cross(dr, f), 1.0, cross(owner.point, df), 1.0, dm)
+    # the gradient force
+    size = -0.5 * contact.energy
+    dp = scaled_sum(
+        -0.5 * contact.normal_force * d + 0.5 * size * bent, contact.gradient, size, product(contact.gradient_change, column.moved),
+        0.0, n,
+    )  # fmt: skip
+    torque = scaled_sum(1.0, torque, 1.0, cross(owner.centre, dp), first * size, cross(swing, contact.gradient))
+    on_owner = scaled_sum(1.0, df, 1.0, dp, 0.0, n)
+    for k in range(3):
+        J[(owner.row + k) * step + at + offset] += scale * on_owner[k]
+        J[(owner.row + 3 + k) * step + at + offset] += scale * owner.scale * torque[k]
+    if partner.row >= 0:
+        dr = scaled_sum(second, cross(w, partner.centre), -0.5 * d, n, partner.arm, dn)
+        back = scaled_sum(-1.0, cross(dr, f), -1.0, cross(partner.point, df), -1.0, dm)
+        for k in range(3):
+            J[(partner.row + k) * step + at + offset] -= scale * df[k]
+            J[(partner.row + 3 + k) * step + at + offset] += scale * partner.scale * back[k]
+    elif partner.rise >= 0:
+        J[partner.rise * step + at + offset] -= scale * on_owner[2]
+
+
+@njit(**BARE)
+def moment_change(column, d, contact):
+    """Return the changes of the moments about both axes and about the normal; d: change of the overlap."""
+    n, e, g = contact.frame
+    x, y = column.sign * dot(column.rotation, e), column.sign * dot(column.rotation, g)
+    xx, xy, yx, yy, xd, yd = contact.rolling_tangent
+    twist, by_overlap = contact.twist_tangent
+    return xx * x + xy * y + xd * d, yx * x + yy * y + yd * d, twist * column.sign * dot(column.rotation, n) + by_overlap * d

@@ -1,0 +1,242 @@
+"""Arguments of the implicit kernels that travel together, and their scratch.
+
+An island is a set of bodies that could meet each other before the next search, or one body alone. Its bodies share their steps,
+and its equations are solved together. Tables of the run, of the islands, and scratch are packed into one array each
+(`jit.packed_arguments`): a function that is not inlined takes these three, and unpacks what it needs.
+"""
+
+from collections import namedtuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.options import BARE
+from thirdbody.jit.packed_arguments import PACKED, Kinds, make_unpacker
+from thirdbody.kernels import signatures
+from thirdbody.kernels.bundles import Motion, Tile
+from thirdbody.kernels.contact_geometry import SPARE
+from thirdbody.kernels.explicit.tables import contact_sums
+from thirdbody.kernels.implicit.tables import step_contacts, step_start
+from thirdbody.kernels.periodic import box_of
+from thirdbody.kernels.tables import observed_body
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
+
+Array = np.ndarray
+
+FREEDOMS = 7
+"""Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
+the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
+
+MOTION = types.NamedUniTuple(types.float64, 3, Motion)
+"""Numba's type of a `Motion`."""
+
+_I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+_ROW, _TABLE, _STACK = (types.Array(types.float64, n, "C") for n in (1, 2, 3))
+
+SHARED = (
+    "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "orientations",
+    "P", "Q", "H", "R", "M", "pairs", "interaction", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag",
+    "n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column",
+    "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces", "measured", "measure", "measure_parameters",
+)  # fmt: skip
+"""Fields that the explicit integrator has, too. `edges`, `incidence`: here of the candidates with plates only."""
+
+KINDS: Kinds = {
+    **{name: signatures.KINDS[name] for name in SHARED},
+    # settings of the step control; totals and memory of each body
+    "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
+    # of bodies under a common plate (`common_plate`), else empty; in the order of `Islands.bodies`: starts
+    "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE,
+    # overlap plus reach of each candidate at the start of the step [m]: of pairs, and of all under a common plate
+    "initial_overlaps": _ROW,
+    # of spheres since the last search for islands (`sphere_path`), else empty
+    "paths": _TABLE,
+    # largest number of candidates of a body with plates; address of the laws' tangents
+    "max_per_body": _I, "tangents": _I,
+    # addresses of the functions that take the closest points of rough plates as those of an accepted step, and that write what
+    # the Jacobian needs of them (`surface_steps`)
+    "accept_surfaces": _I, "surface_tangents": _I,
+    # addresses of the parts of a step that few scenes need (`PART`), 0 in others: contacts between bodies, curved surfaces, spots
+    "pairs_part": _I, "rough_part": _I, "spots_part": _I,
+}  # fmt: skip
+"""Types of all arguments of an implicit step, by name."""
+
+ImplicitContext = namedtuple("ImplicitContext", tuple(KINDS))  # type: ignore[misc]
+"""All tables and numbers of a run; kernels unpack it from an array."""
+
+context_of = make_unpacker(KINDS, ImplicitContext)
+"""context_of(packed): the `ImplicitContext` in an array of int64."""
+
+ISLANDS: Kinds = {
+    # bodies of all islands, island by island; where each island begins, and their number; position of each body in its island
+    "bodies": _I1, "body_edges": _I1, "position": _I1,
+    # candidates between the bodies of an island; where those of each island begin; largest difference of positions of a pair
+    "pairs": _I1, "pair_edges": _I1, "widths": _I1,
+    # islands in the order in which they are advanced
+    "order": _I1,
+    # all candidates of each body (`engine.state.Candidates.edges`, `.incidence`); in the context: those with plates
+    "all_edges": _S1, "all_incidence": _S1,
+}  # fmt: skip
+"""Types of the tables of the islands, by name."""
+
+IslandTables = namedtuple("IslandTables", tuple(ISLANDS))  # type: ignore[misc]
+"""Tables of the islands; kernels unpack it from an array."""
+
+islands_of = make_unpacker(ISLANDS, IslandTables)
+"""islands_of(packed): the `IslandTables` in an array of int64."""
+
+ROOM: Kinds = {
+    # of each body: its tile, candidates of the contacts in it, overlaps plus reach of all its candidates at the start of the step
+    **dict.fromkeys(("inputs", "outputs", "tangents", "geometry"), _TABLE), "slots": types.Array(_I, 2, "C"), "before": _TABLE,
+    # rows y, trial, residual and correction (4, 7); derivative of the residual (49,) [N/m], or its factors; rows exchanged
+    "coordinates": _STACK, "jacobian": _TABLE, "pivots": _I1,
+    # `step_contacts`, `contact_sums`, `step_start`
+    "diagnostics": _TABLE, "sums": _STACK, "starts": _TABLE,
+    # number of contacts with plates; sum of all acting forces [N], and one over that sum at the start of the iteration; error of
+    # the friction work of its contacts with others, and the energy that these can store [J]
+    "counts": _I1, "scales": _TABLE, "errors": _TABLE,
+    # the labeller's row of a body, and rows of its contacts
+    "observed": _ROW, "rows": _TABLE,
+    # of each tile of contacts between bodies; candidates of the contacts in it, padded
+    **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE), "pair_slots": types.Array(_I, 2, "C"),
+    # Jacobian of several bodies: row i has the columns from i - w to i + 2 w, side by side; right-hand side, then the solution
+    "band": _ROW, "solution": _ROW,
+    # what a part returns (`PART`)
+    "answer": _ROW,
+}  # fmt: skip
+"""Types of the scratch of a thread, by name."""
+
+Room = namedtuple("Room", tuple(ROOM))  # type: ignore[misc]
+"""Scratch for one island at a time."""
+
+room_of = make_unpacker(ROOM, Room)
+"""room_of(packed): the `Room` in an array of int64."""
+
+PART = types.void(_I, _I, _I, _I, MOTION, PACKED, PACKED, PACKED)
+"""part(stage, island, position of the body in it, number of contacts, motion, packed context, islands, room)"""
+
+part_at = function_at(PART)
+
+START, GATHER, RELIEVE, RESTORE, PULL, TANGENTS, LIMIT, ERRORS, ACCEPT = (np.int64(stage) for stage in range(9))
+"""Stages of a step for which a part is called."""
+
+
+def make_room(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any:
+    """Return scratch for islands of at most so many bodies, candidates between them, numbers in the band, candidates of a body."""
+    history, tiles = context.n_history, (pairs + TILE - 1) // TILE
+    widths = {
+        "inputs": law_input.HISTORY + history + rolling_input.WIDTH, "outputs": law_output.HISTORY + history + rolling_output.WIDTH,
+        "tangents": contact_tangent.SPOTS_WIDTH, "geometry": geometry.WIDTH,
+    }  # fmt: skip
+    # laws compute whole vectors (`contact_geometry.padded`): elements without a contact must have a pair type
+    tables = {name: np.zeros((bodies, width * TILE)) for name, width in widths.items()}
+    tables |= {f"pair_{name}": np.zeros((tiles, width * TILE)) for name, width in widths.items()}
+    shapes = {
+        "before": (bodies, row), "coordinates": (bodies, 4, FREEDOMS), "jacobian": (bodies, FREEDOMS * FREEDOMS),
+        "diagnostics": (bodies, step_contacts.WIDTH), "sums": (bodies, 1, contact_sums.WIDTH), "starts": (bodies, step_start.WIDTH),
+        "scales": (bodies, 2), "errors": (bodies, 2), "observed": (observed_body.WIDTH,), "rows": (row, context.width),
+        "band": (band,), "solution": (FREEDOMS * bodies,), "answer": (4,),
+    }  # fmt: skip
+    whole = {"slots": (bodies, TILE), "pivots": (FREEDOMS * bodies,), "counts": (bodies,), "pair_slots": (tiles, TILE + SPARE)}
+    tables |= {name: np.zeros(shape) for name, shape in shapes.items()}
+    tables |= {name: np.zeros(shape, np.int64) for name, shape in whole.items()}
+    return Room(**tables)
+
+
+class ActiveBody(NamedTuple):
+    """A body of the island that is advanced."""
+
+    number: int
+    patch: int
+    """Its patch of the upper plate."""
+    start: Array
+    """`step_start`: state at the start of the step."""
+    memory: Array
+    """Its row of `step_memory`."""
+    totals: Array
+    """Its row of `run_totals`."""
+
+
+class Workspace(NamedTuple):
+    """Scratch of one body of an island (`ROOM`)."""
+
+    tile: Tile
+    slots: Array
+    before: Array
+    y: Array
+    trial: Array
+    residual: Array
+    correction: Array
+    jacobian: Array
+    diagnostics: Array
+    sums: Array
+
+
+class Island(NamedTuple):
+    """The island that is advanced."""
+
+    number: int
+    bodies: Array
+    """Its bodies."""
+    pairs: Array
+    """Candidates between them."""
+    position: Array
+    """Position of each body of the run in its island."""
+    half_width: int
+    """Half width of the band of its Jacobian."""
+    starts: Array
+    """`step_start` of its bodies."""
+    box: NamedTuple
+    """Periodic lengths (`kernels.bundles.Box`)."""
+    packed: Array
+    tables: Array
+    room: Array
+    """What a part takes: packed context, islands and scratch."""
+
+
+@njit(**BARE)
+def island_at(h, packed, tables, room):
+    """Return island h."""
+    context, islands, low = context_of(packed), islands_of(tables), islands_of(tables).body_edges[h]
+    high = islands.body_edges[h + 1]
+    starts = context.starts[low:high] if context.starts.shape[0] > 0 else room_of(room).starts[: high - low]
+    return Island(
+        h, islands.bodies[low:high], islands.pairs[islands.pair_edges[h] : islands.pair_edges[h + 1]], islands.position,
+        FREEDOMS * (islands.widths[h] + 1) - 1, starts, box_of(context.D), packed, tables, room,
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def active_at(a, context, island):
+    """Return the body at position a of the island."""
+    b = island.bodies[a]
+    return ActiveBody(b, context.patch[b], island.starts[a], context.memory[b], context.totals[b])
+
+
+@njit(**BARE)
+def space_at(a, room):
+    """Return the scratch of the body at position a of the island."""
+    tile, rows = Tile(room.inputs[a], room.outputs[a], room.tangents[a], room.geometry[a]), room.coordinates[a]
+    return Workspace(
+        tile, room.slots[a], room.before[a], rows[0], rows[1], rows[2], rows[3], room.jacobian[a], room.diagnostics[a], room.sums[a]
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def call_part(part, stage, a, m, motion, island):
+    """Call a part of a step for the body at position a of the island, or for all."""
+    part_at(part)(stage, np.int64(island.number), np.int64(a), np.int64(m), motion, island.packed, island.tables, island.room)
+
+
+@njit(**BARE)
+def pair_tile(t, room):
+    """Return tile t of the contacts between bodies."""
+    return Tile(room.pair_inputs[t], room.pair_outputs[t], room.pair_tangents[t], room.pair_geometry[t])
+
+
+@njit(**BARE)
+def tile_count(t, m):
+    """Return the number of contacts in tile t, of m contacts between bodies."""
+    return min(np.int64(TILE), m - t * TILE)
