@@ -19,7 +19,7 @@ from thirdbody.kernels.implicit.pairs import pairs_part
 from thirdbody.kernels.implicit.spots_part import spots_part
 from thirdbody.kernels.implicit.surface_steps import rough_part, update_accepted, update_tangents, update_trial
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_room
+from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_scratch
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.rough_plates import RoughPlates
@@ -73,17 +73,17 @@ def evaluate(context, tables, y, r, J):
     """Residual and Jacobian of an island; returns its contacts."""
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
-    room = make_room(context, n, 1, FREEDOMS * n * (3 * half_width + 1), context.max_per_body)
-    island, motion = plain(island_at, made)(0, context, tables, room), Motion(DT, 0.0, 0.0)
-    room.coordinates[:, 0] = y.reshape(n, FREEDOMS)
-    room.before[:] = context.initial_overlaps[: context.max_per_body]
-    m = plain(evaluate_island, made)(0.0, motion, context, island, room)
-    plain(assemble, made)(m, False, motion, context, island, room)
-    r[:] = room.coordinates[:, 2].ravel()
+    scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), context.max_per_body)
+    island, motion = plain(island_at, made)(0, context, tables, scratch), Motion(DT, 0.0, 0.0)
+    scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
+    scratch.before[:] = context.initial_overlaps[: context.max_per_body]
+    m = plain(evaluate_island, made)(0.0, motion, context, island, scratch)
+    plain(assemble, made)(m, False, motion, context, island, scratch)
+    r[:] = scratch.coordinates[:, 2].ravel()
     for i, row in enumerate(J):
         for k in range(len(row)):
-            row[k] = room.jacobian[0, FREEDOMS * i + k] if n == 1 else room.band[i * 3 * half_width + k + half_width]
-    return int(room.counts.sum()) + m
+            row[k] = scratch.jacobian[0, FREEDOMS * i + k] if n == 1 else scratch.band[i * 3 * half_width + k + half_width]
+    return int(scratch.counts.sum()) + m
 
 
 ONE = {

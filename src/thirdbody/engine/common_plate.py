@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.direct_contact import direct_loss, direct_reaction
+from thirdbody.engine.implicit_stops import explain
 from thirdbody.engine.plate_copies import one_plate
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
@@ -166,8 +167,8 @@ class CommonPlate:
         context, tables = one.packed(), one.packed_islands()
 
         def worker() -> Callable[[tuple[int, int]], None]:
-            room = one.room()
-            return lambda piece: kernel_of_pieces(*piece, *step, context, tables, room)
+            scratch = one.scratch()
+            return lambda piece: kernel_of_pieces(*piece, *step, context, tables, scratch)
 
         distribute(pieces, worker)
 
@@ -251,4 +252,4 @@ class CommonPlate:
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
         crowded = one.solutions[lost[0], body_solution.CROWDED] > 0.0
         one.memory[lost[0], step_memory.CODE] = Stop.CROWDED if crowded else Stop.UNSOLVED
-        raise GuardStop(one.explain(int(lost[0])))
+        raise GuardStop(explain(one, int(lost[0])))

@@ -8,7 +8,6 @@ bodies carry one plate (`engine.common_plate`). Results are bit-identical for an
 """
 
 import math
-import threading
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,9 +18,9 @@ import numpy as np
 
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.common_plate import CommonPlate
-from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.guards import Guards
-from thirdbody.engine.implicit_parts import find_minima, part_addresses
+from thirdbody.engine.implicit_parts import ThreadScratch, find_minima, part_addresses
+from thirdbody.engine.implicit_stops import explain, name_of
 from thirdbody.engine.islands import Islands, single_bodies
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
@@ -40,11 +39,10 @@ from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
-from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ROOM, ImplicitContext, make_room
+from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
+from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
-from thirdbody.kernels.tables import domain, loaded_contact, patch, run_totals
-from thirdbody.kernels.tile import TILE
+from thirdbody.kernels.tables import loaded_contact, patch, run_totals
 from thirdbody.laws.contract import Material
 
 BATCH = 512
@@ -54,53 +52,15 @@ CALL, PACE, FEW = 1.0, 1e4, 8.0
 """Target wall time [s] of a compiled call, since a stop is handled only after it; trial steps per second assumed before they are
 measured; minimum trial steps of each body in a call."""
 
-FIRST, SHORTEST = 0.1, 1e-6
-"""Length of the first step and of the shortest trial step, in Rayleigh times."""
-
-WORK = 4.0
-"""Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`friction_work`). Of 20
-rolling bodies the friction work is then right to 1.2 % in the median and 9.4 % at worst, with 5 to 1.3 and 10.6 %
-(`tests/theory/test_friction_work_of_rolling.py`)."""
-
-WORK_OF_SPRINGS = 80.0
-"""WORK for laws that keep a field of springs (`mdr`, `exact`): the dissipation of each spring is exact in a step, so the
-difference between the work of the mean force and of the force at the end overestimates the error. Of 20 rolling bodies the
-friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
+FIRST = 0.1
+"""Length of the first step, in Rayleigh times."""
 
 ENERGY_FRACTION = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
 
-MEETING_RADII = 2.0
-"""Longest drag of a step in radii of the largest contact where bodies meet (less than that of a body alone, `engine.accuracy`): in
-longer ones a contact between bodies that begins to slide is labelled late."""
-
 UNLOADED = 0.01
 """Assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere."""
-
-
-class Rooms:
-    """Scratch of each thread (`workspace.ROOM`), made when a thread first needs it."""
-
-    def __init__(self) -> None:
-        self._sizes, self._made = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy: it makes its own."""
-        return {"_sizes": self._sizes, "_made": {}}
-
-    def fit(self, sizes: tuple[int, ...]) -> None:
-        """Provide for islands of at most so many bodies, pairs, numbers in the band, and candidates of a body."""
-        if any(new > old for new, old in zip(sizes, self._sizes, strict=True)):
-            self._sizes, self._made = tuple(map(max, sizes, self._sizes)), {}
-
-    def of_thread(self, context: Any) -> Array:
-        """Return the packed scratch of this thread."""
-        room = self._made.get(threading.get_ident())
-        if room is None:
-            room = self._made[threading.get_ident()] = Packer(ROOM)
-            room(make_room(context, *self._sizes))
-        return room(room.given)
 
 
 class Implicit:
@@ -143,14 +103,14 @@ class Implicit:
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
         self.memory[:, step_memory.MAX_ENERGY] = ENERGY_FRACTION * float(state.patches.load.max()) * overlap
-        self.settings = self._settings(overlap)
+        self.settings = self.accuracy.settings(state, overlap, self.rayleigh)
         physics = state.physics
         self._law, self._effects, self._observe = (
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
         self._tangent, self._pack, self._parts = address(tangents, LAW), Packer(KINDS), part_addresses(state)
         self.islands: Islands
-        self._pack_islands, self.rooms = Packer(ISLANDS), Rooms()
+        self._pack_islands, self.scratch_of_threads = Packer(ISLANDS), ThreadScratch()
         self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
@@ -164,19 +124,6 @@ class Implicit:
     def together(self) -> bool:
         """Whether all bodies share their steps."""
         return self.plate is not None
-
-    def _settings(self, overlap: float) -> Array:
-        V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
-        V[step_settings.TOLERANCE] = chosen.tolerance
-        V[step_settings.LONGEST] = chosen.largest_step
-        V[step_settings.RADII] = chosen.radii
-        V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
-        V[step_settings.EXPECTED_OVERLAP], V[step_settings.GROWTH] = overlap, chosen.growth
-        springs = any(name.endswith(".field[0]") for name in self.state.physics.history)
-        V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * chosen.tolerance
-        if self.meets:
-            V[step_settings.RADII] = min(V[step_settings.RADII], MEETING_RADII)
-        return V
 
     def start(self) -> None:
         """Make every sphere a candidate with both plates, for the whole run."""
@@ -199,7 +146,7 @@ class Implicit:
         """Take these islands as those that are advanced."""
         self.islands = islands
         self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
-        self.rooms.fit((*islands.largest(FREEDOMS), self.max_per_body))
+        self.scratch_of_threads.fit((*islands.largest(FREEDOMS), self.max_per_body))
 
     def advance_to(
         self,
@@ -302,8 +249,8 @@ class Implicit:
         context, tables = self.packed(), self.packed_islands()
 
         def worker() -> Callable[[tuple[int, int]], None]:
-            room = self.room()
-            return lambda piece: driver.advance_islands(*piece, until, tries, context, tables, room)
+            scratch = self.scratch()
+            return lambda piece: driver.advance_islands(*piece, until, tries, context, tables, scratch)
 
         distribute(pieces, worker)
 
@@ -323,9 +270,9 @@ class Implicit:
             self.islands, self.meeting = own, meeting
         self.refuse_stopped()
 
-    def room(self) -> Array:
+    def scratch(self) -> Array:
         """Return the packed scratch of this thread."""
-        return self.rooms.of_thread(self._pack.given)
+        return self.scratch_of_threads.of_thread(self._pack.given)
 
     def packed_islands(self) -> Array:
         """Return the packed tables of the islands."""
@@ -396,7 +343,7 @@ class Implicit:
         if self.accuracy.skip_unsolved:
             stopped = stopped[codes[stopped] != Stop.UNSOLVED]
         if len(stopped):
-            raise GuardStop(self.explain(int(stopped[0])))
+            raise GuardStop(explain(self, int(stopped[0])))
 
     def refuse_created_energy(self) -> None:
         """Raise GuardStop if the integrator has created more than CREATED_ENERGY_GUARD of the exchanged energy."""
@@ -404,7 +351,7 @@ class Implicit:
         built, whole = created_fractions(self.totals, stored, self._summed())
         body = int(np.argmax(built))
         if built[body] > CREATED_ENERGY_GUARD:
-            fraction, who, when = built[body], self._who(body), self.totals[body, run_totals.TIME]
+            fraction, who, when = built[body], name_of(body, self.state), self.totals[body, run_totals.TIME]
         elif whole > CREATED_ENERGY_GUARD:
             fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
@@ -433,7 +380,7 @@ class Implicit:
             "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
             "steps_limited_by": limited_by(T),
             "limiting_body": limiting_body(T, state.order),
-            "unsolved": {int(body): self.explain(int(body)) for body in lost},
+            "unsolved": {int(body): explain(self, int(body)) for body in lost},
         } | ({"islands": self.meeting.summary()} if self.meeting else {})
 
     def describe_limit(self) -> str:
@@ -449,28 +396,3 @@ class Implicit:
     def label(self) -> Array:
         """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
-
-    def explain(self, body: int) -> str:
-        s, totals = self.state, self.totals[body]
-        code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
-        who = self._who(body)
-        if code == Stop.OVERLAP:
-            slot = int(self.memory[body, step_memory.SLOT])
-            own, partner = int(s.slots.own[slot]), int(s.slots.partner[slot])
-            radius = s.spheres.radius[own] if partner < 0 else min(s.spheres.radius[own], s.spheres.radius[partner])
-            ratio, limit = s.slots.records.overlap[slot] / radius, s.D[domain.OVERLAP_GUARD]
-            text = f"sinks into {partner_of(s, slot, body)} by {ratio:.2f} of the radius (guard: {limit:g})"
-            return f"{when}: {who} {text}; a lower load is needed"
-        if code == Stop.LEFT:
-            return f"{when}: {who} left the domain"
-        if code == Stop.CROWDED:
-            return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
-        if code == Stop.BAD_BODY:
-            return f"{when}: the position of body {s.order[body]} is not a number"
-        shortest = self.settings[step_settings.SHORTEST]
-        return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {loaded_spots(s, body)}"
-
-    def _who(self, number: int) -> str:
-        """Return text that names a body by its number in the scene and its position."""
-        where = ", ".join(f"{x:.4g}" for x in self.state.bodies.position[number])
-        return f"body {self.state.order[number]} at ({where}) m"

@@ -89,15 +89,15 @@ class ImplicitEnsemble(Implicit):
         context, tables = self.packed(), self.packed_islands()
 
         def worker() -> Callable[[int], None]:
-            scratch, packed, room = self._make_scratch(), context.copy(), self.room()
+            own, packed, scratch = self._make_scratch(), context.copy(), self.scratch()
 
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
                 if self._waiting(low, high, until):
                     span = Span(number * BATCH, min((number + 1) * BATCH, self.state.n_bodies), low, high)
                     closed = rows.compact[number]
-                    n = advance_batch(span, until, tries, packed, tables, room, (closed.contacts(), scratch.closed), scratch.one)
-                    closed.replace(scratch.closed, n)
+                    n = advance_batch(span, until, tries, packed, tables, scratch, (closed.contacts(), own.closed), own.one)
+                    closed.replace(own.closed, n)
 
             return advance
 

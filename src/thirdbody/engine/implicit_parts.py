@@ -1,11 +1,14 @@
-"""Parts of an implicit step that few scenes need: compiled, and called through pointers, only where one does."""
+"""Parts of an implicit step that few scenes need, compiled and called through pointers only where one does; scratch."""
 
 import math
+import threading
+from typing import Any
 
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
 from thirdbody.jit.function_pointers import address
-from thirdbody.kernels.implicit.workspace import PART
+from thirdbody.jit.packed_arguments import Packer
+from thirdbody.kernels.implicit.workspace import PART, SCRATCH, make_scratch
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.tables import surface_contact
 
@@ -14,21 +17,24 @@ PARTS = ("update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part",
 
 def part_addresses(state: State) -> dict[str, int]:
     """Return the addresses of the parts that a state needs by their names in `workspace.KINDS`; 0 for others."""
-    found = dict.fromkeys(PARTS, 0)
+    addresses = dict.fromkeys(PARTS, 0)
     if state.world.debris_meets:
         from thirdbody.kernels.implicit.pairs import pairs_part
 
-        found["pairs_part"] = address(pairs_part, PART)
+        addresses["pairs_part"] = address(pairs_part, PART)
     if state.world.rough:
         from thirdbody.kernels.implicit.surface_steps import rough_part, update_accepted, update_tangents, update_trial
 
-        found["update_surfaces"], found["accept_surfaces"] = address(update_trial, UPDATE), address(update_accepted, UPDATE)
-        found["surface_tangents"], found["rough_part"] = address(update_tangents, UPDATE), address(rough_part, PART)
+        addresses["update_surfaces"], addresses["accept_surfaces"] = (
+            address(update_trial, UPDATE),
+            address(update_accepted, UPDATE),
+        )
+        addresses["surface_tangents"], addresses["rough_part"] = address(update_tangents, UPDATE), address(rough_part, PART)
     if len(state.physics.interaction):
         from thirdbody.kernels.implicit.spots_part import spots_part
 
-        found["spots_part"] = address(spots_part, PART)
-    return found
+        addresses["spots_part"] = address(spots_part, PART)
+    return addresses
 
 
 def find_minima(state: State) -> None:
@@ -39,3 +45,27 @@ def find_minima(state: State) -> None:
 
     state.slots.Q[:, surface_contact.SEARCHED] = math.inf
     update_closest_points(state, update_accepted)
+
+
+class ThreadScratch:
+    """Scratch of each thread (`workspace.SCRATCH`)."""
+
+    def __init__(self) -> None:
+        self._sizes, self._packers = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of a copy: it makes its own."""
+        return {"_sizes": self._sizes, "_packers": {}}
+
+    def fit(self, sizes: tuple[int, ...]) -> None:
+        """Provide for islands of at most so many bodies, pairs, numbers in the band, and candidates of a body."""
+        if any(new > old for new, old in zip(sizes, self._sizes, strict=True)):
+            self._sizes, self._packers = tuple(map(max, sizes, self._sizes)), {}
+
+    def of_thread(self, context: Any) -> Any:
+        """Return the packed scratch of this thread."""
+        scratch = self._packers.get(threading.get_ident())
+        if scratch is None:
+            scratch = self._packers[threading.get_ident()] = Packer(SCRATCH)
+            scratch(make_scratch(context, *self._sizes))
+        return scratch(scratch.given)

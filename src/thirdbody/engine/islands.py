@@ -53,7 +53,8 @@ def single_bodies(n: int, edges: Any, incidence: Any) -> Islands:
     """Return n islands of one body; `edges`, `incidence`: of the candidates of each body."""
     each, none = np.arange(n), np.zeros(0, np.int64)
     tables = IslandTables(  # type: ignore[call-arg]
-        bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none, pair_edges=np.zeros(n + 1, np.int64),
+        bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none,
+        pair_edges=np.zeros(n + 1, np.int64),
         widths=np.zeros(n, np.int64), order=each, all_edges=edges, all_incidence=incidence,
     )  # fmt: skip
     return Islands(tables, np.ones(n, np.int64), each, [])

@@ -100,7 +100,7 @@ class Meeting:
         watch()
 
     def collect(self) -> None:
-        """Collect what contacts have measured; deposits wait until the stride is accepted: bodies may yet go back to its start."""
+        """Collect what contacts have measured; deposits wait until the stride is accepted: bodies may go back to its start."""
         deposits = collect_measures(self.integrator.state)
         self._deposits += [deposits] if len(deposits) else []
 

@@ -49,44 +49,44 @@ def pair_opening_work(k, context, motion, box):
 
 
 @njit(**BARE_CHUNK)
-def pair_work_errors(context, island, m, motion, room):
+def pair_work_errors(context, island, m, motion, scratch):
     """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
     for a in range(island.bodies.shape[0]):
-        room.errors[a, 0], room.errors[a, 1] = 0.0, 0.0
+        scratch.errors[a, 0], scratch.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
         _, _, a, b = ends_of(k, context, island)
         error, stored = 0.0, 0.0
-        if p < m and room.pair_slots[p // TILE, p % TILE] == k:
-            q, tile = p % TILE, pair_tile(p // TILE, room)
+        if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
+            q, tile = p % TILE, pair_tile(p // TILE, scratch)
             error = contact_difference(q, context.initial_overlaps[k], context, tile)
             stored = contact_energy(q, tile)
             p += 1
         elif is_closed(k, context.H):
             error = abs(pair_opening_work(k, context, motion, island.box))
         for c in (a, b):
-            room.errors[c, 0] += error
-            room.errors[c, 1] += stored
+            scratch.errors[c, 0] += error
+            scratch.errors[c, 1] += stored
 
 
 @njit(**BARE)
-def work_on(a, force, torque, context, island, room):
+def work_on(a, force, torque, context, island, scratch):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, arm = room.coordinates[a, 0], 1.0 / island.starts[a, step_start.ARM]
+    y, arm = scratch.coordinates[a, 0], 1.0 / island.starts[a, step_start.ARM]
     return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
 
 
 @njit(**BARE)
-def works_on(a, b, wrench, context, island, room):
+def works_on(a, b, wrench, context, island, scratch):
     """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
     f, torque, back = wrench
-    work_a = work_on(a, f, torque, context, island, room)
-    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, room)
+    work_a = work_on(a, f, torque, context, island, scratch)
+    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, scratch)
 
 
 @njit(**BARE)
-def works_of_old(k, context, island, room):
+def works_of_old(k, context, island, scratch):
     """Return the works [J] in the step of the last force of candidate k on both bodies; 0 where it was open."""
     if not is_closed(k, context.H):
         return 0.0, 0.0
@@ -103,7 +103,7 @@ def works_of_old(k, context, island, room):
             twist = R[k, record.TWIST_MOMENT]
             m_x, m_y, m_z = m_x + twist * n_x, m_y + twist * n_y, m_z + twist * n_z
         x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
-    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, room)
+    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, scratch)
 
 
 @njit(**BARE)
@@ -131,16 +131,16 @@ def stored_energy(k, context):
 
 
 @njit(**BARE)
-def accept_closed(p, k, context, island, motion, room, smooth):
+def accept_closed(p, k, context, island, motion, scratch, smooth):
     """Book contact p, candidate k, on both bodies, and write its record; its history is stored afterwards.
 
     Its tile has the friction loss that is booked. `smooth`: see `is_smooth`.
     """
-    (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, room)
+    (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, scratch)
     q, b_i, b_j, O = p % TILE, island.bodies[a], island.bodies[b], tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
-    (mean_a, mean_b), weight = works_of_old(k, context, island, room), 0.5 if smooth else 0.0
-    end_a, end_b = works_on(a, b, (f, torque, back), context, island, room)
+    (mean_a, mean_b), weight = works_of_old(k, context, island, scratch), 0.5 if smooth else 0.0
+    end_a, end_b = works_on(a, b, (f, torque, back), context, island, scratch)
     mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
     part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
     damped = dashpot_loss(q, k, context.initial_overlaps[k], smooth, motion.dt, context, tile)
@@ -162,9 +162,9 @@ def accept_closed(p, k, context, island, motion, room, smooth):
 
 
 @njit(**BARE)
-def accept_opened(k, smooth, context, island, motion, room):
+def accept_opened(k, smooth, context, island, motion, scratch):
     """End candidate k, which opened within the step, and book what it stored on both bodies."""
-    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, room)
+    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, scratch)
     weight = 0.5 if smooth else 0.0
     mean_a, mean_b = weight * mean_a, weight * mean_b
     gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
@@ -187,24 +187,24 @@ def is_smooth(context, island):
 
 
 @njit(**BARE_CHUNK)
-def accept_pairs(context, island, m, motion, room):
+def accept_pairs(context, island, m, motion, scratch):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
     smooth, p = is_smooth(context, island), np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
-        if p < m and room.pair_slots[p // TILE, p % TILE] == k:
+        if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
             p += 1
         elif is_closed(k, context.H):
-            accept_opened(k, smooth, context, island, motion, room)
+            accept_opened(k, smooth, context, island, motion, scratch)
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
+        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         of_mean = smooth and context.force >= 0
         if of_mean:
             book(n, context, tile)
         for q in range(0 if of_mean else n):
             tile.outputs[law_output.DISSIPATED * TILE + q] += unbooked_energy(q, slots[q], context, tile.outputs)
         for q in range(n):
-            accept_closed(t * TILE + q, slots[q], context, island, motion, room, smooth)
+            accept_closed(t * TILE + q, slots[q], context, island, motion, scratch, smooth)
         store_history(n, slots, context, tile)
         for q in range(n):
             remember_pair(q, slots[q], context, island, tile)

@@ -15,7 +15,7 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.accept_step import reject_step
-from thirdbody.kernels.implicit.driver import accept_island, judge_island, label_island
+from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
 from thirdbody.kernels.implicit.residual import contact_force, gradient_force, measure_arm, save_start
@@ -46,7 +46,7 @@ from thirdbody.kernels.implicit.workspace import (
     context_of,
     island_at,
     islands_of,
-    room_of,
+    scratch_of,
     space_at,
 )
 from thirdbody.kernels.predicates import is_upper
@@ -118,12 +118,12 @@ def write_outcome(context, active, outcome, iterations, landing, y):
 
 
 @njit(**BARE)
-def separate_plate(a, spring, island, room):
+def separate_plate(a, spring, island, scratch):
     """Write the column of the plate, for the body at position a, as a right-hand side, and take its rise out of the band.
 
     `spring`: stiffness of the spring of its patch [N/m]; 0: the plate itself touches the body.
     """
-    J, column, band, w = room.jacobian[a], room.coordinates[a, 2], room.band, island.half_width
+    J, column, band, w = scratch.jacobian[a], scratch.coordinates[a, 2], scratch.band, island.half_width
     for k in range(FREEDOMS):
         column[k] = 0.0 if spring != 0.0 or k == 6 else J[FREEDOMS * k + 6]
     if spring != 0.0:
@@ -136,9 +136,9 @@ def separate_plate(a, spring, island, room):
 
 
 @njit(**BARE)
-def body_stiffness(a, spring, room):
+def body_stiffness(a, spring, scratch):
     """Return d(plate_reaction)/d(rise of the plate) [N/m] of the body at position a, whose coordinates follow."""
-    J, x = room.jacobian[a], room.coordinates[a, 3]
+    J, x = scratch.jacobian[a], scratch.coordinates[a, 3]
     if spring != 0.0:
         return spring * (x[6] - 1.0)
     own = J[48]
@@ -148,69 +148,71 @@ def body_stiffness(a, spring, room):
 
 
 @njit(**BARE)
-def write_stiffness(m, motion, context, island, room):
+def write_stiffness(m, motion, context, island, scratch):
     """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies."""
     bodies, P = island.bodies, context.P
-    assemble(m, True, motion, context, island, room)
+    assemble(m, True, motion, context, island, scratch)
     for a in range(bodies.shape[0]):
-        separate_plate(a, P[context.patch[bodies[a]], patch.SPRING], island, room)
-    regular = factorise_jacobian(True, island, room)
+        separate_plate(a, P[context.patch[bodies[a]], patch.SPRING], island, scratch)
+    regular = factorise_jacobian(True, island, scratch)
     if regular:
-        solve_correction(True, island, room)
+        solve_correction(True, island, scratch)
     for a in range(bodies.shape[0]):
-        slope = body_stiffness(a, P[context.patch[bodies[a]], patch.SPRING], room) if regular else 0.0
+        slope = body_stiffness(a, P[context.patch[bodies[a]], patch.SPRING], scratch) if regular else 0.0
         context.solutions[bodies[a], body_solution.SLOPE] = slope
 
 
 @njit(**BARE_CHUNK)
-def solve_one(h, first_iteration, displacement, motion, packed, tables, packed_room):
+def solve_one(h, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of island h for a given rise of the plate."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     bodies, alone = island.bodies, island.bodies.shape[0] == 1
     for a in range(bodies.shape[0]):
-        begin_body(context, active_at(a, context, island), first_iteration, displacement, motion, space_at(a, room))
+        begin_body(context, active_at(a, context, island), first_iteration, displacement, motion, space_at(a, scratch))
     if first_iteration and island.pairs.shape[0] > 0:
         call_part(context.pairs_part, START, 0, 0, motion, island)
-    outcome, m, iterations = solve_island(h, motion, packed, tables, packed_room)
+    outcome, m, iterations = solve_island(h, motion, packed, tables, packed_scratch)
     # the friction work of a body that meets only plates is not estimated: it has no step of its own
-    error, rotation, landing = judge_island(h, m, outcome == Outcome.SOLVED and not alone, motion, packed, tables, packed_room)
+    error, rotation, landing = assess_island(
+        h, m, outcome == Outcome.SOLVED and not alone, motion, packed, tables, packed_scratch
+    )
     for a in range(bodies.shape[0]):
-        active, space = active_at(a, context, island), space_at(a, room)
+        active, space = active_at(a, context, island), space_at(a, scratch)
         write_outcome(context, active, outcome, iterations, landing, space.y)
         if outcome == Outcome.SOLVED:
             solution = context.solutions[bodies[a]]
             solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
-            solution[body_solution.PUSH] = plate_reaction(context, active, room.counts[a], space)
+            solution[body_solution.PUSH] = plate_reaction(context, active, scratch.counts[a], space)
     if outcome == Outcome.SOLVED:
-        write_stiffness(m, motion, context, island, room)
+        write_stiffness(m, motion, context, island, scratch)
 
 
 @njit(**BARE_CHUNK)
-def accept_one(h, motion, ended, packed, tables, packed_room):
+def accept_one(h, motion, ended, packed, tables, packed_scratch):
     """Accept the step of island h; `ended`: its end [s], whether exactly then, how often cut.
 
     Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
     """
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     end, whole, cuts = ended
     for a in range(island.bodies.shape[0]):
-        copy_start(context, island.bodies[a], False, space_at(a, room))
+        copy_start(context, island.bodies[a], False, space_at(a, scratch))
         for k in range(FREEDOMS):
-            room.coordinates[a, 3, k] = 0.0
-    m = evaluate(0.0, motion, context, island, room)
-    accept_island(h, m, motion, True, packed, tables, packed_room)
+            scratch.coordinates[a, 3, k] = 0.0
+    m = evaluate(0.0, motion, context, island, scratch)
+    accept_island(h, m, motion, True, packed, tables, packed_scratch)
     for a in range(island.bodies.shape[0]):
         active = active_at(a, context, island)
         advance_clock(active.totals, motion, end, whole)
         count_step(active.memory, active.totals, motion.dt, cuts)
-        code, slot = guard_code(active.number, context, room.diagnostics[a])
+        code, slot = guard_code(active.number, context, scratch.diagnostics[a])
         active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = code, slot
     if context.labels != 0:
-        label_island(h, packed, tables, packed_room)
+        label_island(h, packed, tables, packed_scratch)
 
 
 @njit(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
-def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_room):
+def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
@@ -218,25 +220,25 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
     """
     islands = islands_of(tables)
     for p in range(first, last):
-        solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_room)
+        solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_scratch)
 
 
 @njit(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
-def accept_at(first, last, ended, motion, packed, tables, packed_room):
+def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
     islands = islands_of(tables)
     for p in range(first, last):
-        accept_one(islands.order[p], motion, ended, packed, tables, packed_room)
+        accept_one(islands.order[p], motion, ended, packed, tables, packed_scratch)
 
 
 @njit(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS)
-def restore_islands(first, last, packed, tables, packed_room):
+def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
-    context, room, islands = context_of(packed), room_of(packed_room), islands_of(tables)
+    context, scratch, islands = context_of(packed), scratch_of(packed_scratch), islands_of(tables)
     for p in range(first, last):
-        island = island_at(islands.order[p], packed, tables, packed_room)
+        island = island_at(islands.order[p], packed, tables, packed_scratch)
         for a in range(island.bodies.shape[0]):
-            reject_step(context, active_at(a, context, island), space_at(a, room).y)
+            reject_step(context, active_at(a, context, island), space_at(a, scratch).y)
 
 
 # -- control of the common step; T: memory of the plate, a row of `step_memory` like that of a body --

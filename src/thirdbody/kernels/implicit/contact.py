@@ -58,7 +58,7 @@ class Side(NamedTuple):
 
     row: int
     """First row and column of its body in the equations; -1: a plate, which has none."""
-    rise: int
+    lift: int
     """Row and column of the rise of a plate; -1: a body, or a plate at rest."""
     scale: float
     """One over the arm of the body [1/m], if rotations are scaled in the equations; else 1."""
@@ -128,9 +128,9 @@ def owner_side(q, i, row, scale, S, G):
 
 
 @njit(**BARE)
-def plate_side(rise):
-    """Return the side of a plate; `rise`: its row and column, -1 for one at rest."""
-    return Side(-1, rise, 1.0, NOWHERE, NOWHERE, 0.0)
+def plate_side(lift):
+    """Return the side of a plate; `lift`: its row and column, -1 for one at rest."""
+    return Side(-1, lift, 1.0, NOWHERE, NOWHERE, 0.0)
 
 
 @njit(**BARE)
@@ -222,7 +222,7 @@ def add_planar(contact, J):
         for k in range(3):
             J[at + k] += a[i] * f[k]
         J[at + i] -= along_arm
-    if contact.partner.rise >= 0:
+    if contact.partner.lift >= 0:
         # the patch rises: the body moves down relative to it, and the opposite force acts on it
         for i in range(3):
             J[FREEDOMS * i + 6] -= A[i][2]
@@ -258,14 +258,14 @@ def column_of(c, side, sign):
 def add_curved(contact, J, step, offset):
     """Add any contact to the Jacobian J (`linear`), coordinate by coordinate."""
     owner, partner = contact.owner, contact.partner
-    for c in range(12 if partner.row >= 0 else 7 if partner.rise >= 0 else 6):
+    for c in range(12 if partner.row >= 0 else 7 if partner.lift >= 0 else 6):
         if c < 6:
             add_column(column_of(c, owner, 1.0), owner.row + c, owner.scale if c > 2 else 1.0, contact, J, step, offset)
         elif partner.row >= 0:
             scale = partner.scale if c > 8 else 1.0
             add_column(column_of(c - 6, partner, -1.0), partner.row + c - 6, scale, contact, J, step, offset)
         else:
-            add_column(Column((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), NOWHERE, 0.0), partner.rise, 1.0, contact, J, step, offset)
+            add_column(Column((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), NOWHERE, 0.0), partner.lift, 1.0, contact, J, step, offset)
 
 
 @njit(**BARE_CHUNK)
@@ -290,11 +290,8 @@ def add_column(column, at, scale, contact, J, step, offset):
     dm = scaled_sum(1.0, scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment)), m_0, n, 0.0, n)
     torque = scaled_sum(1.0, cross(dr, f), 1.0, cross(owner.point, df), 1.0, dm)
     # the gradient force
-    size = -0.5 * contact.energy
-    dp = scaled_sum(
-        -0.5 * contact.normal_force * d + 0.5 * size * bent, contact.gradient, size, product(contact.gradient_change, column.moved),
-        0.0, n,
-    )  # fmt: skip
+    size, changed = -0.5 * contact.energy, product(contact.gradient_change, column.moved)
+    dp = scaled_sum(-0.5 * contact.normal_force * d + 0.5 * size * bent, contact.gradient, size, changed, 0.0, n)
     torque = scaled_sum(1.0, torque, 1.0, cross(owner.centre, dp), first * size, cross(swing, contact.gradient))
     on_owner = scaled_sum(1.0, df, 1.0, dp, 0.0, n)
     for k in range(3):
@@ -306,8 +303,8 @@ def add_column(column, at, scale, contact, J, step, offset):
         for k in range(3):
             J[(partner.row + k) * step + at + offset] -= scale * df[k]
             J[(partner.row + 3 + k) * step + at + offset] += scale * partner.scale * back[k]
-    elif partner.rise >= 0:
-        J[partner.rise * step + at + offset] -= scale * on_owner[2]
+    elif partner.lift >= 0:
+        J[partner.lift * step + at + offset] -= scale * on_owner[2]
 
 
 @njit(**BARE)

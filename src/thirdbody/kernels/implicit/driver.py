@@ -47,7 +47,7 @@ from thirdbody.kernels.implicit.workspace import (
     context_of,
     island_at,
     islands_of,
-    room_of,
+    scratch_of,
     space_at,
 )
 from thirdbody.kernels.labeller_input import Observed, update_body_memory
@@ -86,11 +86,11 @@ def set_load(context, active, dt):
 
 
 @njit(**BARE)
-def save_starts(motion, context, island, room):
+def save_starts(motion, context, island, scratch):
     """Save the state of all bodies and the overlaps of their candidates at the start of a step."""
     for a in range(island.bodies.shape[0]):
         save_start(context, active_at(a, context, island))
-        initial_overlaps(island.bodies[a], context, room.before[a])
+        initial_overlaps(island.bodies[a], context, scratch.before[a])
     if island.pairs.shape[0] > 0:
         call_part(context.pairs_part, START, 0, 0, motion, island)
 
@@ -113,31 +113,31 @@ def common_length(context, island, time, end):
 
 
 @njit(**BARE)
-def begin_steps(motion, context, island, room):
+def begin_steps(motion, context, island, scratch):
     """Set the weights of a step of all bodies, and predict its end."""
     for a in range(island.bodies.shape[0]):
         active = active_at(a, context, island)
         begin_step(context, active, motion)
         set_load(context, active, motion.dt)
-        predict(context, active, motion.dt, prescribed_displacement(context, active, motion.dt), space_at(a, room).y)
+        predict(context, active, motion.dt, prescribed_displacement(context, active, motion.dt), space_at(a, scratch).y)
 
 
 @njit(**BARE_CHUNK)
-def judge_island(h, m, converged, motion, packed, tables, packed_room):
+def assess_island(h, m, converged, motion, packed, tables, packed_scratch):
     """Return the largest error of a body over the tolerance, the largest rotation of a body or turn of a normal, and whether a
     contact of the island closed within the step.
 
     The error is that of the motion and, with inertia, that of the friction work.
     """
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     error, rotation, landing, V, m = 0.0, 0.0, False, context.settings, max(m, 0)
     pairs = island.pairs.shape[0] > 0
     if pairs:
         call_part(context.pairs_part, ERRORS, 0, m, motion, island)
-        rotation, landing = room.answer[0], room.answer[1] != 0.0
+        rotation, landing = scratch.answer[0], scratch.answer[1] != 0.0
     of_work = converged and V[step_settings.INERTIAL] != 0.0 and motion.dt > MIN_CUT * V[step_settings.SHORTEST]
     for a in range(island.bodies.shape[0]):
-        active, space, n = active_at(a, context, island), space_at(a, room), max(room.counts[a], 0)
+        active, space, n = active_at(a, context, island), space_at(a, scratch), max(scratch.counts[a], 0)
         landing = landing or lands(context, active.number, n, space)
         error, rotation = (
             max(error, local_error(context, active, motion.dt, space.diagnostics)),
@@ -146,25 +146,25 @@ def judge_island(h, m, converged, motion, packed, tables, packed_room):
         if of_work and context.force >= 0:
             lost, scale = work_error_of_plates(context, active, n, motion, space), energy_scale(context, active, n, space)
             if pairs:
-                lost, scale = lost + room.errors[a, 0], scale + FLOOR * room.errors[a, 1]
+                lost, scale = lost + scratch.errors[a, 0], scale + FLOOR * scratch.errors[a, 1]
             error = max(error, lost / max(V[step_settings.WORK] * scale, 1e-300))
     return error, rotation, landing
 
 
 @njit(**BARE_CHUNK)
-def accept_island(h, m, motion, common, packed, tables, packed_room):
+def accept_island(h, m, motion, common, packed, tables, packed_scratch):
     """Accept the step of all bodies and of the m contacts between them; `common`: see `accept_step.update_ledger`."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     for a in range(island.bodies.shape[0]):
-        accept_step(context, active_at(a, context, island), room.counts[a], motion, common, space_at(a, room))
+        accept_step(context, active_at(a, context, island), scratch.counts[a], motion, common, space_at(a, scratch))
     if island.pairs.shape[0] > 0:
         call_part(context.pairs_part, ACCEPT, 0, m, motion, island)
 
 
 @njit(**BARE_CHUNK)
-def label_island(h, packed, tables, packed_room):
+def label_island(h, packed, tables, packed_scratch):
     """Update the labeller's memory of all bodies after their step."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     islands = islands_of(tables)
     observed = Observed(
         context.own, context.partner, islands.all_edges, islands.all_incidence, context.B, context.E,
@@ -172,14 +172,14 @@ def label_island(h, packed, tables, packed_room):
     )  # fmt: skip
     for a in range(island.bodies.shape[0]):
         b, A = island.bodies[a], context.totals[island.bodies[a]]
-        update_body_memory(b, observed, A, observe_at(context.observe), room.observed, room.rows)
+        update_body_memory(b, observed, A, observe_at(context.observe), scratch.observed, scratch.rows)
         A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
 @njit(**BARE_CHUNK)
-def step(h, until, packed, tables, packed_room):
+def step(h, until, packed, tables, packed_scratch):
     """Make one step of island h, shortened until it is accepted; set the codes of its bodies if they have to stop."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     V, bodies, time = context.settings, island.bodies, context.totals[island.bodies[0], run_totals.TIME]
     end = next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
@@ -187,20 +187,20 @@ def step(h, until, packed, tables, packed_room):
         for a in range(bodies.shape[0]):
             context.totals[bodies[a], run_totals.TIME], context.memory[bodies[a], step_memory.LAST_DT] = end, 0.0
         return
-    save_starts(Motion(0.0, 0.0, 0.0), context, island, room)
+    save_starts(Motion(0.0, 0.0, 0.0), context, island, scratch)
     (dt, limit), cuts = common_length(context, island, time, end), 0
     while True:
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
         v_x, v_y = plate_velocity(time, context, dt)
         motion = Motion(dt, v_x, v_y)
-        begin_steps(motion, context, island, room)
-        outcome, m, iterations = solve_island(h, motion, packed, tables, packed_room)
+        begin_steps(motion, context, island, scratch)
+        outcome, m, iterations = solve_island(h, motion, packed, tables, packed_scratch)
         for a in range(bodies.shape[0]):
             context.memory[bodies[a], step_memory.TRIES] += 1.0
             context.memory[bodies[a], step_memory.ITERATIONS] += iterations
         converged = outcome == Outcome.SOLVED
-        error, rotation, landing = judge_island(h, m, converged, motion, packed, tables, packed_room)
+        error, rotation, landing = assess_island(h, m, converged, motion, packed, tables, packed_scratch)
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
@@ -210,15 +210,15 @@ def step(h, until, packed, tables, packed_room):
             for a in range(bodies.shape[0]):
                 code = Stop.CROWDED if outcome == Outcome.CROWDED else Stop.UNSOLVED
                 context.memory[bodies[a], step_memory.CODE] = np.int64(code)
-                reject_step(context, active_at(a, context, island), space_at(a, room).y)
+                reject_step(context, active_at(a, context, island), space_at(a, scratch).y)
             return
-    accept_island(h, m, motion, False, packed, tables, packed_room)
+    accept_island(h, m, motion, False, packed, tables, packed_scratch)
     ended = end, whole, whole and is_breakpoint(time, context, end)
     for a in range(bodies.shape[0]):
-        taken = motion, error, iterations <= EASY, cuts, limit
-        finish_step(context, active_at(a, context, island), taken, ended, room.diagnostics[a])
+        accepted = motion, error, iterations <= EASY, cuts, limit
+        finish_step(context, active_at(a, context, island), accepted, ended, scratch.diagnostics[a])
     if context.labels != 0:
-        label_island(h, packed, tables, packed_room)
+        label_island(h, packed, tables, packed_scratch)
 
 
 @njit(**BARE)
@@ -231,22 +231,22 @@ def is_going(context, island, until):
 
 
 @njit(**BARE_CHUNK)
-def advance_island(h, until, tries, packed, tables, packed_room):
+def advance_island(h, until, tries, packed, tables, packed_scratch):
     """Advance island h, unless a guard has stopped a body of it, to a time [s], by at most `tries` trial steps."""
-    context, island = context_of(packed), island_at(h, packed, tables, packed_room)
+    context, island = context_of(packed), island_at(h, packed, tables, packed_scratch)
     T = context.memory[island.bodies[0]]
     last = T[step_memory.TRIES] + tries
     for a in range(island.bodies.shape[0]):
         measure_arm(context, active_at(a, context, island))
     while is_going(context, island, until) and T[step_memory.TRIES] < last:
-        step(h, until, packed, tables, packed_room)
+        step(h, until, packed, tables, packed_scratch)
 
 
 _I, _D = types.int64, types.float64
 
 
 @njit(types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED), nogil=True, **DIRECT)
-def advance_islands(first, last, until, tries, packed, tables, packed_room):
+def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
 
     An island stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
@@ -254,4 +254,4 @@ def advance_islands(first, last, until, tries, packed, tables, packed_room):
     """
     islands = islands_of(tables)
     for p in range(first, last):
-        advance_island(islands.order[p], until, tries, packed, tables, packed_room)
+        advance_island(islands.order[p], until, tries, packed, tables, packed_scratch)

@@ -69,9 +69,11 @@ _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.floa
 SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 4, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
 
 
-@njit(_LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT)
-def advance_batch(span, until, tries, packed, tables, packed_room, contacts, one):
-    """Advance bodies of a batch as `driver.advance_islands`; write the batch's closed contacts to the second of `contacts` and return their number.
+@njit(
+    _LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT
+)
+def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, one):
+    """Advance bodies of a batch as `driver.advance_islands`; write its closed contacts, and return their number.
 
     `packed`: a packed `ImplicitContext`, in which the addresses of the tables of one body are changed; `one`: these tables;
     `contacts`: closed ones before, and tables with room for all candidates of the batch.
@@ -92,7 +94,7 @@ def advance_batch(span, until, tries, packed, tables, packed_room, contacts, one
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
             of_body = context_of(packed)
             place_spheres(b, of_body, one)
-            advance_island(b, until, tries, packed, tables, packed_room)
+            advance_island(b, until, tries, packed, tables, packed_scratch)
             written = compact(n, written, first, one.H, one.R, new)
         else:
             written = keep(p, after, written, closed, new)

@@ -1,4 +1,4 @@
-"""Jacobian of the residuals of an island (`residual`): of each body with its plates, and of contacts between bodies (`contact`)."""
+"""Jacobian of the residuals of an island (`residual`): of each body with its plates, and of contacts between bodies."""
 
 import numpy as np
 from numba import njit
@@ -48,12 +48,12 @@ def plane_contact(q, b, dt, context, space):
 
 
 @njit(**BARE)
-def assemble_body(a, m, coupled, motion, context, island, room):
+def assemble_body(a, m, coupled, motion, context, island, scratch):
     """Write the Jacobian (49,) [N/m] of the residual of the body at position a, for its m contacts with plates.
 
     A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
-    active, space, dt = active_at(a, context, island), space_at(a, room), motion.dt
+    active, space, dt = active_at(a, context, island), space_at(a, scratch), motion.dt
     p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
     give_springs(m, context, tile)
     if context.spots_part != 0:
@@ -114,14 +114,14 @@ def subtract_inertia(context, active, dt, J):
 
 
 @njit(**BARE)
-def assemble(m, coupled, motion, context, island, room):
+def assemble(m, coupled, motion, context, island, scratch):
     """Write the Jacobian of the island, with m contacts between its bodies, to `band`; of one body alone only its own.
 
     `coupled`: see `assemble_body`; then also that of one body is a band.
     """
-    n, w, J = island.bodies.shape[0], island.half_width, room.band
+    n, w, J = island.bodies.shape[0], island.half_width, scratch.band
     for a in range(n):
-        assemble_body(a, room.counts[a], coupled, motion, context, island, room)
+        assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
     if n == 1 and not coupled:
         return
     for e in range(FREEDOMS * n * row_length(w)):
@@ -130,6 +130,6 @@ def assemble(m, coupled, motion, context, island, room):
         first = FREEDOMS * a * (3 * w + 1) + w
         for i in range(FREEDOMS):
             for j in range(FREEDOMS):
-                J[first + 3 * w * i + j] = room.jacobian[a, FREEDOMS * i + j]
+                J[first + 3 * w * i + j] = scratch.jacobian[a, FREEDOMS * i + j]
     if m > 0:
         call_part(context.pairs_part, TANGENTS, np.int64(0), m, motion, island)

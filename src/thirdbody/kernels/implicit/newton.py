@@ -26,7 +26,7 @@ from thirdbody.kernels.implicit.workspace import (
     call_part,
     context_of,
     island_at,
-    room_of,
+    scratch_of,
     space_at,
 )
 from thirdbody.kernels.predicates import has_effect_columns
@@ -53,8 +53,8 @@ out (turning frames) is then small."""
 class Patience(NamedTuple):
     """Maximum iterations, corrections accepted although the residual grows, and halvings of one correction.
 
-    Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to overshoot
-    to reach the other branch.
+    Beyond the iterations two half steps are cheaper. Where contacts change between stick and slip, Newton's method has to
+    overshoot to reach the other branch.
     """
 
     iterations: int
@@ -167,47 +167,47 @@ def is_settled(context, now, scale, space):
 
 
 @njit(**BARE)
-def evaluate(part, motion, context, island, room):
+def evaluate(part, motion, context, island, scratch):
     """Evaluate the residuals with `part` of the correction; return the number of contacts between bodies, -1 if crowded."""
     n = island.bodies.shape[0]
     for a in range(n):
-        space = space_at(a, room)
+        space = space_at(a, scratch)
         for k in range(FREEDOMS):
             space.trial[k] = space.y[k] + part * space.correction[k]
         set_configuration(context, active_at(a, context, island), space.trial, motion.dt)
     for a in range(n):
-        space = space_at(a, room)
-        room.counts[a] = active_contacts(a, space.trial, motion, context, island, room)
-        if room.counts[a] < 0:
+        space = space_at(a, scratch)
+        scratch.counts[a] = active_contacts(a, space.trial, motion, context, island, scratch)
+        if scratch.counts[a] < 0:
             return np.int64(-1)
-        residual(a, room.counts[a], space.trial, motion, context, island, room)
+        residual(a, scratch.counts[a], space.trial, motion, context, island, scratch)
     if island.pairs.shape[0] == 0:
         return np.int64(0)
     call_part(context.pairs_part, GATHER, 0, 0, motion, island)
-    return np.int64(room.answer[0])
+    return np.int64(scratch.answer[0])
 
 
 @njit(**BARE)
-def measure(first, dt, context, island, room):
+def measure(first, dt, context, island, scratch):
     """Return the norm of the residuals, the norm that is sufficient, and whether all bodies are solved, or nearly.
 
     `first`: these are the first ones of the step, whose forces are the scale.
     """
     square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.bodies.shape[0] == 1
     for a in range(island.bodies.shape[0]):
-        active, space = active_at(a, context, island), space_at(a, room)
+        active, space = active_at(a, context, island), space_at(a, scratch)
         now, scale = euclidean_norm(space.residual), force_scale(context, active, space.trial, dt, space.diagnostics)
         minimum = rounding_force(context, active, alone, space.diagnostics)
         enough = max(CONVERGED * scale, minimum)
-        room.scales[a, 0] = scale
+        scratch.scales[a, 0] = scale
         if first:
-            room.scales[a, 1] = 1.0 if alone else 1.0 / max(scale, 1e-300)
+            scratch.scales[a, 1] = 1.0 if alone else 1.0 / max(scale, 1e-300)
         if not (now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space)):
             solved = False
         if not (now <= max(ACCEPTED * scale, minimum) and is_balanced(context, active, dt, ACCEPTED, minimum, space)):
             nearly = False
-        square += (now * room.scales[a, 1]) ** 2
-        smallest = min(smallest, enough * room.scales[a, 1])
+        square += (now * scratch.scales[a, 1]) ** 2
+        smallest = min(smallest, enough * scratch.scales[a, 1])
     return math.sqrt(square), smallest, solved, nearly
 
 
@@ -224,73 +224,73 @@ def effects_on(context, island):
 
 
 @njit(**BARE)
-def factorise_jacobian(coupled, island, room):
+def factorise_jacobian(coupled, island, scratch):
     """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `jacobian.assemble`."""
     n, w = island.bodies.shape[0], island.half_width
     if n == 1 and not coupled:
-        return factorise(room.jacobian[0], room.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
-    return factorise(room.band, room.pivots, FREEDOMS * n, w, 3 * w, w)
+        return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
+    return factorise(scratch.band, scratch.pivots, FREEDOMS * n, w, 3 * w, w)
 
 
 @njit(**BARE)
-def solve_correction(coupled, island, room):
+def solve_correction(coupled, island, scratch):
     """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
-    n, w, x = island.bodies.shape[0], island.half_width, room.solution
+    n, w, x = island.bodies.shape[0], island.half_width, scratch.solution
     for a in range(n):
         for k in range(FREEDOMS):
-            x[FREEDOMS * a + k] = room.coordinates[a, 2, k]
+            x[FREEDOMS * a + k] = scratch.coordinates[a, 2, k]
     if n == 1 and not coupled:
-        substitute(room.jacobian[0], room.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
+        substitute(scratch.jacobian[0], scratch.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
     else:
-        substitute(room.band, room.pivots, x, FREEDOMS * n, w, 3 * w, w)
+        substitute(scratch.band, scratch.pivots, x, FREEDOMS * n, w, 3 * w, w)
     for a in range(n):
         for k in range(FREEDOMS):
-            room.coordinates[a, 3, k] = x[FREEDOMS * a + k]
+            scratch.coordinates[a, 3, k] = x[FREEDOMS * a + k]
 
 
 @njit(**BARE)
-def all_settled(context, island, room):
+def all_settled(context, island, scratch):
     """Return whether the corrections of all bodies are negligible."""
     for a in range(island.bodies.shape[0]):
-        space = space_at(a, room)
-        if not is_settled(context, euclidean_norm(space.residual), room.scales[a, 0], space):
+        space = space_at(a, scratch)
+        if not is_settled(context, euclidean_norm(space.residual), scratch.scales[a, 0], space):
             return False
     return True
 
 
 @njit(**BARE)
-def limited_part(m, motion, context, island, room):
+def limited_part(m, motion, context, island, scratch):
     """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
     for a in range(island.bodies.shape[0]):
-        part = limit_correction(context, active_at(a, context, island), room.counts[a], space_at(a, room))
+        part = limit_correction(context, active_at(a, context, island), scratch.counts[a], space_at(a, scratch))
         fraction = min(fraction, part)
     if island.pairs.shape[0] == 0:
         return fraction
-    room.answer[0] = fraction
+    scratch.answer[0] = fraction
     call_part(context.pairs_part, LIMIT, 0, m, motion, island)
-    return room.answer[0]
+    return scratch.answer[0]
 
 
 @njit(**BARE_CHUNK)
-def solve_island(h, motion, packed, tables, packed_room):
+def solve_island(h, motion, packed, tables, packed_scratch):
     """Solve for the coordinates of all bodies of island h, from a guess; return outcome, contacts between bodies, iterations.
 
     Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
     expected to be the last one, they also give it.
     """
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     patience = ALONE if island.bodies.shape[0] == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
     first = True
     for a in range(island.bodies.shape[0]):
         for k in range(FREEDOMS):
-            room.coordinates[a, 3, k] = 0.0
+            scratch.coordinates[a, 3, k] = 0.0
     while True:
-        m = evaluate(part, motion, context, island, room)
+        m = evaluate(part, motion, context, island, scratch)
         if m < 0:
             return Outcome.CROWDED, m, iterations
-        now, enough, solved, nearly = measure(first, motion.dt, context, island, room)
+        now, enough, solved, nearly = measure(first, motion.dt, context, island, scratch)
         first = False
         if not now < 1e300:
             return Outcome.UNSOLVED, m, iterations
@@ -307,7 +307,7 @@ def solve_island(h, motion, packed, tables, packed_room):
         better = better or halvings > patience.halvings
         for a in range(island.bodies.shape[0]):
             for k in range(FREEDOMS):
-                room.coordinates[a, 0, k] = room.coordinates[a, 1, k]
+                scratch.coordinates[a, 0, k] = scratch.coordinates[a, 1, k]
         if solved:
             return Outcome.SOLVED, m, iterations
         if not better or iterations == patience.iterations:
@@ -317,13 +317,13 @@ def solve_island(h, motion, packed, tables, packed_room):
         last = contracts and now * now <= enough * size
         constant, effects = effects == effects_on(context, island), effects_on(context, island)
         if contracts and constant:
-            solve_correction(False, island, room)
-            if all_settled(context, island, room):
+            solve_correction(False, island, scratch)
+            if all_settled(context, island, scratch):
                 return Outcome.SOLVED, m, iterations
         if not last:
-            assemble(m, False, motion, context, island, room)
-            if not factorise_jacobian(False, island, room):
+            assemble(m, False, motion, context, island, scratch)
+            if not factorise_jacobian(False, island, scratch):
                 return Outcome.UNSOLVED, m, iterations
-        solve_correction(False, island, room)
+        solve_correction(False, island, scratch)
         size, halvings, iterations = now, 0, iterations + 1
-        part = whole = 1.0 if last else limited_part(m, motion, context, island, room)
+        part = whole = 1.0 if last else limited_part(m, motion, context, island, scratch)

@@ -33,7 +33,7 @@ from thirdbody.kernels.implicit.workspace import (
     context_of,
     island_at,
     pair_tile,
-    room_of,
+    scratch_of,
     tile_count,
 )
 from thirdbody.kernels.rolling_kinematics import gather_rolling
@@ -42,16 +42,16 @@ from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rollin
 
 
 @njit(**BARE_CHUNK)
-def gather_pairs(context, island, motion, room):
+def gather_pairs(context, island, motion, scratch):
     """Gather the contacts of the island between bodies into tiles; return their number."""
     m = np.int64(0)
     for e in range(island.pairs.shape[0]):
         k = island.pairs[e]
         if pair_overlap(k, context, island.box)[0] + island.box.reach > 0.0:
-            room.pair_slots[m // TILE, m % TILE] = k
+            scratch.pair_slots[m // TILE, m % TILE] = k
             m += 1
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
+        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         for e in range(n, n + SPARE):
             slots[e] = slots[n - 1]  # read ahead
         gather_pair_contacts(n, slots, context, tile)
@@ -77,15 +77,15 @@ def finish_gathering(q, k, context, island, motion, tile):
 
 
 @njit(**BARE_CHUNK)
-def add_pair_forces(context, island, m, room):
+def add_pair_forces(context, island, m, scratch):
     """Evaluate the laws for the m contacts between bodies; add their forces to the residuals of both."""
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
+        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         law_at(context.law)(tile.inputs, tile.outputs, n, context.pairs)
         for q in range(n):
             _, _, a, b = ends_of(slots[q], context, island)
             f, torque, back = pair_wrench(q, slots[q], context, tile)
-            r_a, r_b = room.coordinates[a, 2], room.coordinates[b, 2]
+            r_a, r_b = scratch.coordinates[a, 2], scratch.coordinates[b, 2]
             arm_a = 1.0 / island.starts[a, step_start.ARM]
             arm_b = 1.0 / island.starts[b, step_start.ARM]
             for d in range(3):
@@ -93,8 +93,8 @@ def add_pair_forces(context, island, m, room):
                 r_b[d] -= f[d]
                 r_a[3 + d] += torque[d] * arm_a
                 r_b[3 + d] += back[d] * arm_b
-            observe_pair(q, slots[q], context, tile, room.diagnostics[a])
-            observe_pair(q, slots[q], context, tile, room.diagnostics[b])
+            observe_pair(q, slots[q], context, tile, scratch.diagnostics[a])
+            observe_pair(q, slots[q], context, tile, scratch.diagnostics[b])
 
 
 @njit(**BARE)
@@ -111,9 +111,9 @@ def observe_pair(q, k, context, tile, diagnostics):
 
 
 @njit(**BARE)
-def moved(a, point, context, island, room):
+def moved(a, point, context, island, scratch):
     """Return the displacement (3,) [m] by the correction of a point of the body at position a."""
-    x, arm = room.coordinates[a, 3], 1.0 / island.starts[a, step_start.ARM]
+    x, arm = scratch.coordinates[a, 3], 1.0 / island.starts[a, step_start.ARM]
     return (
         x[0] + (x[4] * point[2] - x[5] * point[1]) * arm,
         x[1] + (x[5] * point[0] - x[3] * point[2]) * arm,
@@ -134,7 +134,7 @@ def arm_of(i, S):
 
 
 @njit(**BARE_CHUNK)
-def limit_pair_overlaps(context, island, fraction, room):
+def limit_pair_overlaps(context, island, fraction, scratch):
     """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far (`newton`)."""
     expected = context.settings[step_settings.EXPECTED_OVERLAP]
     for e in range(island.pairs.shape[0]):
@@ -142,9 +142,9 @@ def limit_pair_overlaps(context, island, fraction, room):
         i, j, a, b = ends_of(k, context, island)
         overlap, n = pair_overlap(k, context, island.box)
         relative = minus(
-            moved(a, arm_of(i, context.S), context, island, room), moved(b, arm_of(j, context.S), context, island, room)
+            moved(a, arm_of(i, context.S), context, island, scratch), moved(b, arm_of(j, context.S), context, island, scratch)
         )
-        deepest = min(room.diagnostics[a, step_contacts.MAX_OVERLAP], room.diagnostics[b, step_contacts.MAX_OVERLAP])
+        deepest = min(scratch.diagnostics[a, step_contacts.MAX_OVERLAP], scratch.diagnostics[b, step_contacts.MAX_OVERLAP])
         change, margin = -dot(n, relative), OVERLAP_GROWTH * max(expected, deepest) + max(-overlap, 0.0)
         if change * fraction > margin:
             fraction = margin / change
@@ -152,10 +152,10 @@ def limit_pair_overlaps(context, island, fraction, room):
 
 
 @njit(**BARE_CHUNK)
-def limit_pair_reversal(context, island, m, fraction, room):
+def limit_pair_reversal(context, island, m, fraction, scratch):
     """Return the fraction, at most `fraction`, of the correction that reverses no slip (`newton.limit_slip_reversal`)."""
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
+        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
         for q in range(n):
             limit = O[law_output.FRICTION_LIMIT * TILE + q]
@@ -163,8 +163,8 @@ def limit_pair_reversal(context, island, m, fraction, room):
             if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
                 continue
             i, j, a, b = ends_of(slots[q], context, island)
-            one = moved(a, contact_point(q, i, context.S, G), context, island, room)
-            relative = minus(one, moved(b, partner_point(q, j, context.S, G), context, island, room))
+            one = moved(a, contact_point(q, i, context.S, G), context, island, scratch)
+            relative = minus(one, moved(b, partner_point(q, j, context.S, G), context, island, scratch))
             s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
             (_, e, g), size = frame_of(q, G), math.sqrt(s_x * s_x + s_y * s_y)
             back = -(dot(relative, e) * s_x + dot(relative, g) * s_y)
@@ -175,20 +175,20 @@ def limit_pair_reversal(context, island, m, fraction, room):
 
 
 @njit(**BARE)
-def pair_lands(context, m, room):
+def pair_lands(context, m, scratch):
     """Return whether one of the m contacts between bodies closed within the step."""
     for p in range(m):
-        if context.initial_overlaps[room.pair_slots[p // TILE, p % TILE]] < 0.0:
+        if context.initial_overlaps[scratch.pair_slots[p // TILE, p % TILE]] < 0.0:
             return True
     return False
 
 
 @njit(**BARE)
-def turn_of_normals(m, room):
+def turn_of_normals(m, scratch):
     """Return the largest angle [rad] by which the normal of one of the m contacts between bodies turns in half a step."""
     square = 0.0
     for p in range(m):
-        q, G = p % TILE, room.pair_geometry[p // TILE]
+        q, G = p % TILE, scratch.pair_geometry[p // TILE]
         x, y, z = cross(vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.MID_NORMAL, G))
         square = max(square, x * x + y * y + z * z)
     return math.sqrt(square)
@@ -202,11 +202,11 @@ def bend_between(i, j, overlap, n, S):
 
 
 @njit(**BARE_CHUNK)
-def add_tangents(m, dt, context, island, room):
+def add_tangents(m, dt, context, island, scratch):
     """Add the m contacts between bodies to the band."""
     S, w = context.S, np.int64(island.half_width)
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), room.pair_slots[t], pair_tile(t, room)
+        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         give_springs(n, context, tile)
         tangents_at(context.tangents)(tile.inputs, tile.tangents, n, context.pairs)
         for q in range(n):
@@ -221,29 +221,29 @@ def add_tangents(m, dt, context, island, room):
             )  # fmt: skip
             bend = bend_between(i, j, tile.inputs[law_input.OVERLAP * TILE + q], vector_at(q, geometry.NORMAL, G), S)
             contact = contact_of(q, context.initial_overlaps[k], dt, sides, (bend, NOWHERE, PLANE), context, tile)
-            add_curved(contact, room.band, 3 * w, w)
+            add_curved(contact, scratch.band, 3 * w, w)
 
 
 @njit(PART, **POINTED, **NO_COUNTS)
-def pairs_part(stage, h, _, m, motion, packed, tables, packed_room):
+def pairs_part(stage, h, _, m, motion, packed, tables, packed_scratch):
     """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     if stage == START:
         for e in range(island.pairs.shape[0]):
             k = island.pairs[e]
             context.initial_overlaps[k] = pair_overlap(k, context, island.box)[0] + island.box.reach
     elif stage == GATHER:
-        m = gather_pairs(context, island, motion, room)
-        add_pair_forces(context, island, m, room)
-        room.answer[0] = m
+        m = gather_pairs(context, island, motion, scratch)
+        add_pair_forces(context, island, m, scratch)
+        scratch.answer[0] = m
     elif stage == TANGENTS:
-        add_tangents(m, motion.dt, context, island, room)
+        add_tangents(m, motion.dt, context, island, scratch)
     elif stage == LIMIT:
-        fraction = limit_pair_overlaps(context, island, room.answer[0], room)
-        room.answer[0] = limit_pair_reversal(context, island, m, fraction, room)
+        fraction = limit_pair_overlaps(context, island, scratch.answer[0], scratch)
+        scratch.answer[0] = limit_pair_reversal(context, island, m, fraction, scratch)
     elif stage == ERRORS:
-        room.answer[0], room.answer[1] = turn_of_normals(m, room), 1.0 if pair_lands(context, m, room) else 0.0
+        scratch.answer[0], scratch.answer[1] = turn_of_normals(m, scratch), 1.0 if pair_lands(context, m, scratch) else 0.0
         if context.force >= 0:
-            pair_work_errors(context, island, m, motion, room)
+            pair_work_errors(context, island, m, motion, scratch)
     elif stage == ACCEPT:
-        accept_pairs(context, island, m, motion, room)
+        accept_pairs(context, island, m, motion, scratch)

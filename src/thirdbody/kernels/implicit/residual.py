@@ -123,9 +123,9 @@ def momentum_of(b, context):
 
 
 @njit(**BARE)
-def active_contacts(a, y, motion, context, island, room):
+def active_contacts(a, y, motion, context, island, scratch):
     """Gather the contacts of the body at position a, at its coordinates y, with plates; return their number, -1: too many."""
-    active, space = active_at(a, context, island), space_at(a, room)
+    active, space = active_at(a, context, island), space_at(a, scratch)
     b, tile, slots = active.number, space.tile, space.slots
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
@@ -234,12 +234,12 @@ def contact_moment(q, context, tile):
 
 
 @njit(**BARE)
-def residual(a, m, y, motion, context, island, room):
+def residual(a, m, y, motion, context, island, scratch):
     """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, at the coordinates y.
 
     Sums and maxima over the contacts are written to its `diagnostics`.
     """
-    active, space = active_at(a, context, island), space_at(a, room)
+    active, space = active_at(a, context, island), space_at(a, scratch)
     b, tile, r, diagnostics = active.number, space.tile, space.residual, space.diagnostics
     if context.spots_part != 0:
         call_part(context.spots_part, RELIEVE, a, m, motion, island)

@@ -23,7 +23,7 @@ from thirdbody.kernels.implicit.workspace import (
     RESTORE,
     TANGENTS,
     context_of,
-    room_of,
+    scratch_of,
     space_at,
 )
 from thirdbody.kernels.predicates import is_lower, is_upper
@@ -133,9 +133,9 @@ def add_spot_pull(q, context, space):
 
 
 @njit(PART, **POINTED, **NO_COUNTS)
-def spots_part(stage, _, a, m, motion, packed, tables, packed_room):
+def spots_part(stage, _, a, m, motion, packed, tables, packed_scratch):
     """Do what a stage of a step requires for the m spots of the body at position a of an island."""
-    context, space = context_of(packed), space_at(a, room_of(packed_room))
+    context, space = context_of(packed), space_at(a, scratch_of(packed_scratch))
     if stage == GATHER:
         solve_body(m, space.slots, context, spots_of(space.tile))
     elif stage == RELIEVE:

@@ -15,7 +15,7 @@ from thirdbody.kernels import first_body
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.contact import PLANE, add_curved, add_planar, contact_of, owner_side, plate_side
 from thirdbody.kernels.implicit.gradient_change import write_gradient_change
-from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, context_of, island_at, room_of, space_at
+from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, context_of, island_at, scratch_of, space_at
 from thirdbody.kernels.predicates import BASINS, is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments
 from thirdbody.kernels.rough_plates import UPDATE, update_by
@@ -171,10 +171,10 @@ def tensor_at(k, t, Q):
 
 
 @njit(PART, **POINTED, **NO_COUNTS)
-def rough_part(_, h, a, m, motion, packed, tables, packed_room):
+def rough_part(_, h, a, m, motion, packed, tables, packed_scratch):
     """Add the m contacts of the body at position a of island h, some of them with rough plates, to its Jacobian."""
-    context, island, room = context_of(packed), island_at(h, packed, tables, packed_room), room_of(packed_room)
-    b, space, Q = island.bodies[a], space_at(a, room), context.Q
+    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
+    b, space, Q = island.bodies[a], space_at(a, scratch), context.Q
     update_by(context.surface_tangents, context.edges[b], context.edges[b + 1], context)
     for q in range(m):
         k = space.slots[q]

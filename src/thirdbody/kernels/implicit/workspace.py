@@ -87,7 +87,7 @@ IslandTables = namedtuple("IslandTables", tuple(ISLANDS))  # type: ignore[misc]
 islands_of = make_unpacker(ISLANDS, IslandTables)
 """islands_of(packed): the `IslandTables` in an array of int64."""
 
-ROOM: Kinds = {
+SCRATCH: Kinds = {
     # of each body: its tile, candidates of the contacts in it, overlaps plus reach of all its candidates at the start of the step
     **dict.fromkeys(("inputs", "outputs", "tangents", "geometry"), _TABLE), "slots": types.Array(_I, 2, "C"), "before": _TABLE,
     # rows y, trial, residual and correction (4, 7); derivative of the residual (49,) [N/m], or its factors; rows exchanged
@@ -100,7 +100,8 @@ ROOM: Kinds = {
     # the labeller's row of a body, and rows of its contacts
     "observed": _ROW, "rows": _TABLE,
     # of each tile of contacts between bodies; candidates of the contacts in it, padded
-    **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE), "pair_slots": types.Array(_I, 2, "C"),
+    **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE),
+    "pair_slots": types.Array(_I, 2, "C"),
     # Jacobian of several bodies: row i has the columns from i - w to i + 2 w, side by side; right-hand side, then the solution
     "band": _ROW, "solution": _ROW,
     # what a part returns (`PART`)
@@ -108,14 +109,14 @@ ROOM: Kinds = {
 }  # fmt: skip
 """Types of the scratch of a thread, by name."""
 
-Room = namedtuple("Room", tuple(ROOM))  # type: ignore[misc]
+Scratch = namedtuple("Scratch", tuple(SCRATCH))  # type: ignore[misc]
 """Scratch for one island at a time."""
 
-room_of = make_unpacker(ROOM, Room)
-"""room_of(packed): the `Room` in an array of int64."""
+scratch_of = make_unpacker(SCRATCH, Scratch)
+"""scratch_of(packed): the `Scratch` in an array of int64."""
 
 PART = types.void(_I, _I, _I, _I, MOTION, PACKED, PACKED, PACKED)
-"""part(stage, island, position of the body in it, number of contacts, motion, packed context, islands, room)"""
+"""part(stage, island, position of the body in it, number of contacts, motion, packed context, islands, scratch)"""
 
 part_at = function_at(PART)
 
@@ -123,11 +124,12 @@ START, GATHER, RELIEVE, RESTORE, PULL, TANGENTS, LIMIT, ERRORS, ACCEPT = (np.int
 """Stages of a step for which a part is called."""
 
 
-def make_room(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any:
-    """Return scratch for islands of at most so many bodies, candidates between them, numbers in the band, candidates of a body."""
+def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any:
+    """Return scratch for islands of at most so many bodies, pairs, numbers in the band, and candidates of a body."""
     history, tiles = context.n_history, (pairs + TILE - 1) // TILE
     widths = {
-        "inputs": law_input.HISTORY + history + rolling_input.WIDTH, "outputs": law_output.HISTORY + history + rolling_output.WIDTH,
+        "inputs": law_input.HISTORY + history + rolling_input.WIDTH,
+        "outputs": law_output.HISTORY + history + rolling_output.WIDTH,
         "tangents": contact_tangent.SPOTS_WIDTH, "geometry": geometry.WIDTH,
     }  # fmt: skip
     # laws compute whole vectors (`contact_geometry.padded`): elements without a contact must have a pair type
@@ -135,14 +137,15 @@ def make_room(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any
     tables |= {f"pair_{name}": np.zeros((tiles, width * TILE)) for name, width in widths.items()}
     shapes = {
         "before": (bodies, row), "coordinates": (bodies, 4, FREEDOMS), "jacobian": (bodies, FREEDOMS * FREEDOMS),
-        "diagnostics": (bodies, step_contacts.WIDTH), "sums": (bodies, 1, contact_sums.WIDTH), "starts": (bodies, step_start.WIDTH),
+        "diagnostics": (bodies, step_contacts.WIDTH), "sums": (bodies, 1, contact_sums.WIDTH),
+        "starts": (bodies, step_start.WIDTH),
         "scales": (bodies, 2), "errors": (bodies, 2), "observed": (observed_body.WIDTH,), "rows": (row, context.width),
         "band": (band,), "solution": (FREEDOMS * bodies,), "answer": (4,),
     }  # fmt: skip
     whole = {"slots": (bodies, TILE), "pivots": (FREEDOMS * bodies,), "counts": (bodies,), "pair_slots": (tiles, TILE + SPARE)}
     tables |= {name: np.zeros(shape) for name, shape in shapes.items()}
     tables |= {name: np.zeros(shape, np.int64) for name, shape in whole.items()}
-    return Room(**tables)
+    return Scratch(**tables)
 
 
 class ActiveBody(NamedTuple):
@@ -160,7 +163,7 @@ class ActiveBody(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch of one body of an island (`ROOM`)."""
+    """Scratch of one body of an island (`SCRATCH`)."""
 
     tile: Tile
     slots: Array
@@ -192,19 +195,19 @@ class Island(NamedTuple):
     """Periodic lengths (`kernels.bundles.Box`)."""
     packed: Array
     tables: Array
-    room: Array
+    scratch: Array
     """What a part takes: packed context, islands and scratch."""
 
 
 @njit(**BARE)
-def island_at(h, packed, tables, room):
+def island_at(h, packed, tables, scratch):
     """Return island h."""
     context, islands, low = context_of(packed), islands_of(tables), islands_of(tables).body_edges[h]
     high = islands.body_edges[h + 1]
-    starts = context.starts[low:high] if context.starts.shape[0] > 0 else room_of(room).starts[: high - low]
+    starts = context.starts[low:high] if context.starts.shape[0] > 0 else scratch_of(scratch).starts[: high - low]
     return Island(
         h, islands.bodies[low:high], islands.pairs[islands.pair_edges[h] : islands.pair_edges[h + 1]], islands.position,
-        FREEDOMS * (islands.widths[h] + 1) - 1, starts, box_of(context.D), packed, tables, room,
+        FREEDOMS * (islands.widths[h] + 1) - 1, starts, box_of(context.D), packed, tables, scratch,
     )  # fmt: skip
 
 
@@ -216,24 +219,26 @@ def active_at(a, context, island):
 
 
 @njit(**BARE)
-def space_at(a, room):
+def space_at(a, scratch):
     """Return the scratch of the body at position a of the island."""
-    tile, rows = Tile(room.inputs[a], room.outputs[a], room.tangents[a], room.geometry[a]), room.coordinates[a]
+    tile, rows = Tile(scratch.inputs[a], scratch.outputs[a], scratch.tangents[a], scratch.geometry[a]), scratch.coordinates[a]
     return Workspace(
-        tile, room.slots[a], room.before[a], rows[0], rows[1], rows[2], rows[3], room.jacobian[a], room.diagnostics[a], room.sums[a]
+        tile, scratch.slots[a], scratch.before[a], rows[0], rows[1], rows[2], rows[3], scratch.jacobian[a],
+        scratch.diagnostics[a], scratch.sums[a],
     )  # fmt: skip
 
 
 @njit(**BARE)
 def call_part(part, stage, a, m, motion, island):
     """Call a part of a step for the body at position a of the island, or for all."""
-    part_at(part)(stage, np.int64(island.number), np.int64(a), np.int64(m), motion, island.packed, island.tables, island.room)
+    h = np.int64(island.number)
+    part_at(part)(stage, h, np.int64(a), np.int64(m), motion, island.packed, island.tables, island.scratch)
 
 
 @njit(**BARE)
-def pair_tile(t, room):
+def pair_tile(t, scratch):
     """Return tile t of the contacts between bodies."""
-    return Tile(room.pair_inputs[t], room.pair_outputs[t], room.pair_tangents[t], room.pair_geometry[t])
+    return Tile(scratch.pair_inputs[t], scratch.pair_outputs[t], scratch.pair_tangents[t], scratch.pair_geometry[t])
 
 
 @njit(**BARE)
