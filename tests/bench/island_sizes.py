@@ -22,7 +22,7 @@ from ensemble import Case, scene_of, time_explicit, warm_up
 from machine import machine, screen
 
 import thirdbody
-from thirdbody.engine import implicit_islands
+from thirdbody.engine import meeting
 from thirdbody.errors import ThirdbodyError
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.tables import run_totals
@@ -75,7 +75,7 @@ def one(shape: str, bodies: int, path: float, gap: float, seed: int) -> dict[str
     simulation = prepare(island(shape, bodies, seed), force=True)
     integrator = simulation.integrator
     set_threads(1)
-    implicit_islands.MARGIN = 1.0 if shape == "chain" else gap / integrator.stride
+    meeting.MARGIN = 1.0 if shape == "chain" else gap / integrator.stride
     began = time.process_time()
     integrator.advance_to(simulation.settle)
     settled = time.process_time()

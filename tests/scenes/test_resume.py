@@ -38,11 +38,11 @@ DRIVERS = {
     "ImplicitEnsemble": IMPLICIT | ALONE | {
         "debris.0.count": 520, "domain.size": ["800 um", "600 um"], "solver.distance": "0.1 um", "output.every": "0.05 um",
     },
-    "ImplicitIslands": MEET,
-    "ImplicitCommonPlate": IMPLICIT | ALONE | RIGID,
-    "ImplicitCommonPlateIslands": MEET | RIGID,
+    "Implicit meeting": MEET,
+    "Implicit together": IMPLICIT | ALONE | RIGID,
+    "Implicit meeting together": MEET | RIGID,
 }  # fmt: skip
-"""Class of the integrator; two to four outputs each."""
+"""Class of the integrator, and whether bodies meet or carry one plate together; two to four outputs each."""
 SHORT = {"solver.distance": "0.2 um", "output.every": "0.1 um"}
 LONG = {"solver.distance": "2 um", "output.every": "0.5 um"}
 SMALL = {"debris.0.count": "100"}
@@ -127,7 +127,9 @@ def check_in_pieces(scene, folder):
 @pytest.mark.parametrize("name", DRIVERS)
 def test_a_run_in_pieces_by_every_driver(tmp_path, name):
     reference, _ = check_in_pieces(of_driver(name), tmp_path)
-    assert type(reference.integrator).__name__ == name
+    integrator = reference.integrator
+    words = [word for word in ("meeting", "together") if getattr(integrator, {"meeting": "meets"}.get(word, word), False)]
+    assert " ".join([type(integrator).__name__, *words]) == name
     if "Islands" in name:
         with thirdbody.open(tmp_path / "whole") as run:
             assert np.any(run.contacts(-1)["side"] == DEBRIS), "the bodies must meet"
@@ -147,7 +149,7 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
 @pytest.mark.parametrize("islands", [True, slow(False)])
 def test_a_run_stopped_between_two_strides_is_the_whole_run(tmp_path, islands):
     """Bodies that meet are searched once a stride: one that is done is not begun again."""
-    scene = of_driver("ImplicitIslands") if islands else of_file("close_spots")
+    scene = of_driver("Implicit meeting") if islands else of_file("close_spots")
     execute(prepare(scene), tmp_path / "whole")
     simulation, ends = prepare(scene), itertools.count()
     with pytest.raises(Interrupted):  # `earlier` is empty where a stride is done

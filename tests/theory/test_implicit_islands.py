@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from slow import slow
 
-from thirdbody.engine import implicit_islands
+from thirdbody.engine import meeting
+from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.expected_islands import STRIDE
-from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
-from thirdbody.engine.implicit_islands import RADII, ImplicitIslands
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.implicit import common_plate_driver
+from thirdbody.kernels.implicit import common_plate
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import body, patch, record, run_totals
 from thirdbody.runner.prepare import set_threads
@@ -80,7 +79,7 @@ def test_two_equal_balls_that_touch_roll_on_together(make):
     """Both roll with half the speed of the plate, with no force between them worth naming."""
     simulation = dragged(make, [make.ball(R, (MIDDLE + x, MIDDLE, R)) for x in (0.0, 2.0 * R)])
     _, residual = ledger_after(simulation, 4e-6)
-    assert isinstance(simulation.integrator, ImplicitIslands) and residual < CLOSED
+    assert simulation.integrator.meets and not simulation.integrator.together and residual < CLOSED
     for ball in (0, 1):
         assert make.velocity(simulation, ball)[0] == pytest.approx(0.5e-3, rel=1e-3)
         assert make.label(simulation, ball) == "rolling"
@@ -113,7 +112,7 @@ def test_a_row_of_balls_against_a_body_that_sticks_to_the_lower_plate(make, ball
 def test_a_ball_and_the_body_that_stops_it_share_the_load_of_one_plate(make, plate):
     """The ball presses by 2 mu N/(1 + mu) of the force N on its top, and rubs down; all tops slip; Hertz gives the height."""
     simulation = dragged(make, row(make, 1), {("block", "floor"): 5.0}, plate=plate)
-    assert isinstance(simulation.integrator, ImplicitCommonPlateIslands)
+    assert simulation.integrator.meets and simulation.integrator.together
     lines, residual = ledger_after(simulation, 4e-6)
     state, slots, total = simulation.state, simulation.state.slots, 8.0 + 2.0 * plate.get("preload", 0.0) / LOAD
     is_ball = state.order[state.body[slots.own]] == 1
@@ -145,12 +144,12 @@ def test_slopes_of_an_island_are_difference_quotients(make, plate):
     simulation = dragged(make, row(make, 1), frictions, plate=plate)
     ledger_after(simulation, 2e-6)
     one = simulation.integrator
-    one._search()
-    dt, h, context, solutions = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context(), []
+    one.meeting.search()
+    dt, h, solutions = one.plate.memory[step_memory.NEXT_DT], 1e-12, []
     for rise in (-h, 0.0, h):
-        one._solve_bodies((True, rise, Motion(dt, 1e-3, 0.0)), context)
+        one.plate.each_island(common_plate.solve_at, True, rise, Motion(dt, 1e-3, 0.0))
         solutions.append(one.solutions.copy())
-        common_plate_driver.restore_bodies(context)
+        one.plate.each_island(common_plate.restore_islands)
     assert len(between_bodies(simulation)) == 1 and all(found[:, body_solution.SOLVED].all() for found in solutions)
     quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     # curved: a fourth of h^2 over the square of an overlap of some nm, and rounding of 1e-9 of the load over h
@@ -163,13 +162,13 @@ def test_bodies_that_are_far_apart_are_solved_as_without_contact_between_them(ma
     debris, runs = [make.ball(R, (3e-5 + 5e-5 * k, MIDDLE, R)) for k in range(3)], []
     for contact in ("auto", "none"):
         simulation, stop = dragged(make, debris, plate=RIGID, contact=contact), 0.0
-        simulation.integrator.settings[step_settings.RADII] = RADII
+        simulation.integrator.settings[step_settings.RADII] = MEETING_RADII
         simulation.integrator.advance_to(time=simulation.settle)
         for _ in range(8):
             stop += STRIDE * R
             simulation.integrator.advance_to(distance=stop)
         runs.append(simulation)
-    assert isinstance(runs[0].integrator, ImplicitCommonPlateIslands) and runs[0].integrator.islands.count == 0
+    assert runs[0].integrator.meets and runs[0].integrator.islands.in_islands == 0
     np.testing.assert_array_equal(runs[0].state.B, runs[1].state.B)
     np.testing.assert_array_equal(runs[0].integrator.totals, runs[1].integrator.totals)
 
@@ -293,8 +292,8 @@ def test_the_number_of_threads_and_a_resume_do_not_change_a_bit(make, plate):
 
 
 def test_an_island_that_does_not_pay_stops_the_run_or_goes_on_as_the_scene_says(make, monkeypatch):
-    monkeypatch.setattr(implicit_islands, "LARGEST", 2)
-    with pytest.raises(GuardStop, match=f"more than 2 do not pay; .*{implicit_islands.TOGETHER_ADVICE}$"):
+    monkeypatch.setattr(meeting, "LARGEST", 2)
+    with pytest.raises(GuardStop, match=f"more than 2 do not pay; .*{meeting.TOGETHER_ADVICE}$"):
         chain(make, RIGID).integrator.advance_to(distance=2e-6)
     with pytest.raises(GuardStop, match=r"bodies could meet within the next .* more than 2 do not pay"):
         chain(make).integrator.advance_to(distance=2e-6)

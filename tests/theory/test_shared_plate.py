@@ -9,10 +9,9 @@ from slow import slow
 from thirdbody_three_spot import theory
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.implicit import common_plate_driver, step_control
+from thirdbody.kernels.implicit import common_plate, step_control
 from thirdbody.kernels.implicit.tables import body_solution, step_memory
 from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.scene import model
@@ -91,7 +90,7 @@ def residual_after(simulation, path):
 def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     bodies, spots, radius = (balls(make), 1, MICRO) if kind == "balls" else (flakes(make), 7, 2e-6)
     simulation = carried(make, bodies, drag())
-    assert isinstance(simulation.integrator, ImplicitCommonPlate)
+    assert simulation.integrator.together
     simulation.integrator.advance_to(time=simulation.settle)
     radii = radius + TALLER * np.arange(COUNT)
     force, top = (lambda gap: hertz(make, radii, 2.0 * radii - gap, spots)), 2.0 * float(np.max(radii))
@@ -136,7 +135,7 @@ def test_common_plate_is_that_of_the_explicit_integrator(make, plate):
 def test_foundation_balances_load_and_springs(make):
     preload = 2e-4
     simulation = carried(make, balls(make), drag(), plate=SPRINGS | {"preload": preload})
-    assert isinstance(simulation.integrator, ImplicitCommonPlate)
+    assert simulation.integrator.together
     simulation.integrator.advance_to(time=simulation.settle)
     P, found = simulation.state.P, pushes(simulation)
     springs = P[:-1, patch.SPRING] * (P[:-1, patch.HEIGHT] - P[-1, patch.HEIGHT])
@@ -159,7 +158,7 @@ def test_foundation_at_a_height_is_one_that_came_there(make):
     free.integrator.advance_to(distance=5e-7)
     height = float(free.state.patches.height[-1])
     held = carried(make, flakes(make), drag(), plate=SPRINGS | {"load": None, "gap": height})
-    assert not isinstance(held.integrator, ImplicitCommonPlate)
+    assert not held.integrator.together
     held.integrator.advance_to(distance=5e-7)
     # Newton's method leaves 1e-9 of the forces of a body; the plate is solved to 1e-8
     assert pushes(held) == pytest.approx(pushes(free), abs=1e-8 * LOAD)
@@ -178,13 +177,13 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, path, level):
     one.advance_to(distance=path)  # none: it still sticks
     state = simulation.state
     poses = np.hstack((state.B[:, : body.SPIN], state.orientations))
-    dt, h, context = one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
-    velocity = common_plate_driver.plate_velocity_of(simulation.state.time, context, dt)
+    dt, h, context = one.plate.memory[step_memory.NEXT_DT], 1e-12, one.packed()
+    velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
     solutions = []
     for rise in (-h, 0.0, h):
-        common_plate_driver.solve_bodies(0, simulation.state.n_bodies, True, rise, Motion(dt, *velocity), context)
+        one.plate.each_island(common_plate.solve_at, True, rise, Motion(dt, *velocity))
         solutions.append(one.solutions.copy())
-        common_plate_driver.restore_bodies(context)
+        one.plate.each_island(common_plate.restore_islands)
     assert all(solution[:, body_solution.SOLVED].all() for solution in solutions)
     quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)

@@ -9,7 +9,7 @@ from balls import BALLS, edited
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine import implicit_islands
+from thirdbody.engine import meeting
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
@@ -195,7 +195,7 @@ def test_a_ball_that_meets_a_flake_pushes_it_along(tmp_path):
 @pytest.mark.parametrize(("plate", "advice"), [((), 'on_failure = "continue"'), ((ONE_PLATE,), "solver.inertial_number")])
 def test_an_island_that_does_not_pay_stops_the_run_and_frames_are_kept(tmp_path, monkeypatch, plate, advice):
     """One of two bodies, so that the run stops where they come near; or goes on, if the scene says so."""
-    monkeypatch.setattr(implicit_islands, "LARGEST", 1)
+    monkeypatch.setattr(meeting, "LARGEST", 1)
     with pytest.raises(GuardStop, match="2 bodies could meet .* more than 1 do not pay") as caught:
         thirdbody.run(scene(*MEETING, *plate), out=tmp_path / "run", progress=False)
     assert caught.value.exit_code == 4

@@ -108,11 +108,11 @@ class CommonPlate:
                 break
             cuts += 1
             body, cause = self._why(converged, error, rotation)
-            self._each(kernel.restore_islands)
+            self.each_island(kernel.restore_islands)
             dt *= kernel.reduction(converged, error, rotation)
             if dt < one.settings[step_settings.SHORTEST] or one.solutions[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
-        self._each(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
+        self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
         self._accept(dt, step, load, (v_x, v_y))
         body = body if cuts else int(np.argmax(one.solutions[:, body_solution.ERROR]))
         one.memory[body, step_memory.LIMITED + cause] += 1.0
@@ -138,7 +138,7 @@ class CommonPlate:
         row, first_iteration = one.state.P[-1], True
         displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            self._each(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
+            self.each_island(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
             first_iteration = False
             step = self._motion(displacement, dt)
             if not one.solutions[:, body_solution.SOLVED].all():
@@ -160,7 +160,7 @@ class CommonPlate:
                 return step, abs(force) <= 1e-5 * scale
         return step, False
 
-    def _each(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
+    def each_island(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
         """Call a kernel for pieces of all islands."""
         one = self.integrator
         pieces = one.islands.pieces or pieces_of(0, one.islands.count, FEWEST)

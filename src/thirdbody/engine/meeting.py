@@ -56,7 +56,7 @@ class Meeting:
     def start(self) -> None:
         """Find the first islands."""
         self.integrator.stride = island_stride(self.integrator.state)
-        self._search()
+        self.search()
 
     def summary(self) -> dict[str, Any]:
         """Return the number of searches, the largest island, and the mean fraction of bodies in islands."""
@@ -83,7 +83,7 @@ class Meeting:
         going = one.memory[:, step_memory.CODE] == Stop.NONE
         if not np.any(going & (one.totals[:, run_totals.TIME] < until)):
             return  # the run was stopped after this stride
-        self._search()
+        self.search()
         while True:
             one.advance_all(until, watch, between)
             own, partner = self._missed()
@@ -106,7 +106,7 @@ class Meeting:
 
     # -- search --
 
-    def _search(self) -> None:
+    def search(self) -> None:
         """Find the pairs that can touch within the next stride, and the islands that they make; save the state."""
         one = self.integrator
         state, going = one.state, one.memory[:, step_memory.CODE] == Stop.NONE

@@ -71,7 +71,7 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
     that do nothing. Raises GuardStop as the run does, and Late after `limit` seconds of the processor.
     """
     integrator: Any = built.integrator
-    calls, end, advance = 0, time.process_time() + limit, getattr(integrator, "advance_bodies", None)
+    calls, end, advance = 0, time.process_time() + limit, getattr(integrator, "advance_islands", None)
 
     def counted(*arguments: Any) -> None:
         nonlocal calls
@@ -83,7 +83,7 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
             raise Late
 
     if advance is not None:
-        integrator.advance_bodies = counted
+        integrator.advance_islands = counted
     clock = Clock()
     clock.start()
     settling = Settling(built, lambda: None)
