@@ -90,15 +90,16 @@ def by_columns(contact):
 
 
 def random_contact(seed, upper):
-    """With a plane. Without a spin about the normal in force and displacement, whose turning the blocks leave out."""
+    """With a plane; force and displacement along the normal, since the blocks leave out that the frame turns about it."""
     rng = np.random.default_rng(seed)
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     n, e = axes[0], axes[1]
     frame = tuple(tuple(v.tolist()) for v in (n, e, np.cross(n, e)))
-    centre, point = (tuple(v.tolist()) for v in rng.normal(size=(2, 3)))
+    centre = rng.normal(size=3)
+    point = centre - n  # an arm of one
     force = tuple((rng.normal() * n).tolist())
     tangent = tuple(rng.normal(size=7).tolist())
-    owner = Side(0, -1, 1.0, centre, point, 1.0)
+    owner = Side(0, -1, 1.0, tuple(centre.tolist()), tuple(point.tolist()), 1.0)
     return Contact(
         owner, plate_side.py_func(6 if upper else -1), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent, PLANE, (0.0, 0.0), PLANE,
         1.0, 1.0, NOWHERE, PLANE,
