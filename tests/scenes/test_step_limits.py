@@ -9,7 +9,7 @@ from slow import slow
 from steel import STEEL
 
 import thirdbody
-from thirdbody.kernels.implicit.step_limits import CAUSES, WORDS
+from thirdbody.kernels.implicit.control import CAUSES, WORDS
 
 BALLS = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\ncount = 2\n[domain]\nsize = ["80 um", "60 um"]\n'
 END = '[contact]\ndebris_contact = "none"\n[solver]\nintegrator = "implicit"\ndistance = "0.5 um"\nsettle = "1 us"\n'

@@ -23,7 +23,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.explicit import contact_dissipation
-from thirdbody.kernels.implicit import dashpot_work, friction_work
+from thirdbody.kernels.implicit import work
 from thirdbody.kernels.packed_triple import pack_triple
 from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.kernels.tables import run_totals
@@ -229,10 +229,10 @@ def test_an_implicit_step_books_forces_and_moments_of_both_ends():
     context = SimpleNamespace(force=0, stored=2, moment=3, twist=5, dashpots=6, n_history=n, rolling=TWIST, D=np.zeros(60))
     tile = Tile(*fields.reshape(2, -1), None, None)
     # overlap grows from 1 to 3: 2 (1 - 3) - 3 - 40 - 500 - 6e3 - 7e4; from a gap it grows by 3
-    assert [plain(dashpot_work.loss_of_mean)(0, x, context, tile) for x in (1.0, -2.0)] == [38273.5, 38274.5]
+    assert [plain(work.loss_of_mean)(0, x, context, tile) for x in (1.0, -2.0)] == [38273.5, 38274.5]
     # mean velocity over that at the end: (2 (3 - 1) + 1 + 10)/(5 (4 + 1 + 1)), of 4 W over 5 s
-    assert plain(dashpot_work.loss_of_end)(0, 1.0, 5.0, context, tile) == pytest.approx(10.0)
-    assert plain(friction_work.moment_work)(0, context, tile) == -43200.0  # twice: 2, 3 and 4 N m about the three axes
+    assert plain(work.loss_of_end)(0, 1.0, 5.0, context, tile) == pytest.approx(10.0)
+    assert plain(work.moment_work)(0, context, tile) == -43200.0  # twice: 2, 3 and 4 N m about the three axes
     # 5 J - 2 J + (43200 + 2 + 30)/2 J less the 19 J of the law; the radius doubles: 3/4 of a half of limit times critical slip
-    assert plain(friction_work.contact_difference)(0, 0.75, context, tile) == pytest.approx(21600.0 + 3.0)
-    assert plain(friction_work.contact_energy)(0, tile) == 6.0  # N times overlap is less than limit times critical slip
+    assert plain(work.contact_difference)(0, 0.75, context, tile) == pytest.approx(21600.0 + 3.0)
+    assert plain(work.contact_energy)(0, tile) == 6.0  # N times overlap is less than limit times critical slip

@@ -16,8 +16,8 @@ from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
 from thirdbody.kernels.implicit.pairs import pairs_part
+from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update_tangents, update_trial
 from thirdbody.kernels.implicit.spots_part import spots_part
-from thirdbody.kernels.implicit.surface_steps import rough_part, update_accepted, update_tangents, update_trial
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_scratch
 from thirdbody.kernels.predicates import BASINS

@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.implicit import common_plate, step_control
+from thirdbody.kernels.implicit import common_plate, control
 from thirdbody.kernels.implicit.tables import body_solution, step_memory
 from thirdbody.kernels.tables import body, patch, run_totals
 from thirdbody.scene import model
@@ -248,7 +248,7 @@ def test_a_body_that_cannot_be_solved(make, choice):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     assert one.summary()["unsolved"] == {}
-    one.memory[1, step_memory.CODE] = step_control.Stop.UNSOLVED
+    one.memory[1, step_memory.CODE] = control.Stop.UNSOLVED
     if choice == "stop":
         with pytest.raises(GuardStop, match="no step of body 1 at"):
             one.advance_to(distance=1e-7)

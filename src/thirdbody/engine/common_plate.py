@@ -23,9 +23,8 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
+from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
-from thirdbody.kernels.implicit.step_control import EASY, NEARLY, Stop
-from thirdbody.kernels.implicit.step_limits import StepLimit
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
 
@@ -122,7 +121,7 @@ class CommonPlate:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
     def _why(self, converged: bool, error: float, rotation: float) -> tuple[int, int]:
-        """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
+        """Return the body that requires a shorter step, and the cause (as `control.why_cut`)."""
         one = self.integrator
         lost = one.solutions[:, body_solution.SOLVED] == 0.0
         by_rotation = converged and not (error > 1.0 and 1.0 / math.sqrt(error) < MAX_ROTATION / max(rotation, 1e-30))
@@ -194,7 +193,7 @@ class CommonPlate:
         return max(own, float(one.solutions[:, body_solution.ERROR].max()))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
-        """Return the length [s] of the next step and its cause (`kernels.implicit.step_limits`)."""
+        """Return the length [s] of the next step and its cause (`kernels.implicit.control`)."""
         one = self.integrator
         carrying = self._carrying()
         radii = one.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]

@@ -37,8 +37,7 @@ from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.implicit import driver
-from thirdbody.kernels.implicit.step_control import Stop
-from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.control import StepLimit, Stop
 from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE

@@ -23,7 +23,7 @@ def part_addresses(state: State) -> dict[str, int]:
 
         addresses["pairs_part"] = address(pairs_part, PART)
     if state.world.rough:
-        from thirdbody.kernels.implicit.surface_steps import rough_part, update_accepted, update_tangents, update_trial
+        from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update_tangents, update_trial
 
         addresses["update_surfaces"], addresses["accept_surfaces"] = (
             address(update_trial, UPDATE),
@@ -41,7 +41,7 @@ def find_minima(state: State) -> None:
     """Find the contacts that spheres can have with rough plates within the first step."""
     if not state.world.rough:
         return
-    from thirdbody.kernels.implicit.surface_steps import update_accepted
+    from thirdbody.kernels.implicit.rough import update_accepted
 
     state.slots.Q[:, surface_contact.SEARCHED] = math.inf
     update_closest_points(state, update_accepted)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from thirdbody.engine.contact_words import loaded_spots, partner_of
 from thirdbody.engine.state import State
-from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.tables import step_memory, step_settings
 from thirdbody.kernels.tables import domain, run_totals
 from thirdbody.kernels.tile import TILE

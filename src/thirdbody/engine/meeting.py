@@ -23,7 +23,7 @@ from thirdbody.engine.state import Array
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import allowed_threads
-from thirdbody.kernels.implicit.step_control import Stop
+from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.tables import run_totals
 

@@ -17,7 +17,7 @@ from thirdbody.engine.contact_rows import ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.implicit.step_limits import StepLimit
+from thirdbody.kernels.implicit.control import StepLimit
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.predicates import BASINS
 

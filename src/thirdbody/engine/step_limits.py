@@ -1,9 +1,9 @@
-"""Report of the causes that limit implicit steps (`kernels.implicit.step_limits`)."""
+"""Report of the causes that limit implicit steps (`kernels.implicit.control`)."""
 
 import numpy as np
 
 from thirdbody.engine.state import Array
-from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
+from thirdbody.kernels.implicit.control import CAUSES, OF_A_BODY, WORDS
 from thirdbody.kernels.implicit.tables import step_memory
 
 

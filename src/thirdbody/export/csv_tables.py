@@ -10,7 +10,7 @@ from typing import Any
 
 from thirdbody.atomic_files import new_folder
 from thirdbody.errors import printable
-from thirdbody.trajectory.columns import (
+from thirdbody.trajectory.columns import (  # fmt: skip
     BY_FRAME,
     CONTACTS,
     CYCLES,
@@ -21,7 +21,7 @@ from thirdbody.trajectory.columns import (
     Column,
     table,
     tables_by_frame,
-)  # fmt: skip
+)
 from thirdbody.trajectory.reader import Run
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)

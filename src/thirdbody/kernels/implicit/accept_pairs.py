@@ -6,6 +6,8 @@ that it has in that work. Work that a contact hands on from one body to the othe
 of the step, as is the work of the plates: else what rolling bodies exchange would count as lost by one and created by the other.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -15,19 +17,58 @@ from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
-from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
-from thirdbody.kernels.implicit.friction_work import contact_difference, contact_energy
-from thirdbody.kernels.implicit.pair_geometry import ends_of, pair_overlap, pair_wrench
+from thirdbody.kernels.implicit.contact import cross
+from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
 from thirdbody.kernels.implicit.tables import step_memory, step_start
-from thirdbody.kernels.implicit.vector_algebra import cross
+from thirdbody.kernels.implicit.work import contact_difference, contact_energy, dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.workspace import pair_tile, tile_count
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
+from thirdbody.kernels.periodic import image
 from thirdbody.kernels.predicates import is_closed
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.surface_velocity import surface_velocity
 from thirdbody.kernels.tables import body, body_extra, contact_state, record, run_totals, sphere
-from thirdbody.kernels.tile import TILE, law_output
+from thirdbody.kernels.tile import TILE, geometry, law_output
+
+
+@njit(**BARE)
+def pair_overlap(k, context, box):
+    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
+    S, i, j = context.S, context.own[k], context.partner[k]
+    x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
+    y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
+    z = S[i, sphere.Z] - S[j, sphere.Z]
+    distance = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / max(distance, 1e-300)
+    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
+
+
+@njit(**BARE)
+def ends_of(k, context, island):
+    """Return the spheres of candidate k, owner and partner, and the positions of their bodies in the island."""
+    i, j = context.own[k], context.partner[k]
+    return i, j, island.position[context.body[i]], island.position[context.body[j]]
+
+
+@njit(**BARE)
+def partner_point(q, j, S, G):
+    """Return the point of contact q on its partner, sphere j, from the centre of mass of the partner's body (3,) [m]."""
+    n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.PARTNER_ARM * TILE]
+    return S[j, sphere.ARM] + a * n[0], S[j, sphere.ARM + 1] + a * n[1], S[j, sphere.ARM + 2] + a * n[2]
+
+
+@njit(**BARE)
+def pair_wrench(q, k, context, tile):
+    """Return the force of contact q on its owner [N], and its torques on the bodies of owner and partner [N m]."""
+    i, j, S, G = context.own[k], context.partner[k], context.S, tile.geometry
+    f = contact_force(q, tile)
+    x, y, z = cross(contact_point(q, i, S, G), f)
+    u, v, w = cross(f, partner_point(q, j, S, G))
+    if has_moments(context):
+        m_x, m_y, m_z = contact_moment(q, context, tile)
+        x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
+    return f, (x, y, z), (u, v, w)
 
 
 @njit(**BARE)
@@ -179,7 +220,7 @@ def accept_opened(k, smooth, context, island, motion, scratch):
 
 @njit(**BARE)
 def is_smooth(context, island):
-    """Return whether forces jump on no body: what is dissipated is the work of their mean (`friction_work.weight_of_old`)."""
+    """Return whether forces jump on no body: what is dissipated is the work of their mean (`work.weight_of_old`)."""
     smooth = True
     for a in range(island.bodies.shape[0]):
         smooth = smooth and island.starts[a, step_start.OLD_WEIGHT] > 0.0

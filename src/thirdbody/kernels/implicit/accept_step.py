@@ -13,13 +13,11 @@ from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.height_field import has_heights
-from thirdbody.kernels.implicit.candidates import last_candidate
-from thirdbody.kernels.implicit.dashpot_work import dashpot_loss, opening_loss
-from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
+from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
-from thirdbody.kernels.implicit.step_control import step_ratio
 from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS
+from thirdbody.kernels.implicit.work import dashpot_loss, energy_of_contacts, opening_loss, opening_work, weight_of_old
+from thirdbody.kernels.implicit.workspace import FREEDOMS, last_candidate
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
@@ -56,7 +54,7 @@ def commit(context, active, m, motion, space):
     """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
 
     Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
-    jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
+    jump (`work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
     work. Returns the energy [J] that the dashpots dissipate (`dashpot_work`).
     """
     b, tile, sums, H = active.number, space.tile, space.sums, context.H

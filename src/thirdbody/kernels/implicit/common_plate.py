@@ -15,11 +15,7 @@ from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.implicit.accept_step import reject_step
-from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
-from thirdbody.kernels.implicit.jacobian import assemble
-from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
-from thirdbody.kernels.implicit.residual import contact_force, gradient_force, measure_arm, save_start
-from thirdbody.kernels.implicit.step_control import (
+from thirdbody.kernels.implicit.control import (
     advance_clock,
     bdf2_weights,
     begin_step,
@@ -36,6 +32,10 @@ from thirdbody.kernels.implicit.step_control import (
     set_next_dt,
     step_ratio,
 )
+from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
+from thirdbody.kernels.implicit.jacobian import assemble
+from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
+from thirdbody.kernels.implicit.residual import contact_force, gradient_force, measure_arm, save_start
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import (
     FREEDOMS,
@@ -246,7 +246,7 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 
 @njit(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
 def common_step_length(T, t, packed, end):
-    """Return length [s] and limiting cause of the next step (`step_control.next_length`)."""
+    """Return length [s] and limiting cause of the next step (`control.next_length`)."""
     return next_length(T, t, context_of(packed), end)
 
 
@@ -265,7 +265,7 @@ def plate_motion(T, V, displacement, velocity, dt):
 
 @njit(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
 def plate_error(change, radius, T, V, dt):
-    """Return the error of the plate's step over the tolerance (`step_control.error_of_change`)."""
+    """Return the error of the plate's step over the tolerance (`control.error_of_change`)."""
     return error_of_change(abs(change), radius, T, V, dt)
 
 
@@ -277,7 +277,7 @@ def reduction(converged, error, rotation):
 
 @njit(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
 def set_common_length(T, growth, dt, error, easy, cut, limit):
-    """Set the length of the next step and what limits it (`step_control.set_next_dt`)."""
+    """Set the length of the next step and what limits it (`control.set_next_dt`)."""
     set_next_dt(T, growth, dt, error, easy, cut, limit)
 
 

@@ -40,11 +40,37 @@ from thirdbody.kernels.implicit.residual import (
     frame_of,
     vector_at,
 )
-from thirdbody.kernels.implicit.vector_algebra import cross, dot, product, scaled_sum
 from thirdbody.kernels.implicit.workspace import FREEDOMS
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output
+
+
+@njit(**BARE)
+def cross(a, b):
+    """Return the cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**BARE)
+def dot(a, b):
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**BARE)
+def scaled_sum(x, a, y, b, z, c):
+    """Return x a + y b + z c of three vectors."""
+    return x * a[0] + y * b[0] + z * c[0], x * a[1] + y * b[1] + z * c[1], x * a[2] + y * b[2] + z * c[2]
+
+
+@njit(**BARE)
+def product(tensor, v):
+    """Return the product of a symmetric tensor (xx, yy, zz, xy, xz, yz) and a vector."""
+    xx, yy, zz, xy, xz, yz = tensor
+    x, y, z = v
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
 
 Vector = tuple[float, float, float]
 Tensor = tuple[float, float, float, float, float, float]

@@ -6,10 +6,10 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
-from thirdbody.kernels.implicit.candidates import last_candidate
+from thirdbody.kernels.implicit.contact import dot
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, contact_point, frame_of
 from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
-from thirdbody.kernels.implicit.vector_algebra import dot
+from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output

@@ -17,10 +17,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.friction_work import FLOOR, MIN_CUT, energy_scale, work_error_of_plates
-from thirdbody.kernels.implicit.newton import Outcome, solve_island
-from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
-from thirdbody.kernels.implicit.step_control import (
+from thirdbody.kernels.implicit.control import (
     EASY,
     NEARLY,
     Stop,
@@ -28,6 +25,7 @@ from thirdbody.kernels.implicit.step_control import (
     finish_step,
     initial_overlaps,
     is_breakpoint,
+    lands,
     local_error,
     next_breakpoint,
     next_length,
@@ -35,9 +33,12 @@ from thirdbody.kernels.implicit.step_control import (
     predict,
     reduction_factor,
     rotation_of,
+    why_cut,
 )
-from thirdbody.kernels.implicit.step_limits import lands, why_cut
+from thirdbody.kernels.implicit.newton import Outcome, solve_island
+from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.work import FLOOR, MIN_CUT, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.workspace import (
     ACCEPT,
     ERRORS,

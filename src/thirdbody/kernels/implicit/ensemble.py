@@ -12,8 +12,8 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, DIRECT
 from thirdbody.jit.packed_arguments import PACKED, first_words
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
+from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.driver import advance_island
-from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.implicit.workspace import KINDS, context_of
 from thirdbody.kernels.rigid_body import place_as_it_is

@@ -13,14 +13,19 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
-from thirdbody.kernels.implicit.accept_pairs import accept_pairs, pair_work_errors
-from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, Side, add_curved, contact_of, owner_side
+from thirdbody.kernels.implicit.accept_pairs import (
+    accept_pairs,
+    ends_of,
+    pair_overlap,
+    pair_work_errors,
+    pair_wrench,
+    partner_point,
+)
+from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, Side, add_curved, contact_of, cross, dot, owner_side
 from thirdbody.kernels.implicit.correction_limits import AT_LIMIT, BACK, OVERLAP_GROWTH
 from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
-from thirdbody.kernels.implicit.pair_geometry import ends_of, pair_overlap, pair_wrench, partner_point
 from thirdbody.kernels.implicit.residual import contact_point, depth_at, frame_of, law_at, scale_slip, vector_at
 from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
-from thirdbody.kernels.implicit.vector_algebra import cross, dot
 from thirdbody.kernels.implicit.workspace import (
     ACCEPT,
     ERRORS,

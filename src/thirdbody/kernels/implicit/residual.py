@@ -16,9 +16,19 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
-from thirdbody.kernels.implicit.candidates import last_candidate, sort_candidates
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, PULL, RELIEVE, RESTORE, active_at, call_part, space_at
+from thirdbody.kernels.implicit.workspace import (
+    FREEDOMS,
+    GATHER,
+    PULL,
+    RELIEVE,
+    RESTORE,
+    active_at,
+    call_part,
+    last_candidate,
+    sort_candidates,
+    space_at,
+)
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rigid_body import BodyMotion, place_body, quaternion
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist

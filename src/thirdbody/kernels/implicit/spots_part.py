@@ -12,8 +12,8 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
+from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
-from thirdbody.kernels.implicit.vector_algebra import cross
 from thirdbody.kernels.implicit.workspace import (
     FREEDOMS,
     GATHER,

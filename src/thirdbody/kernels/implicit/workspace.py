@@ -12,15 +12,16 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.packed_arguments import PACKED, Kinds, make_unpacker
-from thirdbody.kernels import signatures
+from thirdbody.kernels import first_body, signatures
 from thirdbody.kernels.bundles import Motion, Tile
 from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import contact_sums
-from thirdbody.kernels.implicit.tables import step_contacts, step_start
+from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
 from thirdbody.kernels.periodic import box_of
-from thirdbody.kernels.tables import observed_body
+from thirdbody.kernels.predicates import BASINS, is_upper
+from thirdbody.kernels.tables import observed_body, surface_contact
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
 Array = np.ndarray
@@ -245,3 +246,43 @@ def pair_tile(t, scratch):
 def tile_count(t, m):
     """Return the number of contacts in tile t, of m contacts between bodies."""
     return min(np.int64(TILE), m - t * TILE)
+
+
+@njit(**BARE)
+def rows_of_sphere(k, context):
+    """Return the number of rows of a sphere and a plate, of which k is the first."""
+    return BASINS if (context.upper if is_upper(context.partner[k]) else context.lower).shape[0] > 0 else 1
+
+
+@njit(**BARE)
+def can_touch(k, row, rows, Q):
+    """Return whether the given row of the sphere whose first row is k has a minimum, or had one at the start of the last step."""
+    bits = int(Q[k, surface_contact.MINIMA]) | int(Q[k, surface_contact.ENDED])
+    return rows == 1 or bits >> row & 1 != 0
+
+
+@njit(**BARE_CHUNK)
+def sort_candidates(b, context):
+    """Move the candidates of body b that can touch in this step to the front, and note their number."""
+    Q, low, high = context.Q, context.edges[b], context.edges[b + 1]
+    e, count = low, 0
+    for here in (True, False):
+        k = low
+        while k < high:
+            rows = rows_of_sphere(k, context)
+            for row in range(rows):
+                if can_touch(k, row, rows, Q) == here:
+                    context.incidence[e] = 2 * (k + row)
+                    e += 1
+            k += rows
+        if here:
+            count = e - low
+    context.memory[b, step_memory.CANDIDATES] = count
+
+
+@njit(**BARE)
+def last_candidate(b, context):
+    """Return the end of the candidates of body b in `incidence` that can touch in this step."""
+    if first_body.is_rough(context):
+        return context.edges[b] + int(context.memory[b, step_memory.CANDIDATES])
+    return context.edges[b + 1]
