@@ -16,9 +16,9 @@ from numba import njit
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
 from thirdbody.kernels.explicit.contact_dissipation import has_dashpot_moments
-from thirdbody.kernels.implicit.candidates import last_candidate
 from thirdbody.kernels.implicit.residual import depth_at
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.normal_loss import friction_work_of
 from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 from thirdbody.kernels.predicates import is_closed
