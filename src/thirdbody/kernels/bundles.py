@@ -39,16 +39,16 @@ class Step(NamedTuple):
 
 
 class Tile(NamedTuple):
-    """Contacts side by side, field by field (stride `columns.tile.TILE`)."""
+    """Contacts side by side, field by field (stride `tile.TILE`)."""
 
     inputs: Array
-    """`columns.law_input`"""
+    """`law_input`"""
     outputs: Array
-    """`columns.law_output`"""
+    """`law_output`"""
     tangents: Array
-    """`columns.contact_tangent`; empty in explicit steps."""
+    """`contact_tangent`; empty in explicit steps."""
     geometry: Array
-    """`columns.geometry`"""
+    """`geometry`"""
 
 
 class Box(NamedTuple):

@@ -3,7 +3,7 @@
 A first body is named by the partner code of a candidate (`predicates`), and with it the basin of the contact. For a sphere it has
 an overlap, a unit normal from the first body to the sphere, an effective radius and a surface velocity. The plane of the lower
 one is z = 0 and at rest, that of a patch of the upper one is at its height and looks down. Where both plates are flat, answers
-come from these planes, otherwise from the table of closest points (`columns.surface_contact`), which must be up to date.
+come from these planes, otherwise from the table of closest points (`surface_contact`), which must be up to date.
 """
 
 import math

@@ -73,7 +73,7 @@ def place_sphere(s, offsets, motion, h, S):
 
 @njit(**BARE)
 def is_aliased(S):
-    """Return whether bodies and spheres share one table (`columns.body`): then no sphere has an arm."""
+    """Return whether bodies and spheres share one table (`body`): then no sphere has an arm."""
     return S.shape[1] != sphere.WIDTH
 
 

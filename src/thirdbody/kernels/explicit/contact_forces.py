@@ -1,7 +1,7 @@
 """The contact pass: candidates -> overlaps -> tiles of the laws -> forces on bodies, group by group.
 
 A group is a fixed range of bodies, whatever the number of threads, with the candidates that its spheres own. It writes only to
-its own candidates, forces on its bodies (`columns.body_force`) and row of `sums`; its contacts' forces on bodies of other groups
+its own candidates, forces on its bodies (`body_force`) and row of `sums`; its contacts' forces on bodies of other groups
 go to F, and those groups add them in a fixed order. So the result has the same bits for any number of threads. Mispredicted
 branches cost more than all arithmetic, so overlaps are computed for all candidates first, and active ones are listed without one.
 """

@@ -1,4 +1,4 @@
-"""Forces on the bodies of a group while its contacts are summed, in rows that stay in the cache (`columns.body_force`).
+"""Forces on the bodies of a group while its contacts are summed, in rows that stay in the cache (`body_force`).
 
 The row of a body gets them at the end, when its velocities predicted for the end of the step are no longer needed.
 """
