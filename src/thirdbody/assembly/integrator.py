@@ -292,8 +292,11 @@ def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
         return EXPLICIT
     from thirdbody.engine.implicit_ensemble import is_ensemble
 
-    own = "common_plate" if carried_together(state) else "ensemble" if is_ensemble(state) else "driver"
-    parts = {"pairs": state.world.debris_meets, "rough": state.world.rough, "spots": len(state.physics.interaction) > 0}
+    parts = {
+        "ensemble": is_ensemble(state) and not carried_together(state), "pairs": state.world.debris_meets,
+        "rough": state.world.rough, "spots": len(state.physics.interaction) > 0,
+    }  # fmt: skip
+    own = "common_plate" if carried_together(state) else "driver"
     return own, *(name for name, needed in parts.items() if needed), "labels"
 
 

@@ -16,8 +16,10 @@ import numpy as np
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
+from thirdbody.jit.function_pointers import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
+from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.tables import sphere
 
 if TYPE_CHECKING:
@@ -86,7 +88,7 @@ class ImplicitEnsemble(Implicit):
         # imported here: to ask whether a state fits compiles none of it
         from thirdbody.kernels.implicit.ensemble import Span, advance_batch
 
-        context, tables = self.packed(), self.packed_islands()
+        context, tables, step = self.packed(), self.packed_islands(), address(driver.advance_islands, driver.ADVANCE)
 
         def worker() -> Callable[[int], None]:
             own, packed, scratch = self._make_scratch(), context.copy(), self.scratch()
@@ -94,7 +96,7 @@ class ImplicitEnsemble(Implicit):
             def advance(number: int) -> None:
                 low, high = max(first, number * BATCH), min(last, (number + 1) * BATCH)
                 if self._waiting(low, high, until):
-                    span = Span(number * BATCH, min((number + 1) * BATCH, self.state.n_bodies), low, high)
+                    span = Span(number * BATCH, min((number + 1) * BATCH, self.state.n_bodies), low, high, step)
                     closed = rows.compact[number]
                     n = advance_batch(span, until, tries, packed, tables, scratch, (closed.contacts(), own.closed), own.one)
                     closed.replace(own.closed, n)

@@ -243,7 +243,7 @@ SECONDS, FEWER = {"common_plate": 60, "ensemble": 60, "driver": 60, "pairs": 30}
 EXPLICIT = ("passes", "step", "stability", "search")
 """Units of the explicit integrator, the longest first."""
 
-COLD_UNITS = ("step", "stability", "search", "labels")
+COLD_UNITS = ("common_plate", "ensemble", "driver", "pairs", "rough", "spots", "step", "stability", "search", "labels")
 """Units that are optimised at the level `COLD`."""
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
+from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
@@ -246,7 +246,10 @@ def advance_island(h, until, tries, packed, tables, packed_scratch):
 _I, _D = types.int64, types.float64
 
 
-@njit(types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED), nogil=True, **DIRECT)
+ADVANCE = types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED)
+
+
+@njit(ADVANCE, nogil=True, **OPTIONS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, DIRECT
-from thirdbody.jit.packed_arguments import PACKED, first_words
+from thirdbody.jit.packed_arguments import PACKED, first_words, make_unpacker
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
 from thirdbody.kernels.implicit.control import Stop
-from thirdbody.kernels.implicit.driver import advance_island
 from thirdbody.kernels.implicit.tables import step_memory
-from thirdbody.kernels.implicit.workspace import KINDS, context_of
+from thirdbody.kernels.implicit.workspace import KINDS, ImplicitContext, context_of
 from thirdbody.kernels.rigid_body import place_as_it_is
 from thirdbody.kernels.tables import body, run_totals, sphere
 
@@ -26,13 +26,22 @@ H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
 
 
+changing_context_of = make_unpacker(KINDS, ImplicitContext, changing=True)
+
+ADVANCE = types.void(types.int64, types.int64, types.float64, types.float64, PACKED, PACKED, PACKED)
+"""Signature of `driver.advance_islands`, called through a pointer: the ensemble is compiled in seconds."""
+
+advance_at = function_at(ADVANCE)
+
+
 class Span(NamedTuple):
-    """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced."""
+    """Bodies `first` to `last` - 1 of a batch, of which `low` to `high` - 1 are advanced; address of `driver.advance_islands`."""
 
     first: int
     last: int
     low: int
     high: int
+    advance: int
 
 
 class OneBody(NamedTuple):
@@ -66,7 +75,7 @@ def point_to(table, row, word, packed):
 
 
 _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.int64
-SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 4, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
+SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
 
 
 @njit(
@@ -92,9 +101,8 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
             point_to(one.R, k, R_ADDRESS, packed)
             if one.radii.shape[0] > 0:
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
-            of_body = context_of(packed)
-            place_spheres(b, of_body, one)
-            advance_island(b, until, tries, packed, tables, packed_scratch)
+            place_spheres(b, changing_context_of(packed), one)
+            advance_at(span.advance)(np.int64(b), np.int64(b + 1), until, tries, packed, tables, packed_scratch)
             written = compact(n, written, first, one.H, one.R, new)
         else:
             written = keep(p, after, written, closed, new)
