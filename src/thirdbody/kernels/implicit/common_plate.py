@@ -9,7 +9,7 @@ bodies.
 
 from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.direct_contact import book_direct_contact
@@ -211,7 +211,7 @@ def accept_one(h, motion, ended, packed, tables, packed_scratch):
         label_island(h, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
+@njit(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
 
@@ -223,7 +223,7 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
         solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS)
+@njit(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
     islands = islands_of(tables)
@@ -231,7 +231,7 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
         accept_one(islands.order[p], motion, ended, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS)
+@njit(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
     context, scratch, islands = context_of(packed), scratch_of(packed_scratch), islands_of(tables)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
@@ -249,7 +249,7 @@ _I, _D = types.int64, types.float64
 ADVANCE = types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED)
 
 
-@njit(ADVANCE, nogil=True, **OPTIONS)
+@njit(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
 
