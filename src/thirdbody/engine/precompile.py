@@ -204,7 +204,7 @@ def _pairs() -> None:
 
 
 def _rough() -> None:
-    from thirdbody.kernels.implicit import surface_steps  # noqa: F401
+    from thirdbody.kernels.implicit import rough  # noqa: F401
 
 
 def _spots() -> None:
