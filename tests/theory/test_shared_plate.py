@@ -200,7 +200,7 @@ def test_ledger_closes_under_a_common_plate(make, plate, level):
     assert residual_after(simulation, 1e-6) < CLOSED
     # long steps of a patch that is renewed book part of what it held here: it is .01 of the work at most
     assert -1e-3 < make.numerical_share(simulation) < 1e-2
-    own, row = simulation.integrator.plate, simulation.state.P[-1]
+    own, row = simulation.integrator.plate.totals, simulation.state.P[-1]
     assert simulation.state.P[:, patch.DISPLACEMENT] == pytest.approx(1e-6, rel=1e-9)  # of all patches, step by step
     fallen = row[patch.SEARCH_HEIGHT] - row[patch.HEIGHT]
     assert own[run_totals.PLATE_WORK] == pytest.approx(LOAD * fallen, rel=1e-9)  # the load has lost this height, step by step

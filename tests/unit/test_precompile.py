@@ -10,7 +10,7 @@ from thirdbody.engine import precompile
 from thirdbody.runner.prepare import likely_units
 
 SCENES = Path(__file__).parents[2] / "scenes"
-BODIES, ENSEMBLE, ISLANDS = ("bodies", "labels"), ("ensemble", "labels"), ("islands", "bodies", "labels")
+BODIES, ENSEMBLE, ISLANDS = ("driver", "labels"), ("driver", "ensemble", "labels"), ("driver", "pairs", "labels")
 
 
 def test_what_a_scene_is_expected_to_need():
@@ -42,11 +42,11 @@ def test_what_was_expected_is_compiled_where_it_is_needed(compiled, expected, ne
 
 
 def test_every_unit_is_compiled_once_and_later_starts_expect_nothing(compiled):
-    for units in (("islands", "labels"), ("islands", "bodies", "labels"), ("islands", "bodies")):
+    for units in (("driver", "labels"), ("driver", "pairs", "labels"), ("driver", "pairs")):
         precompile.warm_up(units)
-    precompile.start_compiling(("islands",))
+    precompile.start_compiling(("driver",))
     assert precompile._begun is None
-    assert compiled == ["islands", "labels", "bodies"]
+    assert compiled == ["driver", "labels", "pairs"]
 
 
 def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
@@ -60,9 +60,9 @@ def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
 def test_a_start_that_compiles_says_so_once_with_seconds(compiled, capsys, monkeypatch):
     monkeypatch.setattr(precompile, "_reported", False)
     monkeypatch.setattr(precompile.cache_dir, "note", "")
-    precompile.start_compiling(("islands", "labels"))
+    precompile.start_compiling(("driver", "labels"))
     for _ in range(2):
         precompile.report_compilation()
     (line,) = capsys.readouterr().err.splitlines()  # in a log too
-    assert line.startswith("thirdbody: first start of this version, compiling: about ") and 85 <= int(line.split()[-2]) <= 105
-    precompile.warm_up(("islands", "labels"))
+    assert line.startswith("thirdbody: first start of this version, compiling: about ") and 45 <= int(line.split()[-2]) <= 65
+    precompile.warm_up(("driver", "labels"))

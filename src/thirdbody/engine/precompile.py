@@ -237,7 +237,7 @@ UNITS: dict[str, Callable[[], None]] = {
 }  # fmt: skip
 """Units of compilation by name, the longest first."""
 
-SECONDS, FEWER = {"common_plate": 60, "ensemble": 60, "driver": 60, "pairs": 30}, 20
+SECONDS, FEWER = {"common_plate": 55, "driver": 45}, 20
 """Processor time of a Zen 3 core [s] for the long units, with their laws, and for each other one."""
 
 EXPLICIT = ("passes", "step", "stability", "search")

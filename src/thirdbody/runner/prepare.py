@@ -53,8 +53,9 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
     if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
-        return "islands", "bodies", "labels"
-    return "ensemble" if sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY else "bodies", "labels"
+        return "driver", "pairs", "labels"
+    many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
+    return ("driver", "ensemble", "labels") if many else ("driver", "labels")
 
 
 def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:
