@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
-from thirdbody.laws.codegen.laws import ordered
+from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance import paths, suite
 from thirdbody.laws.conformance.parts import check_parts
 from thirdbody.laws.conformance.spots import check_spots

@@ -7,11 +7,9 @@ import pytest
 
 from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
-from thirdbody.laws.coulomb import COULOMB
-from thirdbody.laws.elasticity import e_star, g_star
-from thirdbody.laws.hertz import HERTZ, HertzParameters
-from thirdbody.laws.kernel_data import Contact, Load
-from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
+from thirdbody.laws.data import Contact, Load
+from thirdbody.laws.friction import COULOMB, MINDLIN, MindlinParameters
+from thirdbody.laws.hertz import HERTZ, HertzParameters, e_star, g_star
 
 # the numbers carry 15 digits, a few roundings come on top; abs=0 because SI numbers here are below its default
 to_digits = partial(pytest.approx, rel=1e-13, abs=0.0)

@@ -14,13 +14,37 @@ from types import MappingProxyType, ModuleType
 
 from thirdbody.errors import Fault, InputError, OutputError, UsageError
 from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin, SpotInteraction
+from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from thirdbody.laws.effects import DAMPING, GRAVITY, LOCAL_DAMPING
+from thirdbody.laws.friction import COULOMB, MINDLIN
+from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.measures import Measure
+from thirdbody.laws.rolling import ROLLING_RESISTANCE
 from thirdbody.system.module_import import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
 
 DEBRIS_KINDS = "DEBRIS_KINDS"
 """Name of the tuple of kinds of debris in a plug-in file (`scene.debris.registry`)."""
+
+CATALOGUE = Plugin(
+    name="catalogue",
+    families=(
+        LawFamily(
+            name="hertz_mindlin",
+            levels={
+                "frictionless": (HERTZ, HERTZ_DAMPING),
+                "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
+                "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
+            },
+            default_level="mindlin",
+            source="Hertz 1882; Mindlin 1949",
+        ),
+    ),
+    effects=(GRAVITY, DAMPING, LOCAL_DAMPING, ROLLING_RESISTANCE),
+    source="thirdbody's catalogue",
+)
+"""The built-in laws and effects, an ordinary plug-in."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +83,7 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     A broken installed plug-in is listed in `failures`; a broken file, which the user requested, raises UsageError, as do two
     plug-ins that define the same name.
     """
-    from thirdbody.laws.builtin import PLUGIN
-
-    plugins, failures = [PLUGIN], {}
+    plugins, failures = [CATALOGUE], {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             plugins.append(_plugin(point.load()))

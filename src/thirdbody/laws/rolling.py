@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
-from thirdbody.laws.elasticity import e_star
-from thirdbody.laws.kernel_data import Rolling
-from thirdbody.laws.radial_return import friction_tangent
+from thirdbody.laws.data import Rolling
+from thirdbody.laws.hertz import e_star
+from thirdbody.laws.memory import friction_tangent
 
 STIFFNESS = 2.25
 """k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""

@@ -6,8 +6,8 @@ A law that takes the contact area from the normal law (`Load`) is right under an
 import math
 
 from thirdbody.laws.contract import Law, kernel
+from thirdbody.laws.data import Normal
 from thirdbody.laws.hertz import HertzParameters, mix_hertz
-from thirdbody.laws.kernel_data import Normal
 
 SLOPE = 20.0
 """Contact radius over overlap."""

@@ -25,8 +25,8 @@ from thirdbody.laws.conformance.paths import (
     random_paths,
 )
 from thirdbody.laws.contract import Law
+from thirdbody.laws.data import Contact, Load, Normal, Turn, Twist
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Contact, Load, Normal, Turn, Twist
 
 Result = tuple[bool, str]
 

@@ -10,14 +10,13 @@ import numpy as np
 
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, body, body_extra, loaded_contact, observed_body
-from thirdbody.laws.codegen.dependencies import plain
-from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
-from thirdbody.laws.codegen.measures import compose_measures
+from thirdbody.laws.compose import compose_effects, compose_labeller
 from thirdbody.laws.conformance.paths import PAIRS, option_sets
 from thirdbody.laws.conformance.suite import Finding, finding, option_faults
 from thirdbody.laws.contract import BodyEffect, Labeller
-from thirdbody.laws.kernel_data import Body, Wrench
-from thirdbody.laws.measures import Measure, largest, layout_of, summed
+from thirdbody.laws.data import Body, Wrench
+from thirdbody.laws.generated import plain
+from thirdbody.laws.measures import Measure, compose_measures, largest, layout_of, summed
 
 Result = tuple[bool, str]
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from thirdbody.kernels.contact_fields import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
-from thirdbody.laws.codegen.laws import compose
+from thirdbody.laws.compose import compose
 from thirdbody.laws.contract import BodyEffect, Law, Material, Option, Pair, SpotInteraction
+from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.measures import Measure
-from thirdbody.laws.mindlin import MINDLIN
 
 Array = NDArray[np.float64]
 
@@ -217,18 +217,22 @@ class Bench:
         """Return the tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = {name: plain(value) for name, value in text.__globals__.items()}
-        names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
-        on_lists = types.FunctionType(text.__code__, names)
+        own = [name for name, value in names.items() if getattr(value, "__globals__", None) is text.__globals__]
+        names |= {name: types.FunctionType(names[name].__code__, names) for name in own}
+        names["stack_array"] = lambda n: [0.0] * n
+        for k, law in enumerate(self.chain.laws):  # of the module, what kernels call has no wrapper for Python
+            names |= {f"kernel_{k}": plain(law.kernel), f"added_load_{k}": plain(law.added_load)}
+        on_lists = names["law"]
         block = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
 
-        def law(flat: Array, out: Array, n: int, table: Array) -> None:
+        def run(flat: Array, out: Array, n: int, table: Array) -> None:
             inputs, outputs = flat.tolist(), out.tolist()
             names["array_part"] = lambda size, numbers, first: (flat if numbers is inputs else out)[first : first + size]
             on_lists(inputs, outputs, n, table.tolist())
             outputs[block] = out[block]
             out[:] = outputs
 
-        return law
+        return run
 
 
 def compiler_is_off() -> bool:
@@ -236,7 +240,7 @@ def compiler_is_off() -> bool:
     return plain(HERTZ.kernel) is HERTZ.kernel
 
 
-def plain(function: Callable) -> Any:
+def plain(function: Callable | None) -> Any:
     """Return the Python function of a compiled one; the function itself when the compiler is off."""
     return getattr(function, "py_func", function)
 

@@ -11,8 +11,8 @@ from typing import Any
 from thirdbody.laws.conformance.paths import PAIRS, option_sets, plain
 from thirdbody.laws.conformance.suite import Finding, finding
 from thirdbody.laws.contract import SpotInteraction
+from thirdbody.laws.data import Contact
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Contact
 
 Result = tuple[bool, str]
 Options = dict[str, Any]

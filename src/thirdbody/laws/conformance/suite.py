@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from thirdbody.laws.codegen.compile_errors import compile_error
 from thirdbody.laws.conformance.energy import area, energy, ledger, tangent
 from thirdbody.laws.conformance.paths import Bench, forms_of
 from thirdbody.laws.conformance.symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
 from thirdbody.laws.contract import STAGES, Law, Option
+from thirdbody.laws.generated import compile_error
 
 ELASTIC = ("normal", "adhesion", "tangential", "rolling", "twisting")
 VISCOUS = ("damping", "tangential_damping")

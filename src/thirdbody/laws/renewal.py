@@ -28,7 +28,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Option, Options, Pair, kernel
-from thirdbody.laws.elasticity import g_star
+from thirdbody.laws.hertz import g_star
 
 RENEWAL = Option(
     "renewal",

@@ -2,6 +2,10 @@
 
 from typing import NamedTuple
 
+FULL, EXPLICIT, IMPLICIT = 0.0, 1.0, 2.0
+"""Code of the integrator, the last parameter of each pair where a force jumps at touch: outside steps, in explicit ones, in
+implicit ones."""
+
 
 class Contact(NamedTuple):
     """State of one contact, input of all laws.

@@ -1,20 +1,32 @@
-"""Dependencies of compiled functions: the source files, code and values that they can reach.
+"""Generated modules: written under a name that hashes all that they depend on, then imported.
 
-numba compiles the value of a global name into the machine code: a number, a table that was read from a file, a function of
-another package. All of them must enter the name of the compiled module.
+numba's own cache watches only the file of the compiled function, and compiles the value of a global name into the machine code: a
+number, a table that was read from a file, a function of another package. So the name must change with all of them.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import re
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from enum import Enum
+from functools import cache
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numba
 import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from thirdbody.errors import ThirdbodyError
+from thirdbody.jit import cache_dir
+from thirdbody.jit.options import HELPER
+from thirdbody.system.module_import import import_lock, import_text
 
 ENGINE = "thirdbody"
 LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names
@@ -198,3 +210,91 @@ def _names_in(code: CodeType) -> frozenset[str]:
 
 def _of_library(module: str | None) -> bool:
     return str(module or "builtins").partition(".")[0] in LIBRARIES
+
+
+@cache
+def as_kernel(kernel: Any) -> Any:
+    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most laws.
+
+    It is callable from kernels only.
+    """
+    function = plain(kernel)
+    if function is kernel or not kernel._can_compile:  # the compiler is off, or the types of its arguments are declared
+        return kernel
+
+    def inner(value: Any) -> Any:
+        return as_kernel(value) if isinstance(value, Dispatcher) and value is not kernel else value
+
+    called = {name: inner(function.__globals__[name]) for name in function.__code__.co_names if name in function.__globals__}
+    cells = tuple(CellType(inner(cell.cell_contents)) for cell in function.__closure__ or ())
+    copy = FunctionType(function.__code__, function.__globals__ | called, function.__name__, function.__defaults__, cells)
+    copy.__qualname__ = function.__qualname__
+    options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
+    return numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
+
+
+def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
+    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe.
+
+    Raises OutputError if it cannot be written.
+    """
+    digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
+    name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
+    path = cache_dir.folder() / f"{name}.py"
+    with import_lock:
+        if name not in sys.modules:
+            try:
+                _write(path, text.encode())
+            except OSError as error:
+                raise cache_dir.cannot_write(path, error) from error
+            import_text(name, path, text)
+        return sys.modules[name], path
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file if it is missing or damaged: from its content numba decides whether its compiled code is still valid."""
+    with suppress(OSError):
+        if path.read_bytes() == content:
+            return
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    draft = path.with_suffix(f".{os.getpid()}")
+    draft.write_bytes(content)
+    os.replace(draft, path)  # atomic: several processes may write the same name
+
+
+GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
+"""Files of generated code (`load_module`)."""
+
+
+def compile_error(problem: Exception) -> str | None:
+    """Return numba's reason, and the line if it names one, without colours and advice; None if numba did not raise it."""
+    if isinstance(problem, OSError | MemoryError | ThirdbodyError):
+        return None
+    if not (isinstance(problem, ImportError) or _raised_by_numba(problem)):
+        return None
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
+    lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
+    informative = [line for line in lines if "Error" in line or "Unknown" in line or "Invalid" in line]
+    reason = informative[-1] if informative else lines[0]
+    if "Error" not in reason and not type(problem).__module__.startswith("numba."):
+        reason = f"{type(problem).__name__}: {reason}"
+    return f"cannot be compiled: {reason} {_source_location(lines)}".rstrip()
+
+
+def _raised_by_numba(problem: Exception) -> bool:
+    """Return whether numba raised it or was running when it was raised, as for a name that a module does not have."""
+    if type(problem).__module__.startswith("numba."):
+        return True
+    trace = problem.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_globals.get("__name__", "").startswith("numba."):
+            return True
+        trace = trace.tb_next
+    return False
+
+
+def _source_location(lines: list[str]) -> str:
+    """Return file and line of the kernel; generated code, into which kernels are inlined, is not informative."""
+    result = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
+    return result.rstrip(":").replace("File ", "in file ", 1)
