@@ -5,10 +5,10 @@ from functools import partial
 
 import pytest
 
-from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.data import Contact, Load
 from thirdbody.laws.friction import COULOMB, MINDLIN, MindlinParameters
+from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ, HertzParameters, e_star, g_star
 
 # the numbers carry 15 digits, a few roundings come on top; abs=0 because SI numbers here are below its default
