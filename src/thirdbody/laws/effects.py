@@ -125,15 +125,5 @@ def label_nothing(contacts, n, body, memory, out):
     out[0] = 0.0
 
 
-NO_LABELS = Labeller(
-    name="none",
-    observe=observe_nothing,
-    label=label_nothing,
-    states=(),
-    reasons=(),
-    margins=(),
-    extras=(),
-    memory=(),
-    contact_memory=(),
-    source="",
-)
+NO_LABELS = Labeller("none", observe_nothing, label_nothing, *6 * ((),), source="")
+"""Labeller without effect, for scenes without labels or body effects: the target of a function pointer that is never called."""

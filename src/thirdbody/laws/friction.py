@@ -6,7 +6,7 @@ not need.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from thirdbody.laws import memory as memories
 from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
 from thirdbody.laws.data import Tangential
 from thirdbody.laws.hertz import e_star, g_star
-from thirdbody.laws.memory import MEMORY, friction_tangent, renewed_spring, renews, retained_energy, rings_of
+from thirdbody.laws.memory import MEMORY, friction_tangent, renewed_spring, retained_energy
 from thirdbody.laws.renewal import RENEWAL_OF_SPRINGS, growth_of, moved_ground, renewal_rate, renewed
 
 
@@ -134,17 +134,14 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
             forms[count, rolls] = replace(
                 base, kernel=space[names[0]], tangent=space[names[1]], history=history, rolls=rolls, variant=None
             )
-    return replace(forms[0, False], variant=variant_of(forms))
-
-
-def variant_of(forms: Mapping[tuple[int, bool], Law]) -> Callable[[Options], Law | None]:
-    """Return the function of options that chooses among the forms of a law; None for the first of them."""
 
     def variant(options: Options) -> Law | None:
-        key = rings_of(options), renews(options)
+        count = {"one_ring": 1, "two_rings": 2}.get(str(options.get("memory", MEMORY.default)), 0)  # `assembly` resolves "auto"
+        # renewal where the scene requires it, and not with the rescaled force
+        key = count, retained_energy(options) > 0.0 and options.get("renewal", 0.0) != 0.0
         return forms[key] if key != (0, False) else None
 
-    return variant
+    return replace(forms[0, False], variant=variant)
 
 
 class CoulombParameters(NamedTuple):
@@ -215,18 +212,12 @@ _COULOMB = Law(
     mix=mix_coulomb,
     options=(
         Option(
-            "slip_scale",
-            "dimensionless",
-            1e-3,
-            low=1e-9,
-            high=1.0,
+            "slip_scale", "dimensionless", 1e-3, low=1e-9, high=1.0,
             doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
-        ),
-        MEMORY,
-        RENEWAL_OF_SPRINGS,
+        ), MEMORY, RENEWAL_OF_SPRINGS,
     ),
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
-)
+)  # fmt: skip
 _ROLLING_COULOMB = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
 
 COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING_COULOMB, globals())

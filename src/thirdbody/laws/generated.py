@@ -16,6 +16,7 @@ from contextlib import suppress
 from enum import Enum
 from functools import cache
 from pathlib import Path
+from traceback import walk_tb
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -72,26 +73,19 @@ def source_files(functions: Iterable[Callable], reached: Reached | None = None) 
         top = sys.modules.get(module.__name__.partition(".")[0])
         if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
             files.update(Path(top.__file__).parent.rglob("*.py"))
-        waiting += [name for name in _named_in(module) if not _installed(name, own)]
+        values = list(vars(module).values())
+        names = {getattr(value, "__module__", None) for value in (*values, *map(plain, filter(callable, values)))}
+        named = [value for value in values if isinstance(value, ModuleType)]
+        named += [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
+        waiting += [other for other in named if not _installed(other, own)]
     return sorted(files)
-
-
-def _named_in(module: ModuleType) -> list[ModuleType]:
-    """Return the modules in which a module's names are defined."""
-    values = list(vars(module).values())
-    names = {getattr(value, "__module__", None) for value in values}
-    names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
-    result = [value for value in values if isinstance(value, ModuleType)]
-    return result + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
 
 
 def _installed(module: ModuleType, own: set[str]) -> bool:
     """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to a library."""
     top = module.__name__.partition(".")[0]
-    if top in own:
-        return False
-    parts = Path(getattr(module, "__file__", None) or "").parts
-    return top in sys.stdlib_module_names or top == ENGINE or "site-packages" in parts or "dist-packages" in parts
+    parts = {"site-packages", "dist-packages"} & {*Path(getattr(module, "__file__", None) or "").parts}
+    return top not in own and (top in sys.stdlib_module_names or top == ENGINE or bool(parts))
 
 
 class Reached:
@@ -271,7 +265,9 @@ def compile_error(problem: Exception) -> str | None:
     """Return numba's reason, and the line if it names one, without colours and advice; None if numba did not raise it."""
     if isinstance(problem, OSError | MemoryError | ThirdbodyError):
         return None
-    if not (isinstance(problem, ImportError) or _raised_by_numba(problem)):
+    # numba was running, as for a name that a module does not have
+    running = any(frame.f_globals.get("__name__", "").startswith("numba.") for frame, _ in walk_tb(problem.__traceback__))
+    if not (running or isinstance(problem, ImportError) or type(problem).__module__.startswith("numba.")):
         return None
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
     lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
@@ -279,22 +275,6 @@ def compile_error(problem: Exception) -> str | None:
     reason = informative[-1] if informative else lines[0]
     if "Error" not in reason and not type(problem).__module__.startswith("numba."):
         reason = f"{type(problem).__name__}: {reason}"
-    return f"cannot be compiled: {reason} {_source_location(lines)}".rstrip()
-
-
-def _raised_by_numba(problem: Exception) -> bool:
-    """Return whether numba raised it or was running when it was raised, as for a name that a module does not have."""
-    if type(problem).__module__.startswith("numba."):
-        return True
-    trace = problem.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_globals.get("__name__", "").startswith("numba."):
-            return True
-        trace = trace.tb_next
-    return False
-
-
-def _source_location(lines: list[str]) -> str:
-    """Return file and line of the kernel; generated code, into which kernels are inlined, is not informative."""
-    result = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
-    return result.rstrip(":").replace("File ", "in file ", 1)
+    # file and line of the kernel: generated code, into which kernels are inlined, is not informative
+    where = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
+    return f"cannot be compiled: {reason} {where.rstrip(':').replace('File ', 'in file ', 1)}".rstrip()

@@ -1,5 +1,6 @@
 """Hertz's normal contact, the effective moduli of two elastic half-spaces, and first yield under a contact.
 
+Willert: E. Willert, Self-consistency conditions in static three-body elastic tangential contact; R_i for every contact.
 Contacts are computed as elastic beyond first yield, too, unless the scene names `effects.elastic_plastic`.
 """
 
@@ -11,21 +12,7 @@ from thirdbody.laws.data import Normal
 
 
 def e_star(a: Material, b: Material) -> float:
-    """Effective modulus of normal contact: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b).
-
-    Parameters
-    ----------
-    a, b : Material
-        The two bodies.
-
-    Returns
-    -------
-    float
-        E* [Pa].
-
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 4.
+    """Effective modulus of normal contact E* [Pa]: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b) (Willert, Eq. 4).
 
     Examples
     --------
@@ -37,21 +24,9 @@ def e_star(a: Material, b: Material) -> float:
 
 
 def g_star(a: Material, b: Material) -> float:
-    """Effective modulus of tangential contact: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b).
+    """Effective modulus of tangential contact G* [Pa]: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b) (Willert, Eq. 14).
 
-    Parameters
-    ----------
-    a, b : Material
-        The two bodies.
-
-    Returns
-    -------
-    float
-        G* [Pa], four times the G_eff of most DEM codes.
-
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 14.
+    It is four times the G_eff of most DEM codes.
     """
     return 1.0 / ((2.0 - a.poisson_ratio) / (4.0 * a.shear_modulus) + (2.0 - b.poisson_ratio) / (4.0 * b.shear_modulus))
 
@@ -59,19 +34,7 @@ def g_star(a: Material, b: Material) -> float:
 def dundurs_beta(a: Material, b: Material) -> float:
     """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes.
 
-    Parameters
-    ----------
-    a, b : Material
-        The two bodies.
-
-    Returns
-    -------
-    float
-        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b).
-
-    Source
-    ------
-    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 3; Johnson 1985, Eq. 5.3.
+    beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b) (Willert, Eq. 3; Johnson 1985, Eq. 5.3).
     """
     x, y = (1.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (1.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     s, t = (2.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (2.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
@@ -144,17 +107,13 @@ class YieldLimit(NamedTuple):
 def yield_limit(a: Material, b: Material) -> YieldLimit:
     """Return the limit of the pair, that of the softer material: both bodies of a contact carry the same pressure.
 
-    Parameters
-    ----------
-    a, b : Material
-        The two materials. One without a yield strength is given E/100, the strength of a hard metal, unless it is an elastomer.
-
-    Returns
-    -------
-    YieldLimit
+    A material without a yield strength is given E/100, the strength of a hard metal, unless it is an elastomer.
     """
-    limits = [YieldLimit(FIRST_YIELD * strength, m.name, strength, not m.yield_strength)
-              for m in (a, b) for strength in (m.yield_strength or _assumed_strength(m),)]  # fmt: skip
+    limits = []
+    for m in (a, b):
+        young = 2.0 * m.shear_modulus * (1.0 + m.poisson_ratio)
+        strength = m.yield_strength or (YIELD_STRAIN * young if young >= ELASTOMER else math.inf)
+        limits.append(YieldLimit(FIRST_YIELD * strength, m.name, strength, not m.yield_strength))
     return min(limits, key=lambda limit: limit.pressure)
 
 
@@ -170,9 +129,3 @@ def yield_speed(modulus: float, pressure: float, density: float) -> float:
     a^4/R with a = pi R p/(2 E*) (Thornton and Ning 1998, Eq. 17, who round the factor to 1.56).
     """
     return math.pi**2 / (2.0 * math.sqrt(10.0)) * math.sqrt(pressure**5 / (modulus**4 * density))
-
-
-def _assumed_strength(material: Material) -> float:
-    """Usual yield strength [Pa] of a material of this stiffness; infinite for an elastomer."""
-    young = 2.0 * material.shear_modulus * (1.0 + material.poisson_ratio)
-    return YIELD_STRAIN * young if young >= ELASTOMER else math.inf

@@ -23,29 +23,16 @@ from typing import NamedTuple
 from thirdbody.laws.contract import Option, Options, kernel
 
 MEMORY = Option(
-    "memory",
-    "dimensionless",
-    "auto",
-    words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
+    "memory", "dimensionless", "auto", words=("auto", "two_number", "one_ring", "two_rings", "rescaled"),
     doc="'two_number': force and energy; 'two_rings', 'one_ring': also closed rings of the contact area, which keep a force where"
     " load and shear swing together; 'auto': two rings where a scene can make them swing, else two numbers; 'rescaled': the force"
     " alone, as in LAMMPS: every cycle of load loses a part of it",
-)
+)  # fmt: skip
 
 
 def retained_energy(options: Options) -> float:
     """Fraction of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
-
-
-def rings_of(options: Options) -> int:
-    """Return the number of closed rings of the memory: none for "auto", unless `assembly` has chosen."""
-    return {"one_ring": 1, "two_rings": 2}.get(str(options.get("memory", MEMORY.default)), 0)
-
-
-def renews(options: Options) -> bool:
-    """Return whether rolling contacts renew their material: where the scene requires it, and not with the rescaled force."""
-    return retained_energy(options) > 0.0 and options.get("renewal", 0.0) != 0.0
 
 
 class Spring(NamedTuple):

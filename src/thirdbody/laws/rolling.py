@@ -82,22 +82,13 @@ ROLLING_RESISTANCE = Law(
     history=("moment_x", "moment_y", "stiffness"),
     options=(
         Option(
-            "coefficient",
-            "dimensionless",
-            None,
-            low=0.0,
-            high=1.0,
-            pair_key="rolling_friction",
+            "coefficient", "dimensionless", None, low=0.0, high=1.0, pair_key="rolling_friction",
             doc="largest moment over R* N; a pair's own rolling_friction replaces it, such as 0.05",
         ),
         Option(
-            "damping",
-            "dimensionless",
-            0.0,
-            low=0.0,
-            high=10.0,
+            "damping", "dimensionless", 0.0, low=0.0, high=10.0,
             doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
         ),
     ),
     source="Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
-)
+)  # fmt: skip

@@ -150,7 +150,7 @@ def _parameters(declared: type, cases: Iterable[tuple[str, Callable[[], Any]]]) 
     """Test that `mix` returns finite floats in a tuple of the declared type."""
     for label, mix in cases:
         p = mix()
-        if not isinstance(p, declared):
+        if not issubclass(type(p), declared):
             return False, f"mix gives a {type(p).__name__}, declared is {declared.__name__}"
         passed, detail = _numbers(p, len(p), "")
         if not passed:
