@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from enum import Enum
-from functools import cache
 from pathlib import Path
 from traceback import walk_tb
 from types import CellType, CodeType, FunctionType, ModuleType
@@ -206,25 +205,29 @@ def _of_library(module: str | None) -> bool:
     return str(module or "builtins").partition(".")[0] in LIBRARIES
 
 
-@cache
+_bare: dict[Any, Any] = {}
+
+
 def as_kernel(kernel: Any) -> Any:
     """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most laws.
 
     It is callable from kernels only.
     """
     function = plain(kernel)
-    if function is kernel or not kernel._can_compile:  # the compiler is off, or the types of its arguments are declared
-        return kernel
+    if kernel in _bare or function is kernel or not kernel._can_compile:  # the compiler is off, or types are declared
+        return _bare.get(kernel, kernel)
+    _bare[kernel] = kernel  # what it calls may call it
 
     def inner(value: Any) -> Any:
-        return as_kernel(value) if isinstance(value, Dispatcher) and value is not kernel else value
+        return as_kernel(value) if isinstance(value, Dispatcher) else value
 
     called = {name: inner(function.__globals__[name]) for name in function.__code__.co_names if name in function.__globals__}
     cells = tuple(CellType(inner(cell.cell_contents)) for cell in function.__closure__ or ())
     copy = FunctionType(function.__code__, function.__globals__ | called, function.__name__, function.__defaults__, cells)
     copy.__qualname__ = function.__qualname__
     options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
-    return numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
+    _bare[kernel] = numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
+    return _bare[kernel]
 
 
 def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
