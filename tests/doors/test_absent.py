@@ -65,7 +65,7 @@ def modules(built):
     """Names of the generated modules of a scene, each of which holds a hash; tangents stand in the module of the law."""
     physics = built.choice.physics
     found = {name: plain(getattr(physics, name)).__module__ for name in ("law", "stiffness", "effects", "observe", "label")}
-    assert found["law"] == built.choice.chain.path.stem
+    assert found["law"] == built.choice.chain.module.__name__
     return found
 
 

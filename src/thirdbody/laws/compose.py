@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
@@ -33,25 +34,38 @@ ARGUMENTS = {
 
 @dataclass(frozen=True)
 class Chain:
-    """Compiled laws of one scene.
-
-    `law`, `stiffness` and `tangents` work on tiles; `stiffness` is None if a law has no tangent.
-    """
+    """Laws of one scene, compiled: `law`, `stiffness` and `tangents` work on tiles, and are compiled when they are first used."""
 
     laws: tuple[Law, ...]
-    law: Callable
-    stiffness: Callable | None
-    path: Path
+
+    @cached_property
+    def module(self) -> ModuleType:
+        """The generated module."""
+        functions = [part for law in self.laws for part in (law.kernel, law.tangent, law.added_load) if part]
+        return load_module("law", law_text(self), functions)[0]
+
+    def _compiled(self, name: str) -> Callable:
+        """Compile for the signature of laws; numba searches its cache first."""
+        function = getattr(self.module, name)
+        if not getattr(function, "signatures", True):  # else compiled already, or the compiler is off
+            function.compile(LAW)
+            function.disable_compile()
+        return function
+
+    @cached_property
+    def law(self) -> Callable:
+        """Forces, memory and energies."""
+        return self._compiled("law")
+
+    @cached_property
+    def stiffness(self) -> Callable | None:
+        """What bounds a time step; None if a law has no tangent."""
+        return self._compiled("stiffness") if all(law.tangent for law in self.laws if law.stage in STIFF) else None
 
     @cached_property
     def tangents(self) -> Callable | None:
-        """Tangents with history, dashpots included; None if a law has no tangent.
-
-        Compiled on first use: the explicit integrator never needs them.
-        """
-        if self.stiffness is None or self.without_tangent:
-            return None
-        return _compiled(load_module("law", law_text(self.laws), _functions(self.laws))[0].tangents)
+        """Tangents with history, dashpots included, for the implicit integrator only; None if a law has no tangent."""
+        return None if self.without_tangent else self._compiled("tangents")
 
     @property
     def history(self) -> tuple[str, ...]:
@@ -182,22 +196,9 @@ def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
 
 def compose(laws: Iterable[Law]) -> Chain:
     """Compile the chain of contact laws; raises ValueError as `ordered` does."""
-    chain = ordered(laws)
-    module, path = load_module("law", law_text(chain), _functions(chain))
-    stiff = all(law.tangent for law in chain if law.stage in STIFF)
-    return Chain(chain, _compiled(module.law), _compiled(module.stiffness) if stiff else None, path)
-
-
-def _compiled(function: Any) -> Callable:
-    """Compile for the signature of laws; numba asks its cache first."""
-    if not getattr(function, "signatures", True):  # else compiled already, or the compiler is off
-        function.compile(LAW)
-        function.disable_compile()
-    return function
-
-
-def _functions(chain: Sequence[Law]) -> list[Callable]:
-    return [part for law in chain for part in (law.kernel, law.tangent, law.added_load) if part]
+    chain = Chain(ordered(laws))
+    _ = chain.law, chain.stiffness  # compiled now, so that a fault in a law is raised here
+    return chain
 
 
 def fields_of(part: Any) -> tuple[str, ...]:
@@ -208,14 +209,12 @@ def fields_of(part: Any) -> tuple[str, ...]:
 # -- contact laws
 
 
-def law_text(laws: Sequence[Law]) -> str:
+def law_text(chain: Chain) -> str:
     """Return the text of the module of a chain: `law`, `stiffness`, `tangents`."""
     text = Path(__file__).with_name("tile_law.py").read_text(encoding="utf-8")
     imports, _, rest = text.partition("# -- head\n")
-    body_text = rest.partition("# -- body\n")[2]
-    chain = Chain(tuple(laws), ordered, None, Path())
-    lines = [*import_lines(laws), "", *_constants(chain), "", *_adapters(chain)]
-    return f"# generated: {' > '.join(law.name for law in laws)}\n{imports}" + "\n".join(lines) + f"\n\n\n{body_text}"
+    lines = [*import_lines(chain.laws), "", *_constants(chain), "", *_adapters(chain), "", "", rest.partition("# -- body\n")[2]]
+    return f"# generated: {' > '.join(law.name for law in chain.laws)}\n{imports}" + "\n".join(lines)
 
 
 def import_lines(parts: Sequence[Any]) -> Iterator[str]:
