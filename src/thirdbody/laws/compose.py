@@ -15,9 +15,9 @@ from typing import Any
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
 from thirdbody.kernels.signatures import LAW
 from thirdbody.kernels.tables import body, body_extra
-from thirdbody.kernels.tile import TILE, law_input, law_output
+from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.contract import STAGES, STIFF, BodyEffect, Labeller, Law
-from thirdbody.laws.generated import load_module, plain
+from thirdbody.laws.generated import folded, load_module, plain
 
 SPRINGS = {"tangential": ("force_x", "force_y"), "rolling": ("moment_x", "moment_y"), "twisting": ("moment",)}
 """Stages with springs, and the names of the forces or moments that their laws remember."""
@@ -30,6 +30,11 @@ ARGUMENTS = {
     "twisting": "c, twist, load",
 }  # fmt: skip
 """What the law of a stage receives before its parameters; there may be several laws of adhesion."""
+
+COLUMNS = {
+    "TILE": TILE, "law_input": law_input, "law_output": law_output, "rolling_input": rolling_input,
+    "rolling_output": rolling_output, "contact_tangent": contact_tangent,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -213,8 +218,10 @@ def law_text(chain: Chain) -> str:
     """Return the text of the module of a chain: `law`, `stiffness`, `tangents`."""
     text = Path(__file__).with_name("tile_law.py").read_text(encoding="utf-8")
     imports, _, rest = text.partition("# -- head\n")
-    lines = [*import_lines(chain.laws), "", *_constants(chain), "", *_adapters(chain), "", "", rest.partition("# -- body\n")[2]]
-    return f"# generated: {' > '.join(law.name for law in chain.laws)}\n{imports}" + "\n".join(lines)
+    constants = _constants(chain)
+    lines = [*import_lines(chain.laws), *(f"{name} = {value}" for name, value in constants.items()), *_adapters(chain), "", ""]
+    body_text = folded(rest.partition("# -- body\n")[2], constants | COLUMNS)
+    return f"# generated: {' > '.join(law.name for law in chain.laws)}\n{imports}" + "\n".join(lines) + body_text
 
 
 def import_lines(parts: Sequence[Any]) -> Iterator[str]:
@@ -227,20 +234,17 @@ def import_lines(parts: Sequence[Any]) -> Iterator[str]:
         yield f"from {part.parameters.__module__} import {part.parameters.__name__} as parameters_{k}"
 
 
-def _constants(chain: Chain) -> Iterator[str]:
-    """Yield what the chain has and has not, as in the head of `tile_law.py`."""
-    laws, stages = chain.laws, {law.stage for law in chain.laws}
-    first, size = chain.field
-    yield f"WIDTH, MEMORY, FIELD, FIELD_FIRST = {chain.width}, {len(chain.history)}, {size}, {first}"
-    for stage in ("damping", "adhesion", "tangential", "tangential_damping", "rolling", "twisting"):
-        yield f"HAS_{stage.upper()} = {stage in stages}"
-    yield f"HAS_ADDED_LOAD = {any(law.added_load is not None for law in laws)}"
-    yield f"HAS_REACH, ATTRACTS, JUMPS = {bool(chain.reaching)}, {laws[0].reach is not None}, {chain.jumps}"
-    yield f"ROLLS, REMEMBERS = {any(law.rolls for law in laws)}, {bool(laws[0].history)}"
-    yield f"ADDS_ENERGY = {'springs.energy' in chain.history}"
+def _constants(chain: Chain) -> dict[str, Any]:
+    """Return what the chain has and has not, as in the head of `tile_law.py`."""
+    laws, (first, size) = chain.laws, chain.field
     counts = {law.stage: len(law.history) for law in laws}
-    virgin = (f"({'0.0, ' * counts.get(stage, 0)})" for stage in ("normal", *SPRINGS))
-    yield f"VIRGIN = ({', '.join(virgin)})"
+    return {f"HAS_{stage.upper()}": stage in counts for stage in STAGES[1:]} | {
+        "WIDTH": chain.width, "MEMORY": len(chain.history), "FIELD": size, "FIELD_FIRST": first,
+        "HAS_ADDED_LOAD": any(law.added_load is not None for law in laws), "HAS_REACH": bool(chain.reaching),
+        "ATTRACTS": laws[0].reach is not None, "JUMPS": chain.jumps, "ROLLS": any(law.rolls for law in laws),
+        "REMEMBERS": bool(laws[0].history), "ADDS_ENERGY": "springs.energy" in chain.history,
+        "VIRGIN": tuple((0.0,) * counts.get(stage, 0) for stage in ("normal", *SPRINGS)),
+    }  # fmt: skip
 
 
 def _adapters(chain: Chain) -> Iterator[str]:

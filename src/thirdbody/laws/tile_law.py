@@ -1,8 +1,8 @@
 """The contact laws of a scene on a tile of contacts: forces and memory, what bounds a time step, tangents.
 
 As it stands: Hertz' law alone. A generated module (`laws.compose`) is this text with another head: constants of the chain, and
-for each law a function that takes its parameters from U. `if HAS_DAMPING:` is decided before types are inferred: a stage without
-a law leaves no code. Nothing is compiled on import.
+for each law a function that takes its parameters from U. What constants decide is decided there: after
+`if HAS_DAMPING:` a stage without a law leaves no code. Nothing is compiled on import.
 
 I, O and K hold the columns of the tile, with stride TILE; U the parameters of each contact q. Names: c contact (overlap not below
 zero), far contact (overlap down to minus the reach of the laws), n result of the normal law, t of the tangential law, r of the
@@ -70,10 +70,9 @@ PARAMETERS, INTEGRATOR = WIDTH * TILE, (WIDTH - 1) * TILE
 BEHIND, AFTER = (law_input.HISTORY + MEMORY) * TILE, (law_output.HISTORY + MEMORY) * TILE
 FIELD_IN, FIELD_OUT = (law_input.HISTORY + FIELD_FIRST) * TILE, (law_output.HISTORY + FIELD_FIRST) * TILE
 STORED = AFTER - (1 + HAS_DASHPOTS + HAS_MOMENTS) * TILE
-ROTATION, TURN_RATE, TRAVEL = (
-    BEHIND + TILE * k for k in (rolling_input.ROTATION_X, rolling_input.RATE_X, rolling_input.TRAVEL_X)
-)
-RATE, MOVED, TWIST = (BEHIND + TILE * k for k in (rolling_input.INVERSE_DT, rolling_input.MOVED, rolling_input.TWIST))
+ROTATION, TURN_RATE = BEHIND + rolling_input.ROTATION_X * TILE, BEHIND + rolling_input.RATE_X * TILE
+TRAVEL, MOVED = BEHIND + rolling_input.TRAVEL_X * TILE, BEHIND + rolling_input.MOVED * TILE
+TWIST, RATE = BEHIND + rolling_input.TWIST * TILE, BEHIND + rolling_input.INVERSE_DT * TILE
 STILL, STILL_TWIST = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)
 
 
