@@ -253,8 +253,11 @@ class _Folding(ast.NodeTransformer):
 
     def visit(self, node: ast.AST) -> Any:
         if isinstance(node, ast.If | ast.IfExp) and (choice := self._value(node.test)) is not None:
-            branch = node.body if choice else node.orelse
-            return self.generic_visit(ast.Module(branch, [])).body if isinstance(branch, list) else self.visit(branch)
+            branch: Any = node.body if choice else node.orelse
+            if isinstance(node, ast.IfExp):
+                return self.visit(branch)
+            self.generic_visit(part := ast.Module(branch, []))
+            return part.body
         value = None if isinstance(getattr(node, "ctx", None), ast.Store) else self._value(node)
         return ast.Constant(value) if isinstance(value, int) else super().visit(node)
 
