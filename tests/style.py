@@ -157,7 +157,7 @@ PACKAGES["cli"] = " ".join(PACKAGES)
 
 INNER = {
     "kernels": {"explicit": {""}, "implicit": {"explicit", ""}, "": set()},
-    "laws": {"codegen": {""}, "conformance": {"codegen", ""}, "": {"codegen"}},
+    "laws": {"conformance": {""}, "": set()},
     "studies": {"sweep": {""}, "": set()},
 }
 """Subpackages, by the same rule."""

@@ -40,7 +40,7 @@ def pivoting(c, twist, load, p, h):
 
     M and U give the stiffness M^2/(2 U) of the area that carries the moment: a contact area that has grown since takes nothing
     over, one that shrinks below it releases its fraction of moment and energy. So no closed path makes energy, and a cycle of the
-    load releases once, not each time (as `thirdbody.laws.mindlin` with its force).
+    load releases once, not each time (as `mindlin` with its force).
     """
     old, energy = h
     a = load.contact_radius

@@ -1,6 +1,6 @@
 """Effect of rolling on the field of the level `exact`: springs are carried outward.
 
-w(x) -> kept w(kept x) (`laws.patch_renewal`). In q = x^2/R that scales the nodes of a field, so it remains piecewise linear: the
+w(x) -> kept w(kept x) (`laws.renewal`). In q = x^2/R that scales the nodes of a field, so it remains piecewise linear: the
 step is exact. Springs of fixed positions (`exact_springs`) become means over the new content of their cells.
 """
 

@@ -13,7 +13,7 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   until it opens. The gap of a spring is the mean over its cell, so merging preserves every field that is linear in x^2, and the
   springs together never exceed mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
 * Springs that leave the contact area are reset. Where the contact area moves over fresh ground its springs are carried outward
-  and leave at the edge, at the rate of Kalker's creep (`thirdbody.laws.patch_renewal`), exactly for uniform springs that stick
+  and leave at the edge, at the rate of Kalker's creep (`thirdbody.laws.renewal`), exactly for uniform springs that stick
   and steps of any length: a spot that rolls without creep loses two thirds of its force in two contact radii, one that sways
   keeps it.
 """

@@ -1,6 +1,6 @@
 """Effect of rolling on the springs of the level `mdr`: they are carried outward.
 
-w(x) -> kept w(kept x) (`laws.patch_renewal`). In a short step a cell gets its content from itself and the next one inward only.
+w(x) -> kept w(kept x) (`laws.renewal`). In a short step a cell gets its content from itself and the next one inward only.
 """
 
 from thirdbody.plugin import kernel

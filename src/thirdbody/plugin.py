@@ -41,15 +41,12 @@ from thirdbody.laws.contract import (
     helper,
     kernel,
 )
-from thirdbody.laws.coulomb import COULOMB
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
-from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
-from thirdbody.laws.first_yield import yield_limit
-from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Twist, Twisting, Wrench
+from thirdbody.laws.data import Adhesion, Body, Contact, Load, Normal, Rolling, Tangential, Turn, Twist, Twisting, Wrench
+from thirdbody.laws.friction import COULOMB, MINDLIN
+from thirdbody.laws.hertz import HERTZ, dundurs_beta, e_star, g_star, yield_limit
 from thirdbody.laws.measures import Amount, Measure
-from thirdbody.laws.mindlin import MINDLIN
-from thirdbody.laws.patch_renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
+from thirdbody.laws.renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
 from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole, listing

@@ -24,8 +24,7 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.precompile import EXPLICIT, warm_up
-from thirdbody.laws.builtin import PLUGIN as CATALOGUE
-from thirdbody.laws.registry import Registry
+from thirdbody.laws.registry import CATALOGUE, Registry
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker
 

@@ -8,12 +8,10 @@ from typing import NamedTuple
 
 import pytest
 
-from thirdbody.laws.codegen.laws import ordered
-from thirdbody.laws.conformance import paths, suite
-from thirdbody.laws.conformance.parts import check_parts
-from thirdbody.laws.conformance.spots import check_spots
+from thirdbody.laws.compose import ordered
+from thirdbody.laws.conformance import bench, suite
 from thirdbody.laws.conformance.suite import Finding, check, report
-from thirdbody.laws.contract import Option, Plugin, SpotInteraction, kernel
+from thirdbody.laws.contract import Law, Option, Plugin, SpotInteraction, kernel
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 
@@ -46,8 +44,8 @@ QUICK = {"hertz_damping", "tangential_damping", "rolling_resistance", "pivoting"
 
 @pytest.mark.parametrize("name", ["coulomb", "mindlin", "adhesion"])
 def test_our_laws_conform_with_usual_options(name, monkeypatch):
-    sets, forms = paths.option_sets, suite.forms_of
-    monkeypatch.setattr(paths, "option_sets", lambda law: sets(law)[:1])
+    sets, forms = bench.option_sets, suite.forms_of
+    monkeypatch.setattr(bench, "option_sets", lambda law: sets(law)[:1])
     monkeypatch.setattr(suite, "forms_of", lambda law: forms(law)[:1])
     findings = check([OURS[name]])
     assert len(findings) > 7 and not failed(findings), report(findings)
@@ -87,7 +85,7 @@ def test_a_field_of_a_law_that_is_not_tangential_is_refused():
 
 def test_our_interactions_of_spots_conform_and_the_suite_finds_what_is_wrong():
     (spots,) = (effect for effect in discover().effects.values() if isinstance(effect, SpotInteraction))
-    findings = check_spots(spots)
+    findings = check([spots])
     assert len(findings) == 4 and not failed(findings), report(findings)
     for changes, test in (
         ({"source": " "}, "declaration"),
@@ -97,7 +95,7 @@ def test_our_interactions_of_spots_conform_and_the_suite_finds_what_is_wrong():
         ({"compliance": lambda material, options: 1.0 / (2.0 * math.pi * material.shear_modulus)}, "compliance"),  # too soft
         ({"compliance": lambda material, options: options["none"]}, "parameters"),
     ):
-        assert test in failed(check_spots(replace(spots, **changes)))
+        assert test in failed(check([replace(spots, **changes)]))
 
 
 PARTS = discover()
@@ -106,7 +104,7 @@ LABELLER = PARTS.families["three_spot"].labeller
 
 @SLOW
 def test_our_measures_effects_and_labeller_conform():
-    findings = check_parts([*PARTS.effects.values(), *PARTS.measures.values(), LABELLER])
+    findings = check([*(one for one in PARTS.effects.values() if not isinstance(one, Law)), *PARTS.measures.values(), LABELLER])
     assert len(findings) > 20 and not failed(findings), report(findings)
 
 
@@ -122,7 +120,7 @@ def no_state(contacts, n, body, memory, out):
 def test_faults_of_measures_effects_and_labellers():
     """Compiled and in Python, for one that passes all tests."""
     measure, effect = PARTS.measures["wear"], PARTS.effects["gravity"]
-    assert not failed(passed := check_parts([effect])) and {one.test for one in passed} >= {"forces", "compiled"}
+    assert not failed(passed := check([effect])) and {one.test for one in passed} >= {"forces", "compiled"}
     for part, test, words in (
         (replace(measure, kernel=lambda s, p: s.slipp), "amounts", "no attribute 'slipp'"),
         (replace(measure, kernel=lambda s, p: s.slip), "amounts", "expected a tuple of"),
@@ -131,7 +129,7 @@ def test_faults_of_measures_effects_and_labellers():
         (replace(effect, source=" "), "declaration", "names no source"),
         (replace(LABELLER, label=no_state), "states", "a body without contacts: state 7 of 4"),
     ):
-        found = failed(check_parts([part]))
+        found = failed(check([part]))
         assert found.keys() == {test} and re.search(words, found[test]), found
 
 

@@ -8,7 +8,7 @@ from hard.trial import BOX, LOAD, MICRON, SPEED, TRIPOD, CaseRun, Trial, clump, 
 from theory.builders import STEEL, ball
 
 from thirdbody.kernels.tables import body, record
-from thirdbody.laws.first_yield import FIRST_YIELD, yield_speed
+from thirdbody.laws.hertz import FIRST_YIELD, yield_speed
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Effects, Material, Motion, Pause, UpperPlate
 

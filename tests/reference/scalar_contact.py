@@ -22,7 +22,7 @@ from thirdbody.kernels.tables import (
     run_totals,
     sphere,
 )
-from thirdbody.laws.kernel_data import Contact, Turn, Twist
+from thirdbody.laws.data import Contact, Turn, Twist
 
 STILL = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)
 """Where no law asks for a rotation."""

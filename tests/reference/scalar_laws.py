@@ -13,7 +13,7 @@ import numpy as np
 from scalar_bodies import INERTIA
 
 from thirdbody.kernels.tables import body, contact_state
-from thirdbody.laws.kernel_data import Body, Load, Wrench
+from thirdbody.laws.data import Body, Load, Wrench
 
 
 def plain(function):

@@ -22,8 +22,8 @@ from thirdbody.kernels import schedule
 from thirdbody.kernels.tables import body, run_totals
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Contact, Domain, Material, Output, Pair, Plates, Scene, Solver, Spheres
 

@@ -14,7 +14,7 @@ import pytest
 import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyWarning, UsageError
 from thirdbody.jit import cache_dir
-from thirdbody.laws.codegen import module_cache
+from thirdbody.laws import generated
 
 BALLS = {
     "title": "two balls",
@@ -215,7 +215,7 @@ def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp
     found = []
 
     def load():
-        found.append(getattr(module_cache.load_module("slow", text, [])[0], "law", "was not there yet"))
+        found.append(getattr(generated.load_module("slow", text, [])[0], "law", "was not there yet"))
 
     threads = [threading.Thread(target=load) for _ in range(2)]
     for thread in threads:

@@ -12,7 +12,7 @@ from thirdbody_three_spot.exact_springs import cells_of
 from thirdbody_three_spot.numerical_tangent import central
 from thirdbody_three_spot.spring_field import SPARE
 
-from thirdbody.laws.kernel_data import Contact, Load
+from thirdbody.laws.data import Contact, Load
 
 E, G, R, MU = 1.0, 0.8, 1.0, 0.3
 D0, D1 = 0.006, 0.01

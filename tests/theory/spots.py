@@ -7,7 +7,7 @@ import numpy as np
 from theory.plain import plain
 from thirdbody_three_spot import theory
 
-from thirdbody.laws.kernel_data import Contact, Load
+from thirdbody.laws.data import Contact, Load
 
 plain = functools.cache(plain)
 

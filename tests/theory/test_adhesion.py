@@ -14,9 +14,9 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.kernels.schedule import TRIANGLE
 from thirdbody.kernels.tables import record
-from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
-from thirdbody.laws.kernel_data import Contact, Normal
+from thirdbody.laws.data import Contact, Normal
+from thirdbody.laws.generated import plain
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Contact as ContactTable
 from thirdbody.scene.model import Effects, Solver

@@ -18,8 +18,8 @@ from thirdbody_three_spot import mdr, theory
 
 from thirdbody.kernels.closest_point import effective_radius
 from thirdbody.kernels.height_field import Jet
+from thirdbody.laws.data import Contact, Load
 from thirdbody.laws.hertz import HERTZ, HertzParameters
-from thirdbody.laws.kernel_data import Contact, Load
 
 pytestmark = pytest.mark.full(kind="bem")
 

@@ -15,7 +15,7 @@ from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, exact
 from thirdbody_three_spot.mdr import SpringParameters, springs
 
-from thirdbody.laws.kernel_data import Contact, Load
+from thirdbody.laws.data import Contact, Load
 
 pytestmark = pytest.mark.full(kind="slow")
 

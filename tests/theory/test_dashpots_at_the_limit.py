@@ -8,11 +8,11 @@ from thirdbody_three_spot.mdr import MDR
 
 from thirdbody.kernels.implicit.jacobian import give_springs
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
-from thirdbody.laws.codegen.laws import compose
+from thirdbody.laws.compose import compose
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import TANGENTIAL_DAMPING
+from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.mindlin import MINDLIN
 
 STEEL = Material("steel", 210e9 / 2.6, 0.3, 7850.0)
 OVERLAP, RADIUS, MASS, FRICTION = 5e-9, 3e-6, 4e-12, 0.3

@@ -11,7 +11,7 @@ from thirdbody.assembly.direct_contact import GAMMA, persson_parameters
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals
-from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.hertz import e_star
 from thirdbody.scene import model
 from thirdbody.scene.tables import DirectContact
 

@@ -12,8 +12,8 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.static_response import response
 from thirdbody.kernels.tables import body, body_extra
-from thirdbody.laws.conformance.paths import plain
-from thirdbody.laws.kernel_data import Contact
+from thirdbody.laws.data import Contact
+from thirdbody.laws.generated import plain
 from thirdbody.report.active_components import parts
 from thirdbody.scene.model import Contact as ContactTable
 from thirdbody.scene.model import Effects, Material

@@ -10,7 +10,7 @@ from theory.memory_diagrams import MemoryDiagram
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES
 
-from thirdbody.laws.kernel_data import Load
+from thirdbody.laws.data import Load
 
 SLOW = pytest.mark.full(kind="slow")
 OBLIQUE, ACROSS = np.array([0.6, 0.8]), np.array([-0.8, 0.6])

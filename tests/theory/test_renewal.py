@@ -12,9 +12,8 @@ from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.assembly.option_values import option_value
 from thirdbody.laws.contract import Material, Pair
-from thirdbody.laws.coulomb import COULOMB
-from thirdbody.laws.mindlin import MINDLIN
-from thirdbody.laws.patch_renewal import RENEWAL, moved_ground
+from thirdbody.laws.friction import COULOMB, MINDLIN
+from thirdbody.laws.renewal import RENEWAL, moved_ground
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}

@@ -18,7 +18,7 @@ from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rolling_kinematics import travel
 from thirdbody.kernels.tables import patch, sphere
 from thirdbody.kernels.tile import TILE, geometry
-from thirdbody.laws.kernel_data import Load
+from thirdbody.laws.data import Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 KAPPA = MU * E_STAR / G_STAR

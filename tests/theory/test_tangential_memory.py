@@ -18,8 +18,7 @@ from thirdbody_three_spot.exact import EXACT, NODES, ExactParameters
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
 import thirdbody
-from thirdbody.laws.coulomb import COULOMB, CoulombParameters
-from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
+from thirdbody.laws.friction import COULOMB, MINDLIN, CoulombParameters, MindlinParameters
 
 G_STAR = 0.5  # so that the stiffness 2 G* a is the contact radius
 ENDLESS = 1e9  # a friction coefficient that never lets a spot slip

@@ -14,7 +14,7 @@ import pytest
 
 from thirdbody.errors import OutputError
 from thirdbody.jit import cache_dir, cache_files  # what is tested is in place once kernels are imported
-from thirdbody.laws.codegen import module_cache
+from thirdbody.laws import generated
 from thirdbody.system import module_import
 
 OTHER_USER = 54321
@@ -257,17 +257,17 @@ def test_a_full_disk_while_compiling_is_reported_in_one_line(load, monkeypatch, 
 
 def test_a_damaged_generated_module_is_written_anew(monkeypatch, tmp_path):
     def value(text):
-        module, path = module_cache.load_module("damaged", text, [])
+        module, path = generated.load_module("damaged", text, [])
         del sys.modules[module.__name__]
         return module.value, path
 
-    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path)
+    monkeypatch.setattr(generated.cache_dir, "_folder", tmp_path)
     text = "value = 31 + 11  # as a law\n"
     path = value(text)[1]
     for name, damage in DAMAGE.items():
         damage(path)
         assert value(text) == (42, path), name
         assert path.read_text() == text and [p.name for p in tmp_path.iterdir()] == [path.name]
-    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path / "gone")
+    monkeypatch.setattr(generated.cache_dir, "_folder", tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         value("value = 1\n")

@@ -20,7 +20,7 @@ from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import sphere
 from thirdbody.laws.contract import Material
-from thirdbody.laws.first_yield import yield_limit
+from thirdbody.laws.hertz import yield_limit
 from thirdbody.report import scene_check as check
 from thirdbody.report.active_components import neighbours, part_warnings, parts
 from thirdbody.report.adhesion_check import adhesion_warnings

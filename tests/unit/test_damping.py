@@ -6,10 +6,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from thirdbody.laws import damping as law
-from thirdbody.laws.conformance.paths import plain
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.damping import damping_number, restitution_of
-from thirdbody.laws.kernel_data import Contact, Load, Normal
+from thirdbody.laws.data import Contact, Load, Normal
+from thirdbody.laws.generated import plain
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 

@@ -12,7 +12,7 @@ import pytest
 
 from thirdbody.jit.gc_pause import paused
 from thirdbody.kernels.table import Table, number, skip, vector
-from thirdbody.laws.codegen.dependencies import sources
+from thirdbody.laws.generated import sources
 
 
 def unload(*packages: str) -> None:
@@ -77,7 +77,7 @@ READ = """\
 import sys
 sys.path.insert(0, sys.argv[1])
 import law
-from thirdbody.laws.codegen.dependencies import sources
+from thirdbody.laws.generated import sources
 for name in sys.argv[2:]:
     print(name, sources([getattr(law, name)]))
 """

@@ -3,15 +3,17 @@
 import math
 from functools import partial
 
+import numpy as np
 import pytest
 
-from thirdbody.laws.conformance.paths import plain
+from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
+from thirdbody.laws import tile_law
+from thirdbody.laws.compose import compose
 from thirdbody.laws.contract import Material, Pair
-from thirdbody.laws.coulomb import COULOMB
-from thirdbody.laws.elasticity import e_star, g_star
-from thirdbody.laws.hertz import HERTZ, HertzParameters
-from thirdbody.laws.kernel_data import Contact, Load
-from thirdbody.laws.mindlin import MINDLIN, MindlinParameters
+from thirdbody.laws.data import Contact, Load
+from thirdbody.laws.friction import COULOMB, MINDLIN, MindlinParameters
+from thirdbody.laws.generated import plain
+from thirdbody.laws.hertz import HERTZ, HertzParameters, e_star, g_star
 
 # the numbers carry 15 digits, a few roundings come on top; abs=0 because SI numbers here are below its default
 to_digits = partial(pytest.approx, rel=1e-13, abs=0.0)
@@ -148,3 +150,19 @@ def test_coulomb_path_by_hand(kind):
         t, memory = plain(COULOMB.kernel)(contact(0.1, 2.0, slip), Load(load, load, 0.1, 0.0, 0.0), p, memory)
         assert (t.x, t.y, t.limit, t.stored, t.slip, t.dissipated) == exact((force, 0.0, 0.5 * load, stored, sliding, dissipated))
         assert t.critical == 0.5
+
+
+def test_the_module_of_laws_as_it_stands_is_hertz_alone():
+    """Its own head and the one that is generated give the same bits."""
+    inputs = np.zeros((law_input.HISTORY + rolling_input.WIDTH, TILE))
+    inputs[law_input.OVERLAP], inputs[law_input.RADIUS], inputs[law_input.SLIP_X] = np.geomspace(1e-12, 1e-8, TILE), 1e-6, 1e-9
+    chain, e_stars = compose((HERTZ,)), np.array([110e9])
+    for name, width in (
+        ("law", law_output.HISTORY + rolling_output.WIDTH),
+        ("stiffness", 8),
+        ("tangents", contact_tangent.WIDTH),
+    ):
+        generated, own = (np.zeros((width, TILE)) for _ in range(2))
+        getattr(chain, name)(inputs.ravel(), generated.ravel(), TILE, e_stars)
+        getattr(tile_law, name)(inputs.ravel(), own.ravel(), TILE, e_stars)
+        assert np.array_equal(generated, own) and generated[0].all()

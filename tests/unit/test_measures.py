@@ -11,9 +11,8 @@ from steel import STEEL as STEEL_TEXT
 
 from thirdbody.assembly.physics import law_faults
 from thirdbody.kernels.measures import AMOUNTS, deposit
-from thirdbody.laws.codegen.dependencies import plain
-from thirdbody.laws.codegen.measures import measures_text
-from thirdbody.laws.measures import ADD, MAX, Amount, Measure, layout_of
+from thirdbody.laws.generated import plain
+from thirdbody.laws.measures import ADD, MAX, Amount, Measure, layout_of, measures_text
 from thirdbody.laws.registry import discover
 from thirdbody.plugin import ContactStep, Material, Pair
 from thirdbody.scene.model import Scene

@@ -14,7 +14,7 @@ from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Axis, ends_of
 from thirdbody.granular_flow import FAST, LAYERS, SLOW, friction_increase, inertial_number, median_by_mass, softness
-from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene
 
 SOLID_FRACTION = 0.6

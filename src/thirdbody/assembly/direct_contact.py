@@ -9,7 +9,7 @@ from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.errors import InputError
-from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces.surface import Surface
 

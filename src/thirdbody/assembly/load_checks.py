@@ -9,7 +9,7 @@ from thirdbody.engine.guards import OVERLAP_GUARD
 from thirdbody.engine.static_response import load_at, overlap_at, response
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
-from thirdbody.laws.first_yield import YieldLimit, yield_limit
+from thirdbody.laws.hertz import YieldLimit, yield_limit
 from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 

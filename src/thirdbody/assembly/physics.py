@@ -14,16 +14,14 @@ from thirdbody.assembly.swings import chosen_memory
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest, short
-from thirdbody.laws.codegen.compile_errors import compile_error, foreign
-from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
-from thirdbody.laws.codegen.laws import Chain, compose
-from thirdbody.laws.codegen.measures import compose_measures
+from thirdbody.laws.compose import Chain, compose, compose_effects, compose_labeller
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Pair, SpotInteraction
-from thirdbody.laws.measures import Measure, layout_of
-from thirdbody.laws.null_labeller import NO_LABELS
-from thirdbody.laws.radial_return import MEMORY
+from thirdbody.laws.data import EXPLICIT, FULL, IMPLICIT
+from thirdbody.laws.effects import NO_LABELS
+from thirdbody.laws.generated import compile_error, plain
+from thirdbody.laws.measures import Measure, compose_measures, layout_of
+from thirdbody.laws.memory import MEMORY
 from thirdbody.laws.registry import Registry
-from thirdbody.laws.touch import EXPLICIT, FULL, IMPLICIT
 from thirdbody.scene.model import Scene
 
 
@@ -52,7 +50,7 @@ class CompiledPhysics:
 
     @property
     def memory(self) -> str | None:
-        """Return the memory of the tangential springs (`laws.radial_return.MEMORY`); None for a law without that option."""
+        """Return the memory of the tangential springs (`laws.memory.MEMORY`); None for a law without that option."""
         return next((self.options[law.name][MEMORY.name] for law in self.chain.laws if MEMORY in law.options), None)
 
     def reach(self, radius: float) -> float:
@@ -166,7 +164,9 @@ def _mixed(law: Law | BodyEffect | Measure, *arguments: Any) -> Any:
 
 def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller | Measure], problem: Exception) -> Exception:
     """Return a UsageError for laws of which one is no valid kernel; return other problems unchanged."""
-    reason, names = compile_error(problem), foreign(parts)
+    reason = compile_error(problem)
+    codes = {part.name: plain(part.label if isinstance(part, Labeller) else part.kernel).__module__ for part in parts}
+    names = [name for name, module in codes.items() if not module.startswith("thirdbody.")]  # the built-in ones always compile
     return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
 
 

@@ -30,7 +30,7 @@ from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
-from thirdbody.laws.elasticity import dundurs_beta
+from thirdbody.laws.hertz import dundurs_beta
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.cross_checks import too_long, too_long_message
 from thirdbody.scene.model import Scene

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.errors import InputError
-from thirdbody.laws.codegen.laws import Chain
+from thirdbody.laws.compose import Chain
 from thirdbody.laws.contract import Material, Pair, SpotInteraction
 from thirdbody.scene.model import Scene
 

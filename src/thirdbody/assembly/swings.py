@@ -6,7 +6,7 @@ from typing import Any
 from thirdbody.assembly.schedule import schedule
 from thirdbody.engine.upper_plate import Axis
 from thirdbody.kernels.schedule import POLYNOMIAL
-from thirdbody.laws.radial_return import MEMORY
+from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene
 
 ROUNDING = 1e-12

@@ -11,7 +11,7 @@ from thirdbody.engine.state import Array, Ints
 from thirdbody.engine.static_interaction import SpotBending
 from thirdbody.kernels.contact_fields import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
-from thirdbody.laws.codegen.laws import Chain, compose
+from thirdbody.laws.compose import Chain, compose
 from thirdbody.laws.contract import Law, Pair
 from thirdbody.laws.registry import installed_interaction
 

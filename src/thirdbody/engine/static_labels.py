@@ -5,7 +5,7 @@ import numpy as np
 from thirdbody.engine.quasistatic import Balance, Grip
 from thirdbody.engine.state import Array
 from thirdbody.kernels.tables import LOWER, UPPER, loaded_contact, observed_body
-from thirdbody.laws.codegen.effects import compose_labeller
+from thirdbody.laws.compose import compose_labeller
 from thirdbody.laws.contract import Labeller
 
 STEP = 1.0

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Law, Options, Pair, kernel
-from thirdbody.laws.elasticity import e_star, g_star
+from thirdbody.laws.hertz import e_star, g_star
 
 
 class DampingParameters(NamedTuple):

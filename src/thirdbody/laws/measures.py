@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from thirdbody.laws.compose import HEAD, fields_of, import_lines
 from thirdbody.laws.contract import Option, Options, Pair, refuse_other_than_tuples
+from thirdbody.laws.generated import load_module
 
 SUM, MEAN, MAXIMUM = KINDS = ("sum", "mean", "maximum")
 """How an amount is collected: summed over the steps; its mean over the time of the drag (before it, of settling) in
@@ -161,3 +163,25 @@ def layout_of(measures: Sequence[Measure]) -> Layout:
     if twice:
         raise ValueError(f"two amounts of measures have the name {', '.join(twice)}")
     return Layout(tuple(bodies), tuple(maps), tuple(maxima), np.array(targets, np.int64).reshape(-1, 5), sums, time)
+
+
+def measures_text(measures: Sequence[Measure]) -> str:
+    """Return the text of the module: each kernel is called once; its amounts go to the columns behind the contact radius."""
+    lines, counts = [], [len(fields_of(measure)) for measure in measures]
+    for k in range(len(measures)):
+        values = ", ".join(f"parameters[row * {sum(counts)} + {sum(counts[:k]) + i}]" for i in range(counts[k]))
+        lines.append(f"r{k} = kernel_{k}(s, parameters_{k}({values}))")
+    lines.append("H[k, at] = s.contact_radius if s.contact_radius > 0.0 else H[k, at]")
+    added = [f"{'s.dt * ' if measures[k].amounts[i].kind == MEAN else ''}r{k}[{i}]" for k, i in summed(measures)]
+    added += ["s.dt"] if has_means(measures) else []
+    lines += [f"H[k, at + {column}] += {value}" for column, value in enumerate(added, 1)]
+    for column, (k, i) in enumerate(largest(measures), len(added) + 1):
+        lines.append(f"H[k, at + {column}] = max(H[k, at + {column}], r{k}[{i}])")
+    head = HEAD.format(" + ".join(measure.name for measure in measures)) + "\n".join(import_lines(measures))
+    loop = "\n\n\n@njit(MEASURE, **OPTIONS)\ndef measure(s, row, H, k, at, parameters):\n"
+    return head + loop + "".join(f"    {line}\n" for line in lines)
+
+
+def compose_measures(measures: Sequence[Measure]) -> Callable:
+    """Compile the function of signature `MEASURE` that evaluates these measures."""
+    return load_module("measure", measures_text(measures), [measure.kernel for measure in measures])[0].measure

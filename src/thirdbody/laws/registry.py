@@ -6,7 +6,7 @@ A scene names no plug-in.
 import hashlib
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -14,13 +14,37 @@ from types import MappingProxyType, ModuleType
 
 from thirdbody.errors import Fault, InputError, OutputError, UsageError
 from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin, SpotInteraction
+from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from thirdbody.laws.effects import DAMPING, GRAVITY, LOCAL_DAMPING
+from thirdbody.laws.friction import COULOMB, MINDLIN
+from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.measures import Measure
+from thirdbody.laws.rolling import ROLLING_RESISTANCE
 from thirdbody.system.module_import import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
 
 DEBRIS_KINDS = "DEBRIS_KINDS"
 """Name of the tuple of kinds of debris in a plug-in file (`scene.debris.registry`)."""
+
+CATALOGUE = Plugin(
+    name="catalogue",
+    families=(
+        LawFamily(
+            name="hertz_mindlin",
+            levels={
+                "frictionless": (HERTZ, HERTZ_DAMPING),
+                "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
+                "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
+            },
+            default_level="mindlin",
+            source="Hertz 1882; Mindlin 1949",
+        ),
+    ),
+    effects=(GRAVITY, DAMPING, LOCAL_DAMPING, ROLLING_RESISTANCE),
+    source="thirdbody's catalogue",
+)
+"""The built-in laws and effects, an ordinary plug-in."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +83,24 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     A broken installed plug-in is listed in `failures`; a broken file, which the user requested, raises UsageError, as do two
     plug-ins that define the same name.
     """
-    from thirdbody.laws.builtin import PLUGIN
-
-    plugins, failures = [PLUGIN], {}
+    plugins, failures = [CATALOGUE], {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
-            plugins.append(_plugin(point.load()))
+            plugin = point.load()
+            if not isinstance(plugin, Plugin):
+                raise TypeError(f"the entry point is a {type(plugin).__name__}, not a Plugin(...)")
+            plugins.append(plugin)
         except OutputError:  # compiled code cannot be written: no fault of the plug-in
             raise
         except Exception as problem:  # whatever a plug-in raises on import, the others must still load
             failures[point.name] = f"{type(problem).__name__}: {problem}"
     plugins += [load_file(Path(file)) for file in files]
-    _refuse_doubles(plugins)
+    owners: dict[str, str] = {}
+    for plugin in plugins:
+        for name in [part.name for part in (*plugin.families, *plugin.effects, *plugin.measures)]:
+            if name in owners:
+                raise UsageError(f"plug-ins '{owners[name]}' and '{plugin.name}' both bring '{name}'")
+            owners[name] = plugin.name
     return Registry(tuple(plugins), MappingProxyType(failures))
 
 
@@ -80,12 +110,6 @@ def installed_interaction(name: str) -> SpotInteraction:
     if not isinstance(effect, SpotInteraction):
         raise InputError([Fault(f"effects.{name}", "no interaction of spots of this name is installed")])
     return effect
-
-
-def _plugin(result: object) -> Plugin:
-    if not isinstance(result, Plugin):
-        raise TypeError(f"the entry point is a {type(result).__name__}, not a Plugin(...)")
-    return result
 
 
 def load_module(path: Path) -> ModuleType:
@@ -110,13 +134,3 @@ def load_file(path: Path) -> Plugin:
     if not isinstance(plugin, Plugin):
         raise UsageError(f"plug-in {path}: the file has no PLUGIN = Plugin(...)")
     return plugin
-
-
-def _refuse_doubles(plugins: Iterable[Plugin]) -> None:
-    owners: dict[str, str] = {}
-    for plugin in plugins:
-        names = [family.name for family in plugin.families] + [thing.name for thing in (*plugin.effects, *plugin.measures)]
-        for name in names:
-            if name in owners:
-                raise UsageError(f"plug-ins '{owners[name]}' and '{plugin.name}' both bring '{name}'")
-            owners[name] = plugin.name

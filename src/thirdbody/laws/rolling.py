@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
-from thirdbody.laws.elasticity import e_star
-from thirdbody.laws.kernel_data import Rolling
-from thirdbody.laws.radial_return import friction_tangent
+from thirdbody.laws.data import Rolling
+from thirdbody.laws.hertz import e_star
+from thirdbody.laws.memory import friction_tangent
 
 STIFFNESS = 2.25
 """k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""
@@ -82,22 +82,13 @@ ROLLING_RESISTANCE = Law(
     history=("moment_x", "moment_y", "stiffness"),
     options=(
         Option(
-            "coefficient",
-            "dimensionless",
-            None,
-            low=0.0,
-            high=1.0,
-            pair_key="rolling_friction",
+            "coefficient", "dimensionless", None, low=0.0, high=1.0, pair_key="rolling_friction",
             doc="largest moment over R* N; a pair's own rolling_friction replaces it, such as 0.05",
         ),
         Option(
-            "damping",
-            "dimensionless",
-            0.0,
-            low=0.0,
-            high=10.0,
+            "damping", "dimensionless", 0.0, low=0.0, high=10.0,
             doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
         ),
     ),
     source="Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
-)
+)  # fmt: skip

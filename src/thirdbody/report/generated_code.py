@@ -15,15 +15,14 @@ if TYPE_CHECKING:
 def generated_code(scene: Scene, registry: Registry) -> dict[str, str]:
     """Return the text of each generated module of a scene by its content.
 
-    `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: the additional functions of an
-    implicit step; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
+    `law`: the contact laws, with the stiffness that bounds an explicit step and the tangents of an implicit one. `effects` and
+    `labeller`: absent from a scene without any. Raises InputError.
     """
     from thirdbody.assembly.physics import compile_physics
 
     choice = compile_physics(scene, registry)
     compiled: dict[str, Callable | None] = {
         "law": choice.chain.law,
-        "tangents": choice.chain.tangents,
         "effects": choice.physics.effects if choice.effects else None,
         "labeller": choice.physics.observe if choice.labeller else None,
     }

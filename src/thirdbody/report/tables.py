@@ -355,22 +355,16 @@ def laws_report(registry: Registry, json: bool) -> None:
 def conformance_report(files: Sequence[Path], json: bool) -> None:
     """Run the conformance suite on all that plug-in files bring. Raises UsageError if a test fails."""
     from thirdbody.errors import UsageError
-    from thirdbody.laws.conformance.parts import check_parts
-    from thirdbody.laws.conformance.spots import check_spots
     from thirdbody.laws.conformance.suite import check, report
-    from thirdbody.laws.contract import Law, SpotInteraction
     from thirdbody.laws.registry import load_file
 
     findings = []
     for file in files:
         plugin = load_file(file)
         laws = {law.name: law for family in plugin.families for level in family.levels.values() for law in level}
-        laws |= {effect.name: effect for effect in plugin.effects if isinstance(effect, Law)}
-        findings += check(laws.values())
-        for effect in plugin.effects:
-            findings += check_spots(effect) if isinstance(effect, SpotInteraction) else []
+        others = {effect.name: effect for effect in plugin.effects}
         labellers = {family.labeller.name: family.labeller for family in plugin.families if family.labeller}
-        findings += check_parts([*plugin.effects, *plugin.measures, *labellers.values()])
+        findings += check([*(laws | others).values(), *plugin.measures, *labellers.values()])
     if json:
         print_json([finding.__dict__ for finding in findings])
     else:

@@ -69,7 +69,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     """Return fingerprints of the built scene at its start, by the names used in messages."""
     from thirdbody import __version__
     from thirdbody.jit import cache_dir
-    from thirdbody.laws.codegen.dependencies import sources
+    from thirdbody.laws.generated import sources
 
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {

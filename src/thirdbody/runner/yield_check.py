@@ -10,7 +10,7 @@ import numpy as np
 
 from thirdbody.assembly.load_checks import limit_words, times
 from thirdbody.engine.state import World
-from thirdbody.laws.first_yield import yield_limit
+from thirdbody.laws.hertz import yield_limit
 from thirdbody.trajectory.frame_contacts import FrameContacts
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.units import pretty

@@ -5,30 +5,29 @@ adhesion law is the trapezoid, since its force is a function of the overlap. Eac
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_input, law_output
-from thirdbody.laws.conformance.cone import CONE
-from thirdbody.laws.conformance.paths import (
+from thirdbody.laws.conformance.bench import (
+    CONE,
     PAIRS,
     SPAN,
     Array,
     Bench,
     Path,
+    Result,
     closed_cycles,
     compiler_is_off,
     follow_path,
-    plain,
     random_paths,
-)
+)  # fmt: skip
 from thirdbody.laws.contract import Law
+from thirdbody.laws.data import Contact, Load, Turn, Twist
+from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.kernel_data import Contact, Load, Normal, Turn, Twist
-
-Result = tuple[bool, str]
 
 ROUND_OFF = 1e-9
 """Energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9."""
@@ -175,10 +174,20 @@ def _tangent_under(bench: Bench, normal: Law, cases: list[Sample]) -> Result:
     saved, worst, report = 0, 0.0, ""
     for sample in (one._replace(normal=normal) for one in cases):
         expected, one_sided = _difference(bench, sample)
-        given = np.atleast_1d(np.array(_tangent(bench, sample), float))
+        given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
+        if bench.twisting:
+            given = [given[0] / radius**2, 0.0, 0.0, 0.0, given[1] / radius, 0.0]
+        elif bench.rolling:
+            given = [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]]
+        given = np.atleast_1d(np.array(given, float))
         if given.shape != expected.shape:
             return False, f"gives {given.size} numbers, expected {expected.size}"
-        size = _size(bench, sample, expected, given)
+        # the compared stiffness, or a thousandth of the force over the overlap or the slip if larger
+        c, force = sample.contact, 1e-3 * float(np.max(np.abs(_force(bench, sample, sample.contact))))
+        parts = np.maximum(np.abs(expected), np.abs(given))
+        by_overlap = max(float(parts[-2:].max()), force / _span(bench, sample), 1e-300)
+        by_slip = max(float(parts[:4].max()), force / max(abs(c.slip_x), abs(c.slip_y), 1e-300))
+        size = np.array([by_overlap] if len(expected) == 1 else [by_slip] * 4 + [by_overlap] * 2)
         if np.any(one_sided > 1e-3 * size):
             continue  # a kink between the two sides
         saved += 1
@@ -213,25 +222,6 @@ def area(bench: Bench) -> Result:
     return True, f"{len(cases)} contacts"
 
 
-def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
-    """Stiffness for the comparison: the compared ones, or a thousandth of the force over the overlap or the slip if larger."""
-    c = sample.contact
-    force = 1e-3 * float(np.max(np.abs(_force(bench, sample, c))))
-    parts = np.maximum(np.abs(expected), np.abs(given))
-    by_overlap = max(float(parts[-2:].max()), force / _span(bench, sample), 1e-300)
-    if len(expected) == 1:
-        return np.array([by_overlap])
-    slip = max(abs(c.slip_x), abs(c.slip_y), 1e-300)
-    return np.array([max(float(parts[:4].max()), force / slip)] * 4 + [by_overlap] * 2)
-
-
-def _load(bench: Bench, sample: Sample, c: Contact) -> tuple[Normal, float]:
-    """Force and stiffness of the normal law under this law."""
-    assert sample.normal.tangent is not None
-    p, c = sample.normal.mix(bench.settings[sample.setting].pair, {}), c._replace(overlap=max(c.overlap, 0.0))
-    return plain(sample.normal.kernel)(c, p), plain(sample.normal.tangent)(c, p)
-
-
 def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
     p = bench.parameters(sample.setting)
     count = len(bench.law.history)
@@ -240,23 +230,22 @@ def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
         memory += (np.array(sample.history[count:]),)
     if bench.law.stage == "normal":
         return (c, p, *memory)
-    n, stiffness = _load(bench, sample, c)
+    closed, of_normal = c._replace(overlap=max(c.overlap, 0.0)), sample.normal.mix(bench.settings[sample.setting].pair, {})
+    n = plain(sample.normal.kernel)(closed, of_normal)
     if bench.law.stage == "adhesion":
         return (c, n, p, *memory)
-    return (c, *_rotation(bench, c), Load(n.force, n.force, n.contact_radius, stiffness, n.squared_radius_rate), p, *memory)
-
-
-def _rotation(bench: Bench, c: Contact) -> tuple[Any, ...]:
-    """Rotation that a law of moments receives for the slip of a contact."""
+    stiffness = plain(sample.normal.tangent)(closed, of_normal)
+    rotation: tuple[Any, ...] = ()
     if bench.rolling:
-        return (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),)
-    return (Twist(c.slip_x / c.radius, c.v_x / c.radius),) if bench.twisting else ()
+        rotation = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),)
+    elif bench.twisting:
+        rotation = (Twist(c.slip_x / c.radius, c.v_x / c.radius),)
+    return (c, *rotation, Load(n.force, n.force, n.contact_radius, stiffness, n.squared_radius_rate), p, *memory)
 
 
 def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
-    kernel: Callable = plain(bench.law.kernel)
     size = len(sample.history) - len(bench.law.history)
-    answer = kernel(*_arguments(bench, sample, c), *((np.zeros(size),) if size else ()))
+    answer = plain(bench.law.kernel)(*_arguments(bench, sample, c), *((np.zeros(size),) if size else ()))
     return answer[0] if bench.law.history else answer
 
 
@@ -272,14 +261,6 @@ def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
     if bench.rolling:
         return np.array([answer.x, answer.y]) / c.radius
     return np.array([answer.x, answer.y] if bench.sheared else [answer.force])
-
-
-def _tangent(bench: Bench, sample: Sample) -> Any:
-    assert bench.law.tangent is not None
-    given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
-    if bench.twisting:
-        return [given[0] / radius**2, 0.0, 0.0, 0.0, given[1] / radius, 0.0]
-    return [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]] if bench.rolling else given
 
 
 def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:

@@ -1,19 +1,35 @@
-"""The conformance suite: requirements on every contact law. `thirdbody laws --check FILE` runs it.
+"""The conformance suite: requirements on every law and every other part of a plug-in. `thirdbody laws --check FILE` runs it.
 
-Each law is run through the same composed, compiled tile function as in a simulation. Tests that do not apply to the law's stage
-are omitted.
+Laws are run through the same composed, compiled tile function as in a simulation; measures, body effects and labellers compiled
+as in a run, and in plain Python; interactions of spots in plain Python: what is solved with their two numbers is the engine's
+(`kernels.spot_loads`), and conservative for any numbers that pass. Tests that do not apply to a part are omitted.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
-from thirdbody.laws.codegen.compile_errors import compile_error
+import numpy as np
+
+from thirdbody.kernels.contact_step import ContactStep
+from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, body, body_extra, loaded_contact, observed_body
+from thirdbody.laws.compose import compose_effects, compose_labeller
+from thirdbody.laws.conformance.bench import PAIRS, Bench, Result, forms_of, option_sets
 from thirdbody.laws.conformance.energy import area, energy, ledger, tangent
-from thirdbody.laws.conformance.paths import Bench, forms_of
 from thirdbody.laws.conformance.symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
-from thirdbody.laws.contract import STAGES, Law, Option
+from thirdbody.laws.contract import STAGES, BodyEffect, Labeller, Law, SpotInteraction
+from thirdbody.laws.data import Body, Contact, Wrench
+from thirdbody.laws.generated import compile_error, plain
+from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.measures import Measure, compose_measures, largest, layout_of, summed
+
+Test = Callable[[], Result]
+Case = tuple[str, Result]
+
+ROUND_OFF = 1e-12
+"""Relative difference between a compiled kernel and the same in Python: some contracted products."""
 
 ELASTIC = ("normal", "adhesion", "tangential", "rolling", "twisting")
 VISCOUS = ("damping", "tangential_damping")
@@ -21,7 +37,7 @@ SHEARED = ("tangential", "tangential_damping", "rolling", "twisting")
 DIRECTED = tuple(stage for stage in STAGES if stage != "twisting")
 """Stages whose tests turn the frame: the rotation about the normal has no direction in the contact's plane."""
 
-TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], ...] = (
+LAW_TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], Result]], ...] = (
     ("finite", STAGES, finite),
     ("no force beyond reach", STAGES, no_touch),
     ("rotation", DIRECTED, rotation),
@@ -39,7 +55,7 @@ TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], .
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one test of a law or another part; `detail` describes the worst case or the failure."""
+    """Result of one test of a part; `detail` describes the worst case or the failure."""
 
     law: str
     test: str
@@ -47,29 +63,47 @@ class Finding:
     detail: str = ""
 
 
-def check(laws: Iterable[Law]) -> list[Finding]:
-    """Return all findings on these laws, in order. A law that raises fails the test in which it did."""
+def check(parts: Iterable[Any]) -> list[Finding]:
+    """Return all findings on these parts of plug-ins, in order. What raises fails the test in which it did.
+
+    A law that fails in its declaration or its parameters is not tested further, another part in any test.
+    """
     findings: list[Finding] = []
-    for law in laws:
-        faults = declaration_faults(law)
-        findings.append(Finding(law.name, "declaration", not faults, "; ".join(faults)))
-        if faults:
+    for part in parts:
+        findings.append(_finding(part.name, "declaration", partial(_declaration, part)))
+        if not findings[-1].passed:
             continue
-        for form in forms_of(law):
-            findings += _measured(form)
+        if isinstance(part, Law):
+            for form in forms_of(part):
+                findings += _on_law(form)
+            continue
+        for name, test in next(tests(part) for kind, tests in TESTS.items() if isinstance(part, kind)).items():
+            findings.append(_finding(part.name, name, test))
+            if not findings[-1].passed:
+                break
     return findings
 
 
-def _measured(law: Law) -> list[Finding]:
-    """Return the findings on the compiled law, or on a variant."""
+def _finding(part: str, name: str, test: Test) -> Finding:
     try:
-        bench = Bench(law)
-        faults = parameter_faults(bench)
+        return Finding(part, name, *test())
     except Exception as problem:  # third-party code: any exception is a finding
-        faults = [_problem_text(problem)]
-    result = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
-    if not faults:
-        result += [finding(law.name, name, partial(test, bench)) for name, stages, test in TESTS if law.stage in stages]
+        text = (str(problem).strip().splitlines() or [""])[0]
+        return Finding(part, name, False, compile_error(problem) or f"{type(problem).__name__}: {text}")
+
+
+def _on_law(law: Law) -> list[Finding]:
+    """Return the findings on the compiled law, or on a variant."""
+    benches: list[Bench] = []
+
+    def parameters() -> Result:
+        benches.append(bench := Bench(law))
+        cases = [(one.label, partial(bench.parameters, k)) for k, one in enumerate(bench.settings)]
+        return _parameters(law.parameters, cases)
+
+    result = [_finding(law.name, "parameters", parameters)]
+    if result[0].passed:
+        result += [_finding(law.name, name, partial(test, benches[0])) for name, stages, test in LAW_TESTS if law.stage in stages]
     return result
 
 
@@ -85,32 +119,22 @@ def report(findings: Sequence[Finding]) -> str:
     return "\n".join(lines)
 
 
-def declaration_faults(law: Law) -> list[str]:
-    """Return faults in the declaration of the law, before anything is compiled."""
-    faults = []
-    if law.stage not in STAGES:
-        faults.append(f"stage '{law.stage}' is none of {', '.join(STAGES)}")
-    if not law.name.isidentifier():
-        faults.append(f"name '{law.name}' is not an identifier")
-    if not law.source.strip():
-        faults.append("names no source")
-    if not hasattr(law.parameters, "_fields"):
+def _declaration(part: Any) -> Result:
+    """Test the declaration before anything is compiled: name, source, parameters, stage and memory, defaults of options."""
+    faults = [] if part.name.isidentifier() else [f"name '{part.name}' is not an identifier"]
+    faults += [] if part.source.strip() else ["names no source"]
+    if hasattr(part, "parameters") and not hasattr(part.parameters, "_fields"):
         faults.append("parameters is not a NamedTuple")
-    if law.history and law.stage in VISCOUS:
-        faults.append(f"the {law.stage} stage keeps no history")
-    if law.field and law.stage != "tangential":
-        faults.append(f"the {law.stage} stage keeps no field")
-    if law.reach and law.stage not in ("normal", "adhesion"):
-        faults.append(f"the {law.stage} stage acts in contact only: no reach")
-    if len(set(law.history)) < len(law.history):
-        faults.append("a history name occurs twice")
-    return faults + option_faults(law.options)
-
-
-def option_faults(options: Iterable[Option]) -> list[str]:
-    """Return faults of the defaults of options."""
-    faults = []
-    for option in options:
+    if isinstance(part, Law):
+        wrong = {
+            f"stage '{part.stage}' is none of {', '.join(STAGES)}": part.stage not in STAGES,
+            f"the {part.stage} stage keeps no history": part.history and part.stage in VISCOUS,
+            f"the {part.stage} stage keeps no field": part.field and part.stage != "tangential",
+            f"the {part.stage} stage acts in contact only: no reach": part.reach and part.stage not in ("normal", "adhesion"),
+            "a history name occurs twice": len(set(part.history)) < len(part.history),
+        }
+        faults += [text for text, is_wrong in wrong.items() if is_wrong]
+    for option in getattr(part, "options", ()):
         values = option.default if isinstance(option.default, Sequence) else [option.default]
         if option.words:
             if option.default not in option.words and (isinstance(option.default, str) or not option.or_number):
@@ -119,37 +143,191 @@ def option_faults(options: Iterable[Option]) -> list[str]:
             faults.append(f"the default of option '{option.name}' is a text, but the option has no words")
         elif any(x is not None and not option.low <= float(x) <= option.high for x in values):
             faults.append(f"the default of option '{option.name}' is outside its own range")
-    return faults
+    return not faults, "; ".join(faults)
 
 
-def parameter_faults(bench: Bench) -> list[str]:
-    """Return settings in which `mix` does not return finite floats in a tuple of the declared type."""
-    faults = []
-    for k, setting in enumerate(bench.settings):
-        p = bench.parameters(k)
-        is_declared: bool = isinstance(p, bench.law.parameters)
-        if not is_declared:
-            return [f"mix gives a {type(p).__name__}, declared is {bench.law.parameters.__name__}"]
-        faults += [
-            f"{setting.label}: {name} is {value!r}"
-            for name, value in zip(p._fields, p, strict=True)
-            if not isinstance(value, int | float) or not math.isfinite(value)
-        ]
-    return faults
+def _parameters(declared: type, cases: Iterable[tuple[str, Callable[[], Any]]]) -> Result:
+    """Test that `mix` returns finite floats in a tuple of the declared type."""
+    for label, mix in cases:
+        p = mix()
+        if not issubclass(type(p), declared):
+            return False, f"mix gives a {type(p).__name__}, declared is {declared.__name__}"
+        passed, detail = _numbers(p, len(p), "")
+        if not passed:
+            return False, f"{label}: {detail}"
+    return True, ""
 
 
-def finding(part: str, name: str, test: Callable[[], tuple[bool, str]]) -> Finding:
-    """Return the result of a test of a part of a plug-in. What raises fails the test."""
-    try:
-        passed, detail = test()
-    except Exception as problem:  # third-party code: any exception is a finding
-        passed, detail = False, _problem_text(problem)
-    return Finding(part, name, passed, detail)
+def _numbers(values: Any, count: int, what: str) -> Result:
+    """Test for a tuple of so many finite numbers."""
+    if not isinstance(values, tuple) or len(values) != count:
+        return False, f"the kernel returns {values!r}, expected a tuple of {count}: {what}"
+    names = getattr(values, "_fields", range(count))
+    bad = [(n, x) for n, x in zip(names, values, strict=True) if not isinstance(x, int | float) or not math.isfinite(x)]
+    return not bad, f"returns {bad[0][1]!r}" + (f" for {bad[0][0]}" if isinstance(bad[0][0], str) else "") if bad else ""
 
 
-def _problem_text(problem: Exception) -> str:
-    reason = compile_error(problem)
-    if reason is not None:
-        return reason
-    text = str(problem).strip().splitlines()
-    return f"{type(problem).__name__}: {text[0] if text else ''}"
+def _all(results: Callable[[], Iterator[Case]]) -> Test:
+    """Return a test that gives the first failure, with its case."""
+    failed = lambda: ((False, f"{what}: {detail}") for what, (passed, detail) in results() if not passed)  # noqa: E731
+    return lambda: next(failed(), (True, ""))
+
+
+def _equal(got: np.ndarray, expected: Any) -> Result:
+    """Test that a compiled kernel gives what the same in Python gives, to rounding of the largest value."""
+    off = np.abs(got - np.array(expected, float))
+    return bool((off <= ROUND_OFF * np.abs(expected)).all()), f"compiled {got.tolist()}, in Python {list(expected)}"
+
+
+# -- measures
+
+FULL: dict[str, Any] = {"yield_strength": 1e9, "thermal_conductivity": 40.0, "heat_capacity": 500.0}
+"""Optional keys of materials, all given."""
+
+STEPS = {
+    "a contact that slides": ContactStep(1e-4, 3e-5, 3e-5, 1e-9, 0.1, 3e-14, 1e-7, 3e9, 1e-8, 1e-8, 1.0),
+    "a contact that sticks": ContactStep(1e-4, 1e-5, 3e-5, 0.0, 0.0, 0.0, 1e-7, 3e9, 1e-8, 1e-8, 1.0),
+    "a contact of two bodies": ContactStep(1e-4, 3e-5, 3e-5, 1e-9, 0.1, 3e-14, 1e-7, 3e9, 1e-8, 1e-8, 0.0),
+    "a contact that opens": ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, 1e-16, 0.0, 0.0, 0.0, 0.0, 1.0),
+}
+
+
+def _of_measure(measure: Measure) -> dict[str, Test]:
+    pairs = {label: replace(pair, a=replace(pair.a, **FULL), b=replace(pair.b, **FULL)) for label, pair, _ in PAIRS}
+    sets = option_sets(measure)
+    cases = [(label + more, partial(measure.mix, pair, options)) for label, pair in pairs.items() for more, options in sets]
+    columns = [*summed([measure]), *largest([measure])]
+
+    def amounts() -> Iterator[Case]:
+        for label, mix in cases:
+            for what, step in STEPS.items():
+                values = plain(measure.kernel)(step, mix())
+                yield f"{what}, {label}", _numbers(values, len(measure.amounts), "one for each amount")
+
+    def as_in_a_run() -> Iterator[Case]:
+        function, layout = compose_measures([measure]), layout_of([measure])
+        for label, mix in cases:
+            for what, step in STEPS.items():
+                H = np.zeros((1, layout.width))
+                function(step, 0, H, 0, 0, np.array(mix(), float))
+                values = plain(measure.kernel)(step, mix())
+                expected = [values[i] * (step.dt if measure.amounts[i].kind == "mean" else 1.0) for _, i in columns]
+                got = np.delete(H[0, 1:], layout.sums - 1) if layout.time >= 0 else H[0, 1:]
+                expected = [*expected[: len(summed([measure]))], *np.maximum(expected[len(summed([measure])) :], 0.0)]
+                yield f"{what}, {label}", _equal(got, expected)
+
+    return {
+        "parameters": partial(_parameters, measure.parameters, cases),
+        "amounts": _all(amounts),
+        "compiled": _all(as_in_a_run),
+    }
+
+
+# -- body effects
+
+BODIES = {
+    "a body that moves": Body(1e-12, 1e-5, -1e-5, 5e-6, 0.1, -0.2, 0.3, 1e4, -2e4, 3e4, 1e-23, 1e-6),
+    "a body at rest": Body(1e-12, 1e-5, -1e-5, 5e-6, *(0.0,) * 6, 1e-23, 0.0),
+}
+TOTAL = Wrench(1e-11, -2e-11, 3e-11, 1e-16, -2e-16, 3e-16)
+"""Force and torque of the contacts, for effects that see them."""
+
+
+def _of_effect(effect: BodyEffect) -> dict[str, Test]:
+    cases = [(f"usual options{more}", partial(effect.mix, options)) for more, options in option_sets(effect)]
+
+    def wrench(state: Body, p: Any) -> Any:
+        return plain(effect.kernel)(state, TOTAL, p) if effect.sees_forces else plain(effect.kernel)(state, p)
+
+    def forces() -> Iterator[Case]:
+        for label, mix in cases:
+            for what, state in BODIES.items():
+                yield f"{what}, {label}", _numbers(wrench(state, mix()), 6, "a Wrench")
+
+    def as_in_a_run() -> Iterator[Case]:
+        function = compose_effects([effect])
+        for label, mix in cases:
+            for what, state in BODIES.items():
+                B, E = np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH))
+                B[0, body.MASS], B[0, body.POSITION3], B[0, body.VELOCITY3] = state[0], state[1:4], state[4:7]
+                B[0, body.SPIN3] = state[7:10]
+                B[0, body.FORCE3], B[0, body.TORQUE3], E[0, body_extra.INERTIA3] = TOTAL[:3], TOTAL[3:], state.inertia
+                late = [math.inf] if effect.settling else []  # the end of settling
+                function(B, E, 0, 1, state.time, 1e-9, np.array([*mix(), *late], float))
+                got = np.concatenate((E[0, body_extra.EFFECT_FORCE3], E[0, body_extra.EFFECT_TORQUE3]))
+                yield f"{what}, {label}", _equal(got, wrench(state, mix()))
+
+    return {"parameters": partial(_parameters, effect.parameters, cases), "forces": _all(forces), "compiled": _all(as_in_a_run)}
+
+
+# -- labellers
+
+
+def _of_labeller(labeller: Labeller) -> dict[str, Test]:
+    rows = np.zeros((3, loaded_contact.MEMORY + len(labeller.contact_memory)))
+    for row, partner, normal in zip(rows, (LOWER, UPPER, DEBRIS), ([0, 0, 1], [0, 0, -1], [1, 0, 0]), strict=True):
+        row[loaded_contact.PARTNER], row[loaded_contact.IDENTITY] = partner, partner + 1.0
+        row[loaded_contact.NORMAL3], row[loaded_contact.POINT3] = normal, -5e-6 * np.array(normal)
+        row[loaded_contact.SPHERE_RADIUS], row[loaded_contact.CONTACT_RADIUS], row[loaded_contact.OVERLAP] = 5e-6, 1e-7, 2e-9
+        row[loaded_contact.NORMAL_FORCE] = row[loaded_contact.LOAD] = 1e-4
+        row[loaded_contact.TANGENTIAL_FORCE], row[loaded_contact.FRICTION_LIMIT] = 3e-5, 3e-5
+        row[loaded_contact.CRITICAL_SLIP], row[loaded_contact.SLIP] = 1e-9, 1e-9
+
+    def states() -> Iterator[Case]:
+        observe, label = compose_labeller(labeller)
+        for what, n in {"a body without contacts": 0, "a pressed body": 2, "a body that touches another": 3}.items():
+            C = rows[:n].copy()
+            memory, out = np.zeros(len(labeller.memory)), np.zeros(2 + len(labeller.margins) + len(labeller.extras))
+            observed = np.zeros(observed_body.WIDTH)
+            observed[observed_body.MASS], observed[observed_body.QUATERNION], observed[observed_body.DRAG] = 1e-12, 1.0, 1.0
+            for _ in range(2):  # observed again with what it has noted
+                observe(C, n, observed, memory)
+                observed[observed_body.ELAPSED] = observed[observed_body.PLATE_SHIFT] = 1e-8
+            label(C, n, observed, memory, out)
+            names = [("state", out[0], labeller.states), ("reason", out[1], labeller.reasons)]
+            wrong = [f"{name} {code:g} of {len(known)}" for name, code, known in names if code not in range(len(known))]
+            yield what, (not wrong, ", ".join(wrong))
+
+    return {"states": _all(states)}
+
+
+# -- interactions of spots
+
+OVERLAP = 1e-4
+"""Over the radius, of the contact in which forces are compared."""
+
+
+def _of_spots(effect: SpotInteraction) -> dict[str, Test]:
+    """Test both numbers: finite; the force of Hertz' law; plates that give way at most as half-spaces, c_a + c_b <= 1/(pi E*)."""
+    sets = option_sets(effect)
+
+    def parameters() -> Iterator[Case]:
+        for more, options in sets:
+            for label, pair, _ in PAIRS:
+                values = {"stiffness": effect.stiffness(pair, options)}
+                values |= {f"compliance of {one.name}": effect.compliance(one, options) for one in (pair.a, pair.b)}
+                for name, value in values.items():
+                    sound = math.isfinite(value) and value >= 0.0 and (name != "stiffness" or value > 0.0)
+                    yield label + more, (sound, f"{name} is {value!r}")
+
+    def stiffness() -> Iterator[Case]:  # the law then sees what is left of the overlap
+        for more, options in sets:
+            for label, pair, radius in PAIRS:
+                d = OVERLAP * radius
+                force = plain(HERTZ.kernel)(Contact(d, radius, 8e3 * radius**3, *(0.0,) * 7), HERTZ.mix(pair, {})).force
+                off = abs(effect.stiffness(pair, options) * math.sqrt(radius * d**3) / force - 1.0)
+                yield label + more, (off <= ROUND_OFF, f"the force of a spot alone is off that of Hertz by {off:.1e}")
+
+    def compliance() -> Iterator[Case]:  # with more, spots that touch could relieve each other by more than their own indentation
+        for more, options in sets:
+            for label, pair, _ in PAIRS:
+                compliances = sum(effect.compliance(one, options) for one in (pair.a, pair.b))
+                ratio = math.pi * 0.75 * effect.stiffness(pair, options) * compliances
+                yield label + more, (ratio <= 1.0 + ROUND_OFF, f"the plates give way {ratio:.3g} times as far as half-spaces")
+
+    return {"parameters": _all(parameters), "stiffness": _all(stiffness), "compliance": _all(compliance)}
+
+
+TESTS: dict[type, Callable[[Any], dict[str, Test]]] = {
+    Measure: _of_measure, BodyEffect: _of_effect, Labeller: _of_labeller, SpotInteraction: _of_spots,
+}  # fmt: skip

@@ -8,19 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_output
-from thirdbody.laws.conformance.paths import (
+from thirdbody.laws.conformance.bench import (
     Array,
     Bench,
     Contacts,
     Moment,
     Path,
+    Result,
     compiler_is_off,
     extremes,
     follow_path,
     random_paths,
-)
-
-Result = tuple[bool, str]
+)  # fmt: skip
 
 ROUND_OFF = 1e-12
 """Relative difference due to a few thousand round-offs of double precision."""
@@ -29,14 +28,10 @@ ROTATED = 1e-9
 """The same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit."""
 
 FORCES = [
-    law_output.NORMAL_FORCE,
-    law_output.TANGENTIAL_X,
-    law_output.TANGENTIAL_Y,
-    law_output.LOAD,
-    law_output.FRICTION_LIMIT,
-    law_output.STORED_NORMAL,
-    law_output.STORED_TANGENTIAL,
-]
+    law_output.NORMAL_FORCE, law_output.TANGENTIAL_X, law_output.TANGENTIAL_Y, law_output.LOAD, law_output.FRICTION_LIMIT,
+    law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL,
+]  # fmt: skip
+TANGENTIAL = slice(law_output.TANGENTIAL_X, law_output.TANGENTIAL_Y + 1)
 ENERGIES = (law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL, law_output.DISSIPATED, law_output.FRICTION_LOSS)
 NAMES = {column.first: column.name for column in law_output}
 
@@ -111,20 +106,14 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
     worst, report = 0.0, ""
     for one, two in zip(follow_path(bench, path, 3), follow_path(bench, image, 3), strict=True):
         expected = one.answer.copy()
-        expected[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] = np.einsum(
-            "ijtl,tjl->til", matrix, one.answer[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1]
-        )
+        expected[:, TANGENTIAL] = np.einsum("ijtl,tjl->til", matrix, one.answer[:, TANGENTIAL])
         size = np.maximum(size, np.abs(expected))
-        size[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] = np.max(
-            size[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1], 1, keepdims=True
-        )
+        size[:, TANGENTIAL] = np.max(size[:, TANGENTIAL], 1, keepdims=True)
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
-        # the dashpot force within the friction limit may be the round-off of a difference: so the scale is
-        # force by speed
+        # the dashpot force within the friction limit may be the round-off of a difference: so the scale is force by speed
         speed = np.hypot(*np.moveaxis(one.requested.v, 1, 0)) + np.abs(one.requested.v_n)
-        size[:, law_output.DASHPOT_POWER] = np.maximum(
-            size[:, law_output.DASHPOT_POWER], np.abs(size[:, law_output.TANGENTIAL_X] + size[:, law_output.NORMAL_FORCE]) * speed
-        )
+        power = np.abs(size[:, law_output.TANGENTIAL_X] + size[:, law_output.NORMAL_FORCE]) * speed
+        size[:, law_output.DASHPOT_POWER] = np.maximum(size[:, law_output.DASHPOT_POWER], power)
         error = np.nan_to_num(np.abs(two.answer - expected) / size, nan=np.inf)
         if error.max() > worst:
             worst = float(error.max())
@@ -190,13 +179,10 @@ def compiled(bench: Bench) -> Result:
     if compiler_is_off():
         return True, "the compiler is off"
     law = bench.interpreted()
-    cases: list[tuple[Contacts, Array]] = [
-        (
-            moment.requested._replace(overlap=np.maximum(moment.requested.overlap, bench.outermost(len(bench.settings)))),
-            moment.before,
-        )
-        for moment in follow_path(bench, random_paths(bench, 2), 1)
-    ]
+    outermost = bench.outermost(len(bench.settings))
+    cases: list[tuple[Contacts, Array]] = []
+    for moment in follow_path(bench, random_paths(bench, 2), 1):
+        cases.append((moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost)), moment.before))
     memory = bench.virgin(len(bench.settings))
     for requested in extremes(bench, 2):
         cases.append((requested, memory))
@@ -219,9 +205,8 @@ def history(bench: Bench) -> Result:
     path = random_paths(bench, 4)
     moments: list[Moment] = list(follow_path(bench, path, 3))
     order = np.random.default_rng(3).permutation(TILE)
-    memory = moments[5].after.copy()
+    memory, outermost = moments[5].after.copy(), bench.outermost(len(bench.settings))
     for moment in moments[6:]:
-        outermost = bench.outermost(len(bench.settings))
         touches = (moment.requested.overlap > outermost)[:, None]
         touched = moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost))
         shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
@@ -231,15 +216,11 @@ def history(bench: Bench) -> Result:
         if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
             return False, "a continued contact differs from one that was not interrupted"
         memory = after
-    if not all(np.array_equal(_energy(bench, moment), moment.answer[:, law_output.STORED_TANGENTIAL]) for moment in moments):
-        return False, "what it remembers as `energy` is not what it answers as `stored`"
+    if bench.sheared and "energy" in bench.law.history:  # which the engine reads there
+        stored = ((moment.after[:, bench.chain.stored], moment.answer[:, law_output.STORED_TANGENTIAL]) for moment in moments)
+        if not all(np.array_equal(*pair) for pair in stored):
+            return False, "what it remembers as `energy` is not what it answers as `stored`"
     return True, f"{len(bench.law.history)} floats" if bench.law.history else "none"
-
-
-def _energy(bench: Bench, moment: Moment) -> Array:
-    """Energy of the spring in the law's history, read there by the engine [J]; else the stored energy it returns."""
-    own = bench.sheared and "energy" in bench.law.history
-    return moment.after[:, bench.chain.stored] if own else moment.answer[:, law_output.STORED_TANGENTIAL]
 
 
 def _describe(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:

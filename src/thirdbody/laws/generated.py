@@ -1,20 +1,33 @@
-"""Dependencies of compiled functions: the source files, code and values that they can reach.
+"""Generated modules: written under a name that hashes all that they depend on, then imported.
 
-numba compiles the value of a global name into the machine code: a number, a table that was read from a file, a function of
-another package. All of them must enter the name of the compiled module.
+numba's own cache watches only the file of the compiled function, and compiles the value of a global name into the machine code: a
+number, a table that was read from a file, a function of another package. So the name must change with all of them.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import os
+import re
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from traceback import walk_tb
+from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numba
 import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from thirdbody.errors import ThirdbodyError
+from thirdbody.jit import cache_dir
+from thirdbody.jit.options import HELPER
+from thirdbody.system.module_import import import_lock, import_text
 
 ENGINE = "thirdbody"
 LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names
@@ -60,26 +73,19 @@ def source_files(functions: Iterable[Callable], reached: Reached | None = None) 
         top = sys.modules.get(module.__name__.partition(".")[0])
         if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
             files.update(Path(top.__file__).parent.rglob("*.py"))
-        waiting += [name for name in _named_in(module) if not _installed(name, own)]
+        values = list(vars(module).values())
+        names = {getattr(value, "__module__", None) for value in (*values, *map(plain, filter(callable, values)))}
+        named = [value for value in values if isinstance(value, ModuleType)]
+        named += [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
+        waiting += [other for other in named if not _installed(other, own)]
     return sorted(files)
-
-
-def _named_in(module: ModuleType) -> list[ModuleType]:
-    """Return the modules in which a module's names are defined."""
-    values = list(vars(module).values())
-    names = {getattr(value, "__module__", None) for value in values}
-    names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
-    result = [value for value in values if isinstance(value, ModuleType)]
-    return result + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
 
 
 def _installed(module: ModuleType, own: set[str]) -> bool:
     """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to a library."""
     top = module.__name__.partition(".")[0]
-    if top in own:
-        return False
-    parts = Path(getattr(module, "__file__", None) or "").parts
-    return top in sys.stdlib_module_names or top == ENGINE or "site-packages" in parts or "dist-packages" in parts
+    parts = {"site-packages", "dist-packages"} & {*Path(getattr(module, "__file__", None) or "").parts}
+    return top not in own and (top in sys.stdlib_module_names or top == ENGINE or bool(parts))
 
 
 class Reached:
@@ -198,3 +204,120 @@ def _names_in(code: CodeType) -> frozenset[str]:
 
 def _of_library(module: str | None) -> bool:
     return str(module or "builtins").partition(".")[0] in LIBRARIES
+
+
+_bare: dict[Any, Any] = {}
+
+
+def as_kernel(kernel: Any) -> Any:
+    """Return the kernel, and with it all that it calls, without wrappers for Python, which take as long to compile as most laws.
+
+    It is callable from kernels only.
+    """
+    function = plain(kernel)
+    if kernel in _bare or function is kernel or not kernel._can_compile:  # the compiler is off, or types are declared
+        return _bare.get(kernel, kernel)
+    _bare[kernel] = kernel  # what it calls may call it
+
+    def inner(value: Any) -> Any:
+        return as_kernel(value) if isinstance(value, Dispatcher) else value
+
+    called = {name: inner(function.__globals__[name]) for name in function.__code__.co_names if name in function.__globals__}
+    cells = tuple(CellType(inner(cell.cell_contents)) for cell in function.__closure__ or ())
+    copy = FunctionType(function.__code__, function.__globals__ | called, function.__name__, function.__defaults__, cells)
+    copy.__qualname__ = function.__qualname__
+    options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
+    _bare[kernel] = numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
+    return _bare[kernel]
+
+
+class _Folding(ast.NodeTransformer):
+    """Branches and numbers that constants decide; those that a module computes from them at its top are added."""
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self._known = known
+
+    def _value(self, node: ast.AST) -> Any:
+        names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+        if not isinstance(node, ast.expr) or not names or not names <= self._known.keys():
+            return None
+        return eval(compile(ast.Expression(node), "<constants>", "eval"), dict(self._known))
+
+    def visit_Module(self, module: ast.Module) -> ast.AST:
+        for node in module.body:
+            if isinstance(node, ast.Assign) and (value := self._value(node.value)) is not None:
+                target = node.targets[0]
+                named = zip(target.elts, value, strict=True) if isinstance(target, ast.Tuple) else [(target, value)]
+                self._known |= {name.id: one for name, one in named if isinstance(name, ast.Name)}
+        return self.generic_visit(module)
+
+    def visit(self, node: ast.AST) -> Any:
+        if isinstance(node, ast.If | ast.IfExp) and (choice := self._value(node.test)) is not None:
+            branch: Any = node.body if choice else node.orelse
+            if isinstance(node, ast.IfExp):
+                return self.visit(branch)
+            self.generic_visit(part := ast.Module(branch, []))
+            return part.body
+        value = None if isinstance(getattr(node, "ctx", None), ast.Store) else self._value(node)
+        return ast.Constant(value) if isinstance(value, int) else super().visit(node)
+
+
+def folded(text: str, known: Mapping[str, Any]) -> str:
+    """Return the text of a module with branches and numbers that these constants decide; comments are lost.
+
+    numba would decide them too, but after it has read all branches: a third of the compile time of small laws.
+    """
+    return ast.unparse(_Folding(dict(known)).visit(ast.parse(text))) + "\n"
+
+
+def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
+    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe.
+
+    Raises OutputError if it cannot be written.
+    """
+    digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
+    name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
+    path = cache_dir.folder() / f"{name}.py"
+    with import_lock:
+        if name not in sys.modules:
+            try:
+                _write(path, text.encode())
+            except OSError as error:
+                raise cache_dir.cannot_write(path, error) from error
+            import_text(name, path, text)
+        return sys.modules[name], path
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file if it is missing or damaged: from its content numba decides whether its compiled code is still valid."""
+    with suppress(OSError):
+        if path.read_bytes() == content:
+            return
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    draft = path.with_suffix(f".{os.getpid()}")
+    draft.write_bytes(content)
+    os.replace(draft, path)  # atomic: several processes may write the same name
+
+
+GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
+"""Files of generated code (`load_module`)."""
+
+
+def compile_error(problem: Exception) -> str | None:
+    """Return numba's reason, and the line if it names one, without colours and advice; None if numba did not raise it."""
+    if isinstance(problem, OSError | MemoryError | ThirdbodyError):
+        return None
+    # numba was running, as for a name that a module does not have
+    running = any(frame.f_globals.get("__name__", "").startswith("numba.") for frame, _ in walk_tb(problem.__traceback__))
+    if not (running or isinstance(problem, ImportError) or type(problem).__module__.startswith("numba.")):
+        return None
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
+    lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
+    informative = [line for line in lines if "Error" in line or "Unknown" in line or "Invalid" in line]
+    reason = informative[-1] if informative else lines[0]
+    if "Error" not in reason and not type(problem).__module__.startswith("numba."):
+        reason = f"{type(problem).__name__}: {reason}"
+    # file and line of the kernel: generated code, into which kernels are inlined, is not informative
+    where = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
+    return f"cannot be compiled: {reason} {where.rstrip(':').replace('File ', 'in file ', 1)}".rstrip()

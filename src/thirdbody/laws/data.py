@@ -2,12 +2,14 @@
 
 from typing import NamedTuple
 
+FULL, EXPLICIT, IMPLICIT = 0.0, 1.0, 2.0
+"""Code of the integrator, the last parameter of each pair where a force jumps at touch: outside steps, in explicit ones, in
+implicit ones."""
+
 
 class Contact(NamedTuple):
     """State of one contact, input of all laws.
 
-    Attributes
-    ----------
     overlap : float
         Overlap [m].
     radius : float
@@ -42,8 +44,6 @@ class Contact(NamedTuple):
 class Normal(NamedTuple):
     """Result of a normal law.
 
-    Attributes
-    ----------
     force : float
         Force, positive in compression [N].
     contact_radius : float
@@ -67,8 +67,6 @@ class Normal(NamedTuple):
 class Adhesion(NamedTuple):
     """Result of an adhesion law.
 
-    Attributes
-    ----------
     force : float
         Force, negative: attractive [N].
     stored : float
@@ -82,8 +80,6 @@ class Adhesion(NamedTuple):
 class Load(NamedTuple):
     """Result of the normal stages, input of the tangential ones.
 
-    Attributes
-    ----------
     force : float
         Load available to friction: elastic plus viscous, never negative [N].
     elastic : float
@@ -106,8 +102,6 @@ class Load(NamedTuple):
 class Tangential(NamedTuple):
     """Result of a tangential law.
 
-    Attributes
-    ----------
     x, y : float
         Force on i [N].
     limit : float
@@ -132,8 +126,6 @@ class Tangential(NamedTuple):
 class Turn(NamedTuple):
     """Rotation of i relative to j about the tangential axes of the contact frame, input of the rolling stage.
 
-    Attributes
-    ----------
     x, y : float
         Rotation during the step [rad].
     w_x, w_y : float
@@ -149,8 +141,6 @@ class Turn(NamedTuple):
 class Rolling(NamedTuple):
     """Result of a rolling law.
 
-    Attributes
-    ----------
     x, y : float
         Moment on i about the axes of the contact frame [N m].
     limit : float
@@ -175,8 +165,6 @@ class Rolling(NamedTuple):
 class Twist(NamedTuple):
     """Rotation of i relative to j about the normal, input of the twisting stage.
 
-    Attributes
-    ----------
     angle : float
         Rotation during the step [rad].
     rate : float
@@ -190,8 +178,6 @@ class Twist(NamedTuple):
 class Twisting(NamedTuple):
     """Result of a twisting law.
 
-    Attributes
-    ----------
     moment : float
         Moment on i about the normal [N m].
     limit : float
@@ -215,8 +201,6 @@ class Twisting(NamedTuple):
 class Body(NamedTuple):
     """State of one body in world axes, input of body effects.
 
-    Attributes
-    ----------
     mass : float
         Mass [kg].
     x, y, z : float
@@ -248,8 +232,6 @@ class Body(NamedTuple):
 class Wrench(NamedTuple):
     """Result of a body effect.
 
-    Attributes
-    ----------
     f_x, f_y, f_z : float
         Force [N].
     t_x, t_y, t_z : float

@@ -28,19 +28,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Option, Options, Pair, kernel
-from thirdbody.laws.elasticity import g_star
+from thirdbody.laws.hertz import g_star
 
 RENEWAL = Option(
-    "renewal",
-    "dimensionless",
-    "kalker",
-    low=0.0,
-    high=100.0,
-    words=("kalker",),
-    or_number=True,
+    "renewal", "dimensionless", "kalker", low=0.0, high=100.0, words=("kalker",), or_number=True,
     doc="rate at which a rolling contact area renews its material, per contact radius of travel over fresh ground; 'kalker': the"
     " rate that gives Kalker's creep coefficient C11; 0 keeps the history",
-)
+)  # fmt: skip
 
 RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')
 """The same for laws with one spring, zero unless the scene sets it: it costs every contact three more floats of history (88
@@ -63,19 +57,7 @@ def creep_coefficient(nu: float) -> float:
 
 
 def renewal_rate(pair: Pair, options: Options) -> float:
-    """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials.
-
-    Parameters
-    ----------
-    pair : Pair
-        The two materials.
-    options : mapping
-        Options of the law, with `renewal`: "kalker" or a number.
-
-    Returns
-    -------
-    float
-    """
+    """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials."""
     given = options.get("renewal", RENEWAL.default)
     if given != "kalker":
         return float(given)
@@ -96,22 +78,10 @@ class Ground(NamedTuple):
 
 @kernel
 def moved_ground(roll_x, roll_y, radius, x, y, reach):
-    """Return how much fresh ground a contact area meets as it moves on.
+    """Return how much fresh ground a contact area of this radius [m] meets as it moves on by (roll_x, roll_y) [m].
 
-    Parameters
-    ----------
-    roll_x, roll_y : float
-        Travel of the contact area in the step [m].
-    radius : float
-        Its radius [m].
-    x, y : float
-        Offset before the step from the middle of the ground that it knows, at most its radius [m].
-    reach : float
-        Largest offset so far: ground within it is not fresh [m].
-
-    Returns
-    -------
-    Ground
+    (x, y): offset before the step from the middle of the ground that it knows, at most its radius [m]; `reach`: largest offset so
+    far [m]: ground within it is not fresh.
     """
     x, y = x + roll_x, y + roll_y
     size = math.sqrt(x * x + y * y)
@@ -135,14 +105,7 @@ class Renewal(NamedTuple):
 def renewed(exponent):
     """Return the renewal of a field over a step with a steady slip: dw/dt = -ds/dt - exponent w, exact for any length of step.
 
-    Parameters
-    ----------
-    exponent : float
-        Rate of renewal times the fresh ground of the step over the contact radius.
-
-    Returns
-    -------
-    Renewal
+    `exponent`: rate of renewal times the fresh ground of the step over the contact radius.
     """
     if exponent < 1e-12:
         return Renewal(1.0, 1.0, 0.0, 0.0)

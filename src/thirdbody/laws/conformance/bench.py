@@ -1,4 +1,4 @@
-"""Test bench of the conformance suite for one law: its composed tile function, materials, and paths of contacts.
+"""Bench of the conformance suite for one law: its composed tile function, materials, and paths of contacts.
 
 Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`, all run at once. A setting is a pair of
 materials, a radius and a set of options, from ordinary to extreme.
@@ -9,9 +9,9 @@ of the slip alone.
 """
 
 import math
-import types
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +19,16 @@ from numpy.typing import NDArray
 
 from thirdbody.kernels.contact_fields import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
-from thirdbody.laws.codegen.laws import compose
-from thirdbody.laws.contract import BodyEffect, Law, Material, Option, Pair, SpotInteraction
-from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.measures import Measure
-from thirdbody.laws.mindlin import MINDLIN
+from thirdbody.laws.compose import compose
+from thirdbody.laws.contract import Law, Material, Option, Pair, kernel
+from thirdbody.laws.data import Normal
+from thirdbody.laws.friction import MINDLIN
+from thirdbody.laws.generated import plain
+from thirdbody.laws.hertz import HERTZ, HertzParameters, mix_hertz
 
 Array = NDArray[np.float64]
+Result = tuple[bool, str]
+"""Whether a test has passed, and a detail: the worst case, or what is wrong."""
 
 SEED = 20240501
 SPAN = 1e-3
@@ -54,6 +57,32 @@ TYPICAL = {
 """Value in SI for an option without a default, by its dimension; 0.1 for any other."""
 
 
+SLOPE = 20.0
+"""Contact radius over overlap of the cone."""
+
+
+@kernel
+def cone(c, p):
+    """N = E* a d with a = SLOPE d, stored energy N d/3 (Sneddon 1965); pressure: the mean one, as that of the tip is infinite."""
+    a = SLOPE * c.overlap
+    force = p.e_star * a * c.overlap
+    return Normal(force, a, force * c.overlap / 3.0, 0.0, p.e_star / (math.pi * SLOPE), 2.0 * SLOPE * a)
+
+
+@kernel
+def cone_tangent(c, p):
+    """dN/dd = 2 E* a [N/m]."""
+    return 2.0 * p.e_star * SLOPE * c.overlap
+
+
+CONE = Law(
+    "cone", "normal", cone, HertzParameters, mix_hertz, "Sneddon 1965, International Journal of Engineering Science 3, 47",
+    tangent=cone_tangent,
+)  # fmt: skip
+"""A blunt cone, whose contact radius grows as the overlap: a law that takes the contact area from the normal law (`Load`) is
+right under it too; one that assumes a sphere is not."""
+
+
 class Setting(NamedTuple):
     """One row of the parameter table: materials, the law's options, the contact's effective radius [m]."""
 
@@ -63,11 +92,11 @@ class Setting(NamedTuple):
     radius: float
 
 
-def option_sets(law: Law | SpotInteraction | BodyEffect | Measure) -> list[tuple[str, dict[str, Any]]]:
-    """Return values for the law's options: typical ones, then all at their lower and upper ends where these are finite."""
+def option_sets(part: Any) -> list[tuple[str, dict[str, Any]]]:
+    """Return values for the options of a law or another part: typical ones, then all at their ends where these are finite."""
     sets: list[tuple[str, dict[str, Any]]] = []
     for label in ("", "lowest", "highest"):
-        values = {option.name: _value(option, label) for option in law.options}
+        values = {option.name: _value(option, label) for option in part.options}
         if values not in [known for _, known in sets]:
             sets.append((f", options {label}" if label else "", values))
     return sets
@@ -100,11 +129,6 @@ def forms_of(law: Law) -> list[Law]:
     return forms
 
 
-def settings_of(law: Law) -> list[Setting]:
-    """Return every pair of materials with every set of options."""
-    return [Setting(name + label, pair, options, radius) for label, options in option_sets(law) for name, pair, radius in PAIRS]
-
-
 ROLLED = (
     (law_output.TANGENTIAL_X, rolling_output.MOMENT_X),
     (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
@@ -133,7 +157,8 @@ class Bench:
         self.law = law = law.sized(option_sets(law)[0][1])
         self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
         self.index = self.chain.laws.index(law)
-        self.settings = settings_of(law)
+        sets = option_sets(law)
+        self.settings = [Setting(name + label, pair, options, radius) for label, options in sets for name, pair, radius in PAIRS]
         self.rows = [tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws) for s in self.settings]
         self.table = np.zeros((len(self.rows), self.chain.width))
         for k, row in enumerate(self.rows):
@@ -150,25 +175,21 @@ class Bench:
         """Return the law's parameters in a setting."""
         return self.rows[setting][self.index]
 
-    def setting_of(self, tiles: int) -> NDArray[np.int64]:
-        """Setting of each of so many tiles."""
-        return np.arange(tiles) % len(self.settings)
-
     def per_tile(self, values: Sequence[float], tiles: int) -> Array:
         """Return a number of each setting as (tiles, 1)."""
-        return np.array(values, float)[self.setting_of(tiles), None]
+        return np.array(values, float)[np.arange(tiles) % len(self.settings), None]
 
     def radius(self, tiles: int) -> Array:
-        """Effective radius, m."""
+        """Return the effective radius [m]."""
         return self.per_tile([s.radius for s in self.settings], tiles)
 
     def outermost(self, tiles: int) -> Array:
-        """Overlap from which on bodies act on each other [m]: zero, or minus the reach of the law."""
+        """Return the overlap from which on bodies act on each other [m]: zero, or minus the reach of the law."""
         reach = self.law.reach or (lambda pair, options, radius: 0.0)
         return 0.0 - self.per_tile([reach(s.pair, s.options, s.radius) for s in self.settings], tiles)
 
     def friction(self, tiles: int) -> Array:
-        """Friction coefficient of the pair."""
+        """Return the friction coefficient of the pair."""
         return self.per_tile([s.pair.friction for s in self.settings], tiles)
 
     def inputs(self, requested: Contacts, history: Array) -> Array:
@@ -181,7 +202,7 @@ class Bench:
         I[:, law_input.NORMAL_VELOCITY] = requested.v_n
         I[:, law_input.SLIP_X : law_input.SLIP_Y + 1] = requested.slip
         I[:, law_input.VELOCITY_X : law_input.VELOCITY_Y + 1] = requested.v
-        I[:, law_input.PAIR_TYPE] = self.setting_of(tiles)[:, None]
+        I[:, law_input.PAIR_TYPE] = self.per_tile(range(len(self.settings)), tiles)
         I[:, law_input.HISTORY : end] = history
         for tile, memory in zip(I[:, law_input.HISTORY : end], history, strict=True):
             pieces(tile[self.field])[:] = memory[self.field].T
@@ -217,28 +238,27 @@ class Bench:
         """Return the tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = {name: plain(value) for name, value in text.__globals__.items()}
-        names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
-        on_lists = types.FunctionType(text.__code__, names)
+        own = [name for name, value in names.items() if getattr(value, "__globals__", None) is text.__globals__]
+        names |= {name: FunctionType(names[name].__code__, names) for name in own}
+        names["stack_array"] = lambda n: [0.0] * n
+        for k, law in enumerate(self.chain.laws):  # of the module, what kernels call has no wrapper for Python
+            names |= {f"kernel_{k}": plain(law.kernel), f"added_load_{k}": plain(law.added_load)}
+        on_lists = names["law"]
         block = slice((law_output.HISTORY + self.field.start) * TILE, (law_output.HISTORY + self.field.stop) * TILE)
 
-        def law(flat: Array, out: Array, n: int, table: Array) -> None:
+        def run(flat: Array, out: Array, n: int, table: Array) -> None:
             inputs, outputs = flat.tolist(), out.tolist()
             names["array_part"] = lambda size, numbers, first: (flat if numbers is inputs else out)[first : first + size]
             on_lists(inputs, outputs, n, table.tolist())
             outputs[block] = out[block]
             out[:] = outputs
 
-        return law
+        return run
 
 
 def compiler_is_off() -> bool:
     """Return whether numba is disabled and all functions run in the interpreter."""
     return plain(HERTZ.kernel) is HERTZ.kernel
-
-
-def plain(function: Callable) -> Any:
-    """Return the Python function of a compiled one; the function itself when the compiler is off."""
-    return getattr(function, "py_func", function)
 
 
 class Path(NamedTuple):
@@ -302,7 +322,9 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     scale = rng.integers(3, size=lanes)
     by_overlap = np.clip(bench.friction(tiles), 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
     by_radius = bench.radius(tiles) * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
-    critical = _critical(bench, deepest)
+    still, none = np.zeros(lanes), np.zeros((tiles, 2, TILE))
+    critical = bench.call(Contacts(deepest, none, still, none), bench.virgin(tiles))[0][:, law_output.CRITICAL_SLIP]
+    critical = np.where(np.isfinite(critical), critical, 0.0)
     by_critical = np.where(critical > 0.0, critical * 10.0 ** rng.uniform(-1.5, 1.0, lanes), by_overlap)
     size = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
     size = by_critical if resolved else size
@@ -311,14 +333,6 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line
     return Path(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
-
-
-def _critical(bench: Bench, overlap: Array) -> Array:
-    """Displacement at which a virgin contact slips [m], according to the law; 0 where it has none."""
-    still, none = np.zeros_like(overlap), np.zeros((len(overlap), 2, TILE))
-    answer, _ = bench.call(Contacts(overlap, none, still, none), bench.virgin(len(overlap)))
-    critical = answer[:, law_output.CRITICAL_SLIP]
-    return np.where(np.isfinite(critical), critical, 0.0)
 
 
 def closed_cycles(bench: Bench) -> Path:
@@ -348,13 +362,12 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
     fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
 
-    def drawn(values: Array, shape: tuple[int, ...]) -> Array:
+    def signed(values: Array, shape: tuple[int, ...]) -> Array:
         return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
 
+    def drawn() -> Contacts:
+        overlap, slip = radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide)
+        return Contacts(overlap, slip, signed(fast, lanes), signed(fast, wide))
+
     wide = (tiles, 2, TILE)
-    return [
-        Contacts(
-            radius * rng.choice(overlaps, lanes), radius[:, None] * drawn(slips, wide), drawn(fast, lanes), drawn(fast, wide)
-        )
-        for _ in range(count)
-    ]
+    return [drawn() for _ in range(count)]

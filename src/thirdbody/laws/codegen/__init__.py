@@ -1,1 +1,0 @@
-"""Generated modules: contact laws, effects and labellers composed into compiled code."""

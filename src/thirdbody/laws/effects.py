@@ -1,0 +1,129 @@
+"""Built-in body effects, inactive unless a scene names them, and the labeller of scenes without labels.
+
+Gravity, viscous damping of the motion, and Cundall's local damping: a force against the motion, proportional to the unbalanced
+force, for settling only.
+"""
+
+import math
+from typing import NamedTuple
+
+from thirdbody.laws.contract import BodyEffect, Labeller, Option, Options, kernel
+from thirdbody.laws.data import Wrench
+
+
+class GravityParameters(NamedTuple):
+    """Acceleration [m/s2]."""
+
+    g_x: float
+    g_y: float
+    g_z: float
+
+
+@kernel
+def gravity(b, p):
+    """m g at the centre of mass."""
+    return Wrench(b.mass * p.g_x, b.mass * p.g_y, b.mass * p.g_z, 0.0, 0.0, 0.0)
+
+
+def mix_gravity(options: Options) -> GravityParameters:
+    """Return the acceleration of the scene."""
+    return GravityParameters(*options["acceleration"])
+
+
+class ViscousParameters(NamedTuple):
+    """Decay rate of the velocity [1/s]."""
+
+    rate: float
+
+
+@kernel
+def viscous(b, p):
+    """-rate m v and -rate I omega with the mean moment of inertia: a background that slows all motion equally."""
+    f, t = -p.rate * b.mass, -p.rate * b.inertia
+    return Wrench(f * b.v_x, f * b.v_y, f * b.v_z, t * b.w_x, t * b.w_y, t * b.w_z)
+
+
+def mix_viscous(options: Options) -> ViscousParameters:
+    """Return the rate of the scene."""
+    return ViscousParameters(options["rate"])
+
+
+GRAVITY = BodyEffect(
+    name="gravity",
+    kernel=gravity,
+    parameters=GravityParameters,
+    mix=mix_gravity,
+    options=(Option("acceleration", "acceleration", None, size=3, doc="acceleration vector"),),
+    source="Newton 1687",
+)
+
+DAMPING = BodyEffect(
+    name="damping",
+    kernel=viscous,
+    parameters=ViscousParameters,
+    mix=mix_viscous,
+    options=(Option("rate", "rate", None, low=0.0, doc='rate at which velocities decay, such as "1e4 1/s"'),),
+    source="linear (Stokes) drag with a uniform rate",
+)
+
+
+class LocalParameters(NamedTuple):
+    """Fraction alpha of the unbalanced force."""
+
+    alpha: float
+
+
+@kernel
+def against(alpha, force, velocity):
+    """-alpha |F| sign(v); zero at rest."""
+    return -alpha * math.fabs(force) * ((1.0 if velocity > 0.0 else 0.0) - (1.0 if velocity < 0.0 else 0.0))
+
+
+@kernel
+def local(b, total, p):
+    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes.
+
+    It never moves a body at rest and vanishes in equilibrium, so it does not shift equilibrium positions; but it slows a fall to
+    (1 - alpha) g and is unphysical: between two turning points the potential energy, measured from the equilibrium, falls to the
+    fraction (1 - alpha)/(1 + alpha), whatever the frequency.
+    """
+    return Wrench(
+        against(p.alpha, total.f_x, b.v_x), against(p.alpha, total.f_y, b.v_y), against(p.alpha, total.f_z, b.v_z),
+        against(p.alpha, total.t_x, b.w_x), against(p.alpha, total.t_y, b.w_y), against(p.alpha, total.t_z, b.w_z),
+    )  # fmt: skip
+
+
+def mix_local(options: Options) -> LocalParameters:
+    """Return the coefficient of the scene."""
+    return LocalParameters(options["coefficient"])
+
+
+LOCAL_DAMPING = BodyEffect(
+    name="local_damping",
+    kernel=local,
+    parameters=LocalParameters,
+    mix=mix_local,
+    options=(
+        Option("coefficient", "dimensionless", None, low=0.0, high=0.9, doc="fraction of the unbalanced force, such as 0.3"),
+        Option("until", "dimensionless", "settled", words=("settled",), doc="when it ends: it is for settling only"),
+    ),
+    sees_forces=True,
+    settling=True,
+    source="Cundall 1987 (local nonviscous damping), as in PFC and YADE",
+)
+
+
+@kernel
+def observe_nothing(contacts, n, body, memory):
+    """Leave the memory unchanged."""
+    memory[0] += 0.0
+
+
+@kernel
+def label_nothing(contacts, n, body, memory, out):
+    """Leave every body at state 0."""
+    out[0] = 0.0
+
+
+NO_LABELS = Labeller("none", observe_nothing, label_nothing, *6 * ((),), source="")
+"""Labeller without effect, for scenes without labels or body effects: the target of a function pointer that is never called."""
