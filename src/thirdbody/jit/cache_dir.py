@@ -206,7 +206,7 @@ def _is_ours(path: Path) -> bool:
 def _fingerprint(numba_version: str) -> str:
     digest = hashlib.sha256(f"{numba_version} {sys.version}".encode())
     root = Path(__file__).parents[1]
-    for layer in ("jit", "kernels", "laws", "bodies", "engine"):
+    for layer in ("jit", "kernels", "laws", "bodies", "engine", "statics"):
         for file in sorted((root / layer).rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.assembly.swings import why_swings
-from thirdbody.engine.static_response import response
 from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.laws.elasticity import e_star
 from thirdbody.laws.first_yield import yield_force, yield_limit, yield_speed
 from thirdbody.laws.radial_return import MEMORY
 from thirdbody.report import heat_check, wear_check
 from thirdbody.report.adhesion_check import adhesion_warnings, remarks
+from thirdbody.statics.contacts import response
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
