@@ -17,7 +17,7 @@ from portable import PATIENCE
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine import precompile
+from thirdbody.engine import units
 from thirdbody.render import render
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.output_schedule import planned_frames, targets
@@ -238,7 +238,7 @@ def executed(folder):
 def test_processes_that_compile_first_work_for_a_study_or_draw_execute_none(planted):
     queue, end = os.pipe()
     os.close(end)  # nothing to compile: it starts, imports numba and ends
-    assert precompile._helper((), queue).wait() == 0
+    assert units._helper((), queue).wait() == 0
     os.close(queue)
     assert executed(planted) == []
     with Worker() as worker:

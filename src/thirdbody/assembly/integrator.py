@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
+from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.precompile import EXPLICIT
+from thirdbody.engine.implicit import Implicit
+from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
+from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
+from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
+from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
+from thirdbody.engine.units import EXPLICIT
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
-
-if TYPE_CHECKING:
-    from thirdbody.engine.implicit import Implicit
 
 LARGEST_FRICTION = 1e4
 """Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
@@ -264,9 +267,6 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     """Return the implicit integrator of a scene, started; appends to `warnings`."""
     tangents = choice.chain.tangents
     assert tangents is not None  # checked by `plan`
-    # imported here: an explicit run then compiles none of it
-    from thirdbody.engine.accuracy import Accuracy
-
     choice.set_parameters("implicit", LARGEST_FRICTION)
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
         maximum = f"{LARGEST_FRICTION:g}"
@@ -282,34 +282,21 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
 
 
 def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
-    """Return the names of the units of compiled code that a run needs (`engine.precompile`), the longest first."""
+    """Return the names of the units of compiled code that a run needs (`engine.units`), the longest first."""
     if chosen.kind == "explicit":
         return EXPLICIT
     if carried_together(state):
         return ("common_plate_islands", "common_plate", "labels") if state.world.debris_meets else ("common_plate", "labels")
     if state.world.debris_meets:
         return "islands", "bodies", "labels"
-    from thirdbody.engine.implicit_ensemble import is_ensemble
-
     return "ensemble" if is_ensemble(state) else "bodies", "labels"
 
 
 def _kind(state: State) -> type[Implicit]:
     if state.world.debris_meets:
-        if carried_together(state):
-            from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
-
-            return ImplicitCommonPlateIslands
-        from thirdbody.engine.implicit_islands import ImplicitIslands
-
-        return ImplicitIslands
+        return ImplicitCommonPlateIslands if carried_together(state) else ImplicitIslands
     if carried_together(state):
-        from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
-
         return ImplicitCommonPlate
-    from thirdbody.engine.implicit import Implicit
-    from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
-
     return ImplicitEnsemble if is_ensemble(state) else Implicit
 
 

@@ -8,12 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from shlex import quote
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
+from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.measures import reset_means
 from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
@@ -31,7 +32,6 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.engine.implicit import Implicit
 
 CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
@@ -229,6 +229,5 @@ class RunLoop:
             self.reported = time.perf_counter()
 
     def _implicit(self) -> Implicit | None:
-        """Return the integrator if it is implicit; importing its class here would compile its steps."""
         integrator = self.simulation.integrator
-        return None if integrator.divisible else cast("Implicit", integrator)
+        return integrator if isinstance(integrator, Implicit) else None

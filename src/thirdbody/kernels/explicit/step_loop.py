@@ -10,7 +10,7 @@ from numba import njit, types
 
 from thirdbody.jit.atomics import count_up, load_word
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
@@ -228,7 +228,7 @@ def run_pass(parts, task, threads, step, context, packed, work):
     close_pass(context.team, parts)
 
 
-@njit(types.void(_I, _I, PACKED), nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _I, PACKED), nogil=True, **DIRECT, **NO_COUNTS)
 def help_out(member, threads, packed):
     """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
     context = context_of(packed)
@@ -291,7 +291,7 @@ def run(budget, until, distance, dt, threads, packed):
     return Stop.BUDGET, -1, pending
 
 
-@njit(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
+@entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
     """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 

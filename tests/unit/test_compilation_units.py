@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import thirdbody
-from thirdbody.engine import precompile
+from thirdbody.engine import units
 from thirdbody.runner.prepare import likely_units
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -14,21 +14,21 @@ BODIES, ENSEMBLE, ISLANDS = ("bodies", "labels"), ("ensemble", "labels"), ("isla
 
 
 def test_what_a_scene_is_expected_to_need():
-    for name, units in (
+    for name, expected in (
         ("sheared_debris", ISLANDS), ("scanned_debris", ISLANDS), ("million", ENSEMBLE), ("three_spot", BODIES),
-        ("grooves", precompile.EXPLICIT), ("dense_layer", precompile.EXPLICIT), ("sticky_submicron", precompile.EXPLICIT),
+        ("grooves", units.EXPLICIT), ("dense_layer", units.EXPLICIT), ("sticky_submicron", units.EXPLICIT),
     ):  # fmt: skip
-        assert likely_units(thirdbody.Scene.load(SCENES / f"{name}.toml")) == units, name
+        assert likely_units(thirdbody.Scene.load(SCENES / f"{name}.toml")) == expected, name
 
 
 @pytest.fixture
 def compiled(monkeypatch, tmp_path):
     """The units that were compiled, in their order, by this process alone and from an empty cache."""
     order: list[str] = []
-    monkeypatch.setattr(precompile, "_begun", None)
-    monkeypatch.setattr(precompile.cache_dir, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(precompile, "_helper", lambda *_: SimpleNamespace(wait=lambda _: 0, poll=lambda: 0))
-    monkeypatch.setattr(precompile, "UNITS", {name: (lambda name=name: order.append(name)) for name in precompile.UNITS})
+    monkeypatch.setattr(units, "_begun", None)
+    monkeypatch.setattr(units.cache_dir, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(units, "_helper", lambda *_: SimpleNamespace(wait=lambda _: 0, poll=lambda: 0))
+    monkeypatch.setattr(units, "entries", lambda unit: [SimpleNamespace(compiled=lambda: order.append(unit))])
     return order
 
 
@@ -36,33 +36,33 @@ def compiled(monkeypatch, tmp_path):
     ("expected", "needed"), [(("passes", "step"), ("passes", "step")), (ISLANDS, BODIES), (ISLANDS, (*ISLANDS, "search"))]
 )
 def test_what_was_expected_is_compiled_where_it_is_needed(compiled, expected, needed):
-    precompile.start_compiling(expected)
-    precompile.warm_up(needed)
+    units.start_compiling(expected)
+    units.warm_up(needed)
     assert compiled == list(needed)
 
 
 def test_every_unit_is_compiled_once_and_later_starts_expect_nothing(compiled):
-    for units in (("islands", "labels"), ("islands", "bodies", "labels"), ("islands", "bodies")):
-        precompile.warm_up(units)
-    precompile.start_compiling(("islands",))
-    assert precompile._begun is None
+    for needed in (("islands", "labels"), ("islands", "bodies", "labels"), ("islands", "bodies")):
+        units.warm_up(needed)
+    units.start_compiling(("islands",))
+    assert units._begun is None
     assert compiled == ["islands", "labels", "bodies"]
 
 
 def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
-    monkeypatch.setattr(precompile, "_helper", lambda *_: SimpleNamespace(wait=lambda _: 1, poll=lambda: 1))
-    precompile.start_compiling(("passes",))
-    precompile.warm_up(("passes",))
-    precompile.warm_up(("passes",))
+    monkeypatch.setattr(units, "_helper", lambda *_: SimpleNamespace(wait=lambda _: 1, poll=lambda: 1))
+    units.start_compiling(("passes",))
+    units.warm_up(("passes",))
+    units.warm_up(("passes",))
     assert compiled == ["passes", "passes"]
 
 
 def test_a_start_that_compiles_says_so_once_with_seconds(compiled, capsys, monkeypatch):
-    monkeypatch.setattr(precompile, "_reported", False)
-    monkeypatch.setattr(precompile.cache_dir, "note", "")
-    precompile.start_compiling(("islands", "labels"))
+    monkeypatch.setattr(units, "_reported", False)
+    monkeypatch.setattr(units.cache_dir, "note", "")
+    units.start_compiling(("islands", "labels"))
     for _ in range(2):
-        precompile.report_compilation()
+        units.report_compilation()
     (line,) = capsys.readouterr().err.splitlines()  # in a log too
     assert line.startswith("thirdbody: first start of this version, compiling: about ") and 85 <= int(line.split()[-2]) <= 105
-    precompile.warm_up(("islands", "labels"))
+    units.warm_up(("islands", "labels"))
