@@ -1,12 +1,19 @@
-"""What is compiled at the first start of a scene."""
+"""What is compiled, and when: entries at their first call, units at the first start of a scene."""
 
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from numba import types
 
 import thirdbody
 from thirdbody.engine import units
+from thirdbody.jit.function_pointers import address
+from thirdbody.jit.options import Entry, entry
 from thirdbody.runner.prepare import likely_units
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -66,3 +73,34 @@ def test_a_start_that_compiles_says_so_once_with_seconds(compiled, capsys, monke
     (line,) = capsys.readouterr().err.splitlines()  # in a log too
     assert line.startswith("thirdbody: first start of this version, compiling: about ") and 85 <= int(line.split()[-2]) <= 105
     units.warm_up(("islands", "labels"))
+
+
+IMPORT_ALL = """
+import importlib, sys
+from pathlib import Path
+root = Path(sys.argv[1])
+for path in sorted(root.rglob("*.py")):
+    parts = path.relative_to(root.parent).with_suffix("").parts
+    if parts[1] in ("jit", "kernels", "laws", "bodies", "engine", "statics", "assembly") and path.stem != "__init__":
+        importlib.import_module(".".join(parts))
+"""
+
+
+def test_importing_compiles_nothing_and_every_unit_has_entries(tmp_path):
+    source, env = Path(thirdbody.__file__).parent, os.environ | {"THIRDBODY_CACHE": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", IMPORT_ALL, str(source)], env=env, check=True)
+    assert not [*tmp_path.rglob("*.nbi"), *tmp_path.rglob("*.nbc")]
+    for unit in units.UNITS:
+        assert (one := list(units.entries(unit))) and all(isinstance(each, Entry) for each in one), unit
+
+
+def test_an_entry_is_compiled_once_for_its_signature_by_whichever_thread_is_first():
+    @entry(types.float64(types.float64), error_model="numpy")
+    def twice(x):
+        return 2.0 * x
+
+    assert twice._compiled is None
+    with ThreadPoolExecutor(8) as pool:
+        assert len({id(each) for each in pool.map(lambda _: twice.compiled(), range(8))}) == 1
+    assert twice(3) == 6.0 and len(twice.compiled().overloads) == 1  # an integer is converted, not compiled for
+    assert address(twice, types.float64(types.float64)) == address(twice.compiled(), types.float64(types.float64)) > 0

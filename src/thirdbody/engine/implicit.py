@@ -33,6 +33,7 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import distribute, parts_of
+from thirdbody.kernels.implicit.body_driver import advance_bodies
 from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.step_limits import StepLimit
@@ -219,9 +220,6 @@ class Implicit:
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
-        # imported here: other implicit integrators compile none of it
-        from thirdbody.kernels.implicit.body_driver import advance_bodies
-
         context = self._context()
         distribute(parts_of(first, last, tries), lambda: lambda part: advance_bodies(*part, until, tries, context))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,8 @@ from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
+from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
 from thirdbody.kernels.tables import sphere
-
-if TYPE_CHECKING:
-    from thirdbody.kernels.implicit.ensemble import OneBody
 
 BATCHES = 16
 """Batches of a thread in a call: at its end others wait for half a batch on average."""
@@ -56,8 +54,6 @@ class ImplicitEnsemble(Implicit):
 
     def _make_scratch(self) -> Scratch:
         """Return tables with room for the rows and the spheres of any body, and for the closed contacts of any batch."""
-        from thirdbody.kernels.implicit.ensemble import OneBody
-
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         spheres = int(np.diff(state.start).max()) if state.sphere_table is None else 0
@@ -83,9 +79,6 @@ class ImplicitEnsemble(Implicit):
         if isinstance(rows, AllRows):
             super().advance_bodies(first, last, until, tries)
             return
-        # imported here: to ask whether a state fits compiles none of it
-        from thirdbody.kernels.implicit.ensemble import Span, advance_batch
-
         context = self._context()
 
         def worker() -> Callable[[int], None]:

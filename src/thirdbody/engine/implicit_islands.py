@@ -24,6 +24,7 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.packed_arguments import Packer
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit.island_bundles import TABLES
+from thirdbody.kernels.implicit.island_driver import advance_part
 from thirdbody.kernels.implicit.step_control import Stop
 from thirdbody.kernels.implicit.tables import sphere_path, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import run_totals
@@ -67,8 +68,6 @@ class ImplicitIslands(Implicit):
         slots = self.state.slots
         self._edges, self._incidence = slots.edges, slots.incidence
         self.stride = island_stride(self.state)
-        if not self.together:
-            _driver()
         self._search()
 
     def export_state(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -130,10 +129,9 @@ class ImplicitIslands(Implicit):
         finally:
             codes[waiting] = Stop.NONE
         parts, tables, context = self.islands.parts, self._pack_tables(self.islands.tables), self._context()
-        advance = _driver()
 
         def advance_islands(tries: float) -> None:
-            distribute(range(parts), lambda: lambda part: advance(part, until, tries, context, tables))
+            distribute(range(parts), lambda: lambda part: advance_part(part, until, tries, context, tables))
 
         while going := self._going(until):
             self._call(going, advance_islands)
@@ -252,10 +250,3 @@ class ImplicitIslands(Implicit):
             table[rows[name]] = self._saved[name][rows[name]]
         self._begin_paths(rows["S"])
         self._deposits = [rows[~bodies[rows[:, 0].astype(int)]] for rows in self._deposits]
-
-
-def _driver() -> Callable:
-    """Return the kernel of islands that have steps of their own; imported here: a common plate needs none of it."""
-    from thirdbody.kernels.implicit.island_driver import advance_part
-
-    return advance_part

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
 from thirdbody.jit.function_pointers import address
+from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.tables import surface_contact
 
@@ -25,8 +26,6 @@ def surface_updates(state: State) -> SurfaceUpdates:
     """Return the addresses of what updates contacts with rough plates."""
     if not state.world.rough:
         return SurfaceUpdates()
-    from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
-
     return SurfaceUpdates(address(update_trial, UPDATE), address(update_accepted, UPDATE), address(update_tangents, UPDATE))
 
 
@@ -34,7 +33,5 @@ def find_minima(state: State) -> None:
     """Find the contacts that spheres can have with rough plates within the first step."""
     if not state.world.rough:
         return
-    from thirdbody.kernels.implicit.surface_steps import update_accepted
-
     state.slots.Q[:, surface_contact.SEARCHED] = math.inf
     update_closest_points(state, update_accepted)

@@ -1,16 +1,16 @@
-"""The driver of bodies that touch only the plates; a module apart, since importing it compiles it."""
+"""The driver of bodies that touch only the plates."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from thirdbody.jit.options import DIRECT
+from thirdbody.jit.options import DIRECT, entry
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.bdf2 import advance_body
 from thirdbody.kernels.implicit.bundles import context_of, make_workspace
 from thirdbody.kernels.implicit.tables import step_start
 
 
-@njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), nogil=True, **DIRECT)
+@entry(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), nogil=True, **DIRECT)
 def advance_bodies(low, high, until, tries, packed):
     """Advance bodies `low` to `high` - 1 in sequence to the time `until` [s], with individual time steps.
 

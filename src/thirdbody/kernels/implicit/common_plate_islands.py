@@ -7,6 +7,7 @@ the bodies.
 
 from numba import njit, types
 
+from thirdbody.jit import options
 from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
@@ -112,7 +113,7 @@ def accept_island(context, tables, island, motion, ended, pool):
 _D, _B, _I = types.float64, types.boolean, types.int64
 
 
-@njit(types.void(_I, _B, _D, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
+@options.entry(types.void(_I, _B, _D, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
 def solve_islands(part, first_iteration, displacement, motion, packed, packed_tables):
     """Solve the step of the islands of a part, in sequence, for a given rise of the plate [m].
 
@@ -125,7 +126,7 @@ def solve_islands(part, first_iteration, displacement, motion, packed, packed_ta
         solve_island(context, island_of(tables.order[p], context, tables), first_iteration, displacement, motion, pool)
 
 
-@njit(types.void(_I, _D, _B, _I, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
+@options.entry(types.void(_I, _D, _B, _I, MOTION, PACKED, PACKED), nogil=True, **OPTIONS)
 def accept_islands(part, end, whole, cuts, motion, packed, packed_tables):
     """Accept the step of the islands of a part, solved by `solve_islands` (`common_plate_driver.accept_bodies`)."""
     context, tables = context_of(packed), tables_of(packed_tables)

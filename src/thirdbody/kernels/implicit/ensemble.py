@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.options import BARE, DIRECT
+from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.jit.packed_arguments import PACKED, first_words
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
 from thirdbody.kernels.implicit.bdf2 import advance_body
@@ -69,7 +69,7 @@ _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.floa
 SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 4, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
 
 
-@njit(_LONG(SPAN, types.float64, types.float64, PACKED, CLOSED, CLOSED, ONE_BODY), nogil=True, **DIRECT)
+@entry(_LONG(SPAN, types.float64, types.float64, PACKED, CLOSED, CLOSED, ONE_BODY), nogil=True, **DIRECT)
 def advance_batch(span, until, tries, packed, closed, new, one):
     """Advance bodies of a batch as `bdf2.advance_bodies`; write the batch's closed contacts to `new` and return their number.
 

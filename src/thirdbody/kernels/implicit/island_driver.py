@@ -2,7 +2,7 @@
 
 from numba import njit, types
 
-from thirdbody.jit.options import BARE, DIRECT
+from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.bundles import context_of
 from thirdbody.kernels.implicit.island_bundles import tables_of
@@ -21,7 +21,7 @@ def is_going(context, island, until):
     return context.totals[island.bodies[0], run_totals.TIME] < until
 
 
-@njit(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), nogil=True, **DIRECT)
+@entry(types.void(types.int64, types.float64, types.float64, PACKED, PACKED), nogil=True, **DIRECT)
 def advance_part(part, until, tries, packed, packed_tables):
     """Advance the islands of a part to the time `until` [s], with at most `tries` trial steps each.
 

@@ -9,7 +9,7 @@ import math
 
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import first_body
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.gradient_change import write_gradient_change
@@ -130,7 +130,7 @@ def accept_sphere(k, field, tables):
         Q[k, surface_contact.START_CENTRE + d] = x[d]
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_trial(first, last, tables):
     """Update the rows of candidates first to last for positions within a step."""
     k = next_rough(first, last, tables)
@@ -141,7 +141,7 @@ def update_trial(first, last, tables):
         k = next_rough(k + BASINS, last, tables)
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_accepted(first, last, tables):
     """Update the rows of candidates first to last for positions at the end of a step."""
     k = next_rough(first, last, tables)
@@ -150,7 +150,7 @@ def update_accepted(first, last, tables):
         k = next_rough(k + BASINS, last, tables)
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_tangents(first, last, tables):
     """Update what the Jacobian alone needs in the rows of candidates first to last, for the positions of the last trial."""
     k = next_rough(first, last, tables)
