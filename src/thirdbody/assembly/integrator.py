@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,11 +12,6 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.implicit import Implicit
-from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
-from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
-from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
-from thirdbody.engine.implicit_islands import ImplicitIslands
 from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
 from thirdbody.engine.units import EXPLICIT
@@ -24,6 +19,9 @@ from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
 
 LARGEST_FRICTION = 1e4
 """Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
@@ -289,10 +287,19 @@ def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
         return ("common_plate_islands", "common_plate", "labels") if state.world.debris_meets else ("common_plate", "labels")
     if state.world.debris_meets:
         return "islands", "bodies", "labels"
+    from thirdbody.engine.implicit_ensemble import is_ensemble
+
     return "ensemble" if is_ensemble(state) else "bodies", "labels"
 
 
 def _kind(state: State) -> type[Implicit]:
+    # imported here: 0.1 s, of which an explicit run needs nothing
+    from thirdbody.engine.implicit import Implicit
+    from thirdbody.engine.implicit_common_plate import ImplicitCommonPlate
+    from thirdbody.engine.implicit_common_plate_islands import ImplicitCommonPlateIslands
+    from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble
+    from thirdbody.engine.implicit_islands import ImplicitIslands
+
     if state.world.debris_meets:
         return ImplicitCommonPlateIslands if carried_together(state) else ImplicitIslands
     if carried_together(state):

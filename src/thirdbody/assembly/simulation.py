@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -22,8 +23,6 @@ from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refu
 from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
 from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, surface_notes, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
-from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import State, World, assemble
@@ -37,6 +36,10 @@ from thirdbody.scene.cross_checks import too_long, too_long_message
 from thirdbody.scene.model import Scene
 from thirdbody.scene.plausibility import unusual_values
 from thirdbody.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
 
 SKIN = 0.12
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum 0.1 to 0.2)."""
@@ -104,8 +107,8 @@ class Simulation:
         plate = replace(plate, schedule=schedule(self.scene, self.settle))
         self.upper, self.state.world = replace(self.upper, plate=plate), replace(self.state.world, upper=plate)
         self.state.schedule[:] = plate.schedule.tables()[0]
-        if isinstance(self.integrator, Implicit):
-            self.integrator.schedule = plate.schedule
+        if not self.integrator.divisible:
+            cast("Implicit", self.integrator).schedule = plate.schedule
         _end_settling(self.scene, self.choice, self.settle)
 
     @property
@@ -204,6 +207,9 @@ def build(
         given = scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, bed
         return _examined(Simulation(*given, surfaces=rough))
     warnings += fast_bed_warnings(scene, bed) if bed else []
+    # imported here, as is the implicit one: a run loads one of them
+    from thirdbody.engine.explicit import Explicit
+
     choice.set_parameters(chosen.kind)
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()

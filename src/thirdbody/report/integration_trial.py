@@ -10,7 +10,6 @@ import numpy as np
 
 from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
@@ -19,6 +18,7 @@ from thirdbody.runner.output_schedule import planned_frames
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
+    from thirdbody.engine.implicit import Implicit
 
 TRIAL_SECONDS = 0.5
 """Duration of the explicit integration in a trial, for the estimate of the wall time [s]."""

@@ -8,13 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from thirdbody.engine.energy import Ledger, stored_energies
 from thirdbody.engine.guards import EnergyGuard
-from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.measures import reset_means
 from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
@@ -32,6 +31,7 @@ from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
+    from thirdbody.engine.implicit import Implicit
 
 CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
@@ -230,4 +230,4 @@ class RunLoop:
 
     def _implicit(self) -> Implicit | None:
         integrator = self.simulation.integrator
-        return integrator if isinstance(integrator, Implicit) else None
+        return None if integrator.divisible else cast("Implicit", integrator)
