@@ -38,7 +38,7 @@ def python(*arguments, **options):
 def test_starting_imports_nothing_heavy_and_help_is_instant():
     calls = [["--help"], ["run", "--help"], ["new", "/nowhere/x"]]
     code = f"""import sys, thirdbody, thirdbody.scene.model
-import thirdbody.errors, thirdbody.runner.progress, thirdbody.jit.cache_dir
+import thirdbody.errors, thirdbody.runner.progress, thirdbody.jit.cache
 from thirdbody.cli.main import main
 thirdbody.Scene
 for words in {calls}:

@@ -12,7 +12,7 @@ from numba import types
 
 import thirdbody
 from thirdbody.engine import units
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.jit.options import Entry, entry
 from thirdbody.runner.prepare import likely_units
 
@@ -33,7 +33,7 @@ def compiled(monkeypatch, tmp_path):
     """The units that were compiled, in their order, by this process alone and from an empty cache."""
     order: list[str] = []
     monkeypatch.setattr(units, "_begun", None)
-    monkeypatch.setattr(units.cache_dir, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(units.cache, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(units, "_helper", lambda *_: SimpleNamespace(wait=lambda _: 0, poll=lambda: 0))
     monkeypatch.setattr(units, "entries", lambda unit: [SimpleNamespace(compiled=lambda: order.append(unit))])
     return order
@@ -66,7 +66,7 @@ def test_a_child_process_that_fails_leaves_no_mark(compiled, monkeypatch):
 
 def test_a_start_that_compiles_says_so_once_with_seconds(compiled, capsys, monkeypatch):
     monkeypatch.setattr(units, "_reported", False)
-    monkeypatch.setattr(units.cache_dir, "note", "")
+    monkeypatch.setattr(units.cache, "note", "")
     units.start_compiling(("islands", "labels"))
     for _ in range(2):
         units.report_compilation()

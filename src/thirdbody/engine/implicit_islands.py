@@ -21,7 +21,7 @@ from thirdbody.engine.neighbours import replace_pairs, search_pairs
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.errors import GuardStop
-from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.arguments import Packer
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit.island_bundles import TABLES
 from thirdbody.kernels.implicit.island_driver import advance_part

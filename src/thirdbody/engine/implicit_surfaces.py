@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.kernels.implicit.surface_steps import update_accepted, update_tangents, update_trial
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.tables import surface_contact

@@ -7,7 +7,7 @@ import numpy as np
 from thirdbody.engine.candidates import Candidates, Numbers
 from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import distribute
 from thirdbody.kernels.label_bodies import label_bodies
 from thirdbody.kernels.labeller_input import Observed

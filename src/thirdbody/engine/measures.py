@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
 from thirdbody.kernels.signatures import MEASURE
 from thirdbody.laws.measures import MEAN, Layout

@@ -13,7 +13,7 @@ from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
-from thirdbody.jit import cache_dir
-from thirdbody.jit.gc_pause import paused
+from thirdbody.jit import cache
+from thirdbody.jit.cache import paused
 from thirdbody.system.child_process import python_command, python_environment
 from thirdbody.system.cpu_count import cores
 
@@ -88,8 +88,8 @@ def report_compilation() -> None:
     if _begun is None or _reported:
         return
     _reported = True
-    if cache_dir.note:
-        print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
+    if cache.note:
+        print(f"warning: {cache.note}", file=sys.stderr, flush=True)
     each = [SECONDS.get(name, FEWER) for name in _begun[0]]
     seconds = max(*each, sum(each) / min(cores(), PROCESSES))
     print(f"thirdbody: first start of this version, compiling: about {seconds:.0f} s", file=sys.stderr, flush=True)
@@ -112,7 +112,7 @@ def warm_up(units: Sequence[str]) -> None:
         last = time.monotonic() + PATIENCE
         if all([other.wait(max(last - time.monotonic(), 0.0)) == 0 for other in others]):
             for unit in names:
-                (cache_dir.cache_folder() / f"{MARK}{unit}").touch()
+                (cache.cache_folder() / f"{MARK}{unit}").touch()
     except subprocess.TimeoutExpired:
         pass  # no mark: the next start compiles what is missing
     finally:
@@ -130,7 +130,7 @@ def work_off(names: Sequence[str], queue: int) -> None:
 
 def _missing(units: Sequence[str]) -> tuple[str, ...]:
     """Return those of the units that have not been compiled."""
-    return tuple(unit for unit in units if not (cache_dir.cache_folder() / f"{MARK}{unit}").exists())
+    return tuple(unit for unit in units if not (cache.cache_folder() / f"{MARK}{unit}").exists())
 
 
 def _begin(names: tuple[str, ...], processes: int) -> None:
@@ -170,7 +170,7 @@ def _optimise(cold: bool) -> None:
     global _usual
     if cold == (_usual is not None):
         return
-    cache_dir.folder()
+    cache.folder()
     import numba
     from numba.core.registry import cpu_target
 

@@ -8,16 +8,13 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache
 
-cache_dir.folder()
+cache.folder()
 
 from numba import njit  # noqa: E402
 
-from thirdbody.jit import cache_files  # noqa: E402
 from thirdbody.jit.numba_pipeline import Inner, KernelOnly, Own, Whole, pipeline_options  # noqa: E402
-
-cache_files.install()
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Own)
 """Kernels that Python calls and that may be passed as pointers."""
@@ -75,7 +72,7 @@ class Entry:
         return (self._compiled or self.compiled())(*arguments)
 
     def get_compile_result(self, signature: Any) -> Any:
-        """Return what numba knows of the compiled code (`function_pointers.address`)."""
+        """Return what numba knows of the compiled code (`arguments.address`)."""
         return self.compiled().get_compile_result(signature)
 
 

@@ -6,7 +6,7 @@ A module apart, so that the step loop compiles without it.
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
 from thirdbody.kernels.labeller_input import Observed, body_contacts, body_row
 from thirdbody.kernels.signatures import LABEL, OBSERVE

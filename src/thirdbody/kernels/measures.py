@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, entry
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.normal_loss import normal_loss_of

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from thirdbody.errors import UsageError
-from thirdbody.jit.gc_pause import paused
+from thirdbody.jit.cache import paused
 from thirdbody.scene.model import Scene
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import first_body

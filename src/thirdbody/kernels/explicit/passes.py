@@ -6,7 +6,7 @@ The step loop calls them through a pointer, so that both can be compiled at the 
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies

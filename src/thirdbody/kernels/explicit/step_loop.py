@@ -8,12 +8,10 @@ from enum import IntEnum
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.atomics import count_up, load_word
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
-from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.jit.simd import broadcast, extract, load
-from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
+from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.direct_contact import book_direct_contact

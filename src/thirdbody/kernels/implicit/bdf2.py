@@ -9,7 +9,7 @@ and is of second order: at 1 m/s, where inertia governs sliding, the same error 
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step

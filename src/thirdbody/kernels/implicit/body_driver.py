@@ -3,8 +3,8 @@
 import numpy as np
 from numba import types
 
+from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import DIRECT, entry
-from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.bdf2 import advance_body
 from thirdbody.kernels.implicit.bundles import context_of, make_workspace
 from thirdbody.kernels.implicit.tables import step_start

@@ -1,6 +1,6 @@
 """Arguments of the implicit kernels that travel together; `Motion` and `Tile` are those of `kernels.bundles`.
 
-The tables of a run are packed into one array at the boundary of compiled code (`jit.packed_arguments`).
+The tables of a run are packed into one array at the boundary of compiled code (`jit.arguments`).
 """
 
 from collections import namedtuple
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from thirdbody.jit.arguments import Kinds, make_unpacker
 from thirdbody.jit.options import BARE, CHUNK
-from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels import signatures
 from thirdbody.kernels.bundles import Motion, Tile
 from thirdbody.kernels.explicit.tables import contact_sums

@@ -2,8 +2,8 @@
 
 from numba import types
 
+from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import OPTIONS, entry
-from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.implicit.accept_step import reject_step

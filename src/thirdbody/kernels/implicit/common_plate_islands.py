@@ -8,8 +8,8 @@ the bodies.
 from numba import njit, types
 
 from thirdbody.jit import options
+from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, BARE_CHUNK, OPTIONS
-from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.accept_pairs import accept_pairs
 from thirdbody.kernels.implicit.accept_step import accept_step
 from thirdbody.kernels.implicit.band_matrix import entry, factorise_band

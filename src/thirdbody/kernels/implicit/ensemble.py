@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from thirdbody.jit.arguments import PACKED, first_words
 from thirdbody.jit.options import BARE, DIRECT, entry
-from thirdbody.jit.packed_arguments import PACKED, first_words
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
 from thirdbody.kernels.implicit.bdf2 import advance_body
 from thirdbody.kernels.implicit.bundles import KINDS, context_of, make_workspace

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from thirdbody.jit.arguments import Kinds, make_unpacker
 from thirdbody.jit.options import BARE, CHUNK
-from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import contact_sums

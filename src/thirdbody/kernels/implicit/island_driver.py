@@ -2,8 +2,8 @@
 
 from numba import njit, types
 
+from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, DIRECT, entry
-from thirdbody.jit.packed_arguments import PACKED
 from thirdbody.kernels.implicit.bundles import context_of
 from thirdbody.kernels.implicit.island_bundles import tables_of
 from thirdbody.kernels.implicit.island_step import island_of, island_step, pool_of_part

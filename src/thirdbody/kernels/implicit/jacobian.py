@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import interact, relieve, restore

@@ -10,9 +10,9 @@ HEAD = """# generated: {title}
 import math
 import numpy as np
 from numba import njit
-from thirdbody.jit.array_part import array_part
+from thirdbody.jit.memory import array_part
 from thirdbody.jit.options import OPTIONS
-from thirdbody.jit.stack_array import stack_array
+from thirdbody.jit.memory import stack_array
 from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.kernel_data import {tuples}
