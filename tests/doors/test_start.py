@@ -58,7 +58,7 @@ print("loaded", [name for name in {HEAVY} if name in sys.modules])"""
 @SLOW
 @pytest.mark.parametrize(("integrator", "other"), [("implicit", "explicit"), ("explicit", "implicit")])
 def test_a_run_loads_its_own_integrator_alone(integrator, other, tmp_path):
-    """The other one would have to be compiled at the first start, and loaded at every start."""
+    """The other one would be loaded at every start."""
     scene = tmp_path / "scene.toml"
     scene.write_text(edited(BALLS, ("[solver]", f'[contact]\ndebris_contact = "none"\n[solver]\nintegrator = "{integrator}"')))
     done = python("-c", f"import sys, thirdbody; thirdbody.run({str(scene)!r}, out='run'); print(*sys.modules)", cwd=tmp_path)

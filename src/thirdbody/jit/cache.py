@@ -169,7 +169,12 @@ def _temporary() -> Path:
     except OSError as error:
         raise cannot_write(Path(error.filename or "temporary files"), error) from error
     os.environ[VARIABLE] = str(path)  # for child processes
-    atexit.register(lambda: os.getpid() == owner and shutil.rmtree(path, ignore_errors=True))  # not in a fork
+
+    def remove() -> None:
+        if os.getpid() == owner:  # not in a fork
+            shutil.rmtree(path, ignore_errors=True)
+
+    atexit.register(remove)
     return path
 
 
