@@ -17,7 +17,7 @@ BEFORE = (
     ("style", ["tests/style.py"]),
     ("mypy", ["-m", "mypy"]),
     # the kernels that many scenes share, once: otherwise each process of the tests compiles them for itself
-    ("kernels", ["-c", "from thirdbody.engine.precompile import UNITS, warm_up; warm_up(tuple(UNITS))"]),
+    ("kernels", ["-c", "from thirdbody.engine.units import UNITS, warm_up; warm_up(tuple(UNITS))"]),
 )
 QUICK = {"NUMBA_OPT": "1"}
 """LLVM's level for the default: the same bits (`bench/reference_runs.py`), compiled in two thirds of the time; --full has 3."""

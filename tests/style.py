@@ -141,16 +141,17 @@ PACKAGES = {
     "bodies": "kernels jit system",
     "laws": "kernels jit system",
     "engine": "bodies laws kernels jit system",
+    "statics": "laws kernels",
     "surfaces": "bodies kernels",
     "scene": "bodies laws surfaces",
-    "assembly": "scene surfaces engine bodies laws kernels",
+    "assembly": "scene surfaces engine statics bodies laws kernels",
     "trajectory": "surfaces engine laws kernels jit",
     "export": "trajectory",
     "plot": "trajectory surfaces",
     "render": "trajectory bodies system",
     "runner": "export assembly trajectory scene engine bodies laws kernels jit system",
-    "report": "runner render plot export assembly trajectory scene surfaces engine bodies laws kernels jit system",
-    "studies": "report runner render plot export assembly trajectory scene engine bodies laws kernels jit system",
+    "report": "runner render plot export assembly trajectory scene surfaces engine statics bodies laws kernels jit system",
+    "studies": "report runner render plot export assembly trajectory scene engine statics bodies laws kernels jit system",
 }
 """What each package may import besides itself and the ground, in functions and for type checkers too."""
 PACKAGES["cli"] = " ".join(PACKAGES)
@@ -164,7 +165,7 @@ INNER = {
 
 ROOT_MODULES = {
     "__init__": "errors report runner scene studies trajectory", "__main__": "cli", "errors": "", "dimensions": "", "palette": "",
-    "plugin": "bodies engine errors jit kernels laws scene units", "rotations": "", "quantity": "", "granular_flow": "quantity",
+    "plugin": "bodies errors jit kernels laws scene statics units", "rotations": "", "quantity": "", "granular_flow": "quantity",
     "units": "dimensions errors", "atomic_files": "errors",
 }  # fmt: skip
 """Modules of the root: what they may import."""

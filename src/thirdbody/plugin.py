@@ -18,12 +18,8 @@ global that is changed after the kernel was compiled: numba has compiled its val
 """
 
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
-from thirdbody.engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
-from thirdbody.engine.relaxation import from_first_touch, in_present_posture, relax, seat
-from thirdbody.engine.static_contacts import Contacts
-from thirdbody.engine.static_labels import StaticLabels
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
-from thirdbody.jit.stack_array import stack_array
+from thirdbody.jit.memory import stack_array
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.kernels.tables import CAN_SLIDE, CAN_STICK, DEBRIS, LOWER, NO_FORECAST, UPPER, loaded_contact, observed_body
@@ -53,6 +49,10 @@ from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole,
 from thirdbody.scene.read import read_text, read_toml
 from thirdbody.scene.schema_base import Part, Wrong, one_of, wrongs_of
 from thirdbody.scene.size_distributions import Size
+from thirdbody.statics.contacts import Contacts
+from thirdbody.statics.labels import StaticLabels
+from thirdbody.statics.seat import from_first_touch, in_present_posture, relax, seat
+from thirdbody.statics.solver import Balance, Grip, NoStaticState, QuasiStatic
 from thirdbody.units import pretty
 
 __all__ = [

@@ -4,7 +4,7 @@ from typing import Any
 
 from rich.console import Console
 
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache
 from thirdbody.studies import machine_info as studies
 
 
@@ -12,7 +12,7 @@ def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, load when asked, and versions; `sources` names the compiled sources."""
     report = studies.machine()
     del report["threads"]  # every benchmark tells its own
-    report["versions"]["sources"] = cache_dir.folder().name
+    report["versions"]["sources"] = cache.folder().name
     return report
 
 

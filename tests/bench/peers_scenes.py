@@ -23,7 +23,7 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.precompile import EXPLICIT, warm_up
+from thirdbody.engine.units import EXPLICIT, warm_up
 from thirdbody.laws.registry import CATALOGUE, Registry
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.frame import FrameMaker

@@ -17,7 +17,7 @@ from portable import PATIENCE
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine import precompile
+from thirdbody.engine import units
 from thirdbody.render import render
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.output_schedule import planned_frames, targets
@@ -38,7 +38,7 @@ def python(*arguments, **options):
 def test_starting_imports_nothing_heavy_and_help_is_instant():
     calls = [["--help"], ["run", "--help"], ["new", "/nowhere/x"]]
     code = f"""import sys, thirdbody, thirdbody.scene.model
-import thirdbody.errors, thirdbody.runner.progress, thirdbody.jit.cache_dir
+import thirdbody.errors, thirdbody.runner.progress, thirdbody.jit.cache
 from thirdbody.cli.main import main
 thirdbody.Scene
 for words in {calls}:
@@ -58,7 +58,7 @@ print("loaded", [name for name in {HEAVY} if name in sys.modules])"""
 @SLOW
 @pytest.mark.parametrize(("integrator", "other"), [("implicit", "explicit"), ("explicit", "implicit")])
 def test_a_run_loads_its_own_integrator_alone(integrator, other, tmp_path):
-    """The other one would have to be compiled at the first start, and loaded at every start."""
+    """The other one would be loaded at every start."""
     scene = tmp_path / "scene.toml"
     scene.write_text(edited(BALLS, ("[solver]", f'[contact]\ndebris_contact = "none"\n[solver]\nintegrator = "{integrator}"')))
     done = python("-c", f"import sys, thirdbody; thirdbody.run({str(scene)!r}, out='run'); print(*sys.modules)", cwd=tmp_path)
@@ -238,7 +238,7 @@ def executed(folder):
 def test_processes_that_compile_first_work_for_a_study_or_draw_execute_none(planted):
     queue, end = os.pipe()
     os.close(end)  # nothing to compile: it starts, imports numba and ends
-    assert precompile._helper((), queue).wait() == 0
+    assert units._helper((), queue).wait() == 0
     os.close(queue)
     assert executed(planted) == []
     with Worker() as worker:

@@ -13,7 +13,7 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError, ThirdbodyWarning, UsageError
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache
 from thirdbody.laws import generated
 
 BALLS = {
@@ -210,7 +210,7 @@ def test_first_runs_in_threads_of_one_process_give_the_same_bits(tmp_path):
 
 
 def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache_dir, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
     text = "import time\ntime.sleep(0.3)\nlaw = 1\n"
     found = []
 

@@ -216,7 +216,7 @@ def test_odd_particles_end_finite(which):
 
 
 def test_what_has_no_static_state_and_what_has(monkeypatch):
-    monkeypatch.setattr("thirdbody.engine.quasistatic.CUTS", 2)
+    monkeypatch.setattr("thirdbody.statics.solver.CUTS", 2)
     result = walk((PAPER[0], PAPER[1]))
     assert result.points == [] and result.stopped is not None
     assert result.stopped.label == "rolling" and "no static state exists while it is pressed" in result.stopped.message
@@ -257,9 +257,9 @@ def test_clump_and_spots_are_one_particle():
 
 def test_a_solver_that_fails_next_to_a_balance_does_not_call_it_rolling(monkeypatch):
     """A tolerance below round-off cannot be met: the particle is in balance all the same."""
-    monkeypatch.setattr("thirdbody.engine.quasistatic.CONVERGED", 0.0)
-    monkeypatch.setattr("thirdbody.engine.quasistatic.ACCEPTED", 0.0)
-    monkeypatch.setattr("thirdbody.engine.quasistatic.CUTS", 1)
+    monkeypatch.setattr("thirdbody.statics.solver.CONVERGED", 0.0)
+    monkeypatch.setattr("thirdbody.statics.solver.ACCEPTED", 0.0)
+    monkeypatch.setattr("thirdbody.statics.solver.CUTS", 1)
     result = walk(drag=0.0)
     assert result.stopped is not None and result.stopped.label == "undecided" and "tips" not in result.stopped.message
     assert result.stopped.load is None and 0.0 < result.stopped.indentation <= CLOSING

@@ -10,13 +10,13 @@ from thirdbody_effects import elastic_plastic as plastic
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.static_response import response
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.laws.data import Contact
 from thirdbody.laws.generated import plain
 from thirdbody.report.active_components import parts
 from thirdbody.scene.model import Contact as ContactTable
 from thirdbody.scene.model import Effects, Material
+from thirdbody.statics.contacts import response
 from thirdbody.units import pretty
 
 YIELD = 1.5e9

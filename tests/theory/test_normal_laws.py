@@ -9,12 +9,12 @@ from slow import slow
 from thirdbody_three_spot.mdr import MDR
 
 import thirdbody
-from thirdbody.engine.static_contacts import Contacts
 from thirdbody.laws.compose import ordered
 from thirdbody.laws.conformance.suite import check, report
 from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.hertz import e_star
 from thirdbody.laws.registry import load_file
+from thirdbody.statics.contacts import Contacts
 
 SLOPE = 30.0
 LAW = f'''

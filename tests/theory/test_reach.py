@@ -5,7 +5,6 @@ import pytest
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.static_contacts import Contacts
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.laws.conformance.suite import check, report
@@ -13,6 +12,7 @@ from thirdbody.laws.contract import Material, Pair
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 from thirdbody.scene.model import Effects, Solver
+from thirdbody.statics.contacts import Contacts
 
 REACH, PULL, RADIUS = 50e-9, 2e-8, 5e-6
 WAVES = {"wave": {"amplitude": "10 nm", "wavelength": "10 um"}, "curvature": False}

@@ -104,7 +104,7 @@ def test_blunt_spots_turn_until_their_centres_lie_above_each_other(path):
 
 
 def test_a_particle_that_takes_too_many_steps_into_its_seat_is_undecided(monkeypatch):
-    monkeypatch.setattr("thirdbody.engine.relaxation.STEPS", 1)
+    monkeypatch.setattr("thirdbody.statics.seat.STEPS", 1)
     stopped = pressed().stopped
     assert stopped is not None and stopped.label == "undecided" and "no static state" not in stopped.message
 

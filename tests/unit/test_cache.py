@@ -13,7 +13,7 @@ import numba
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.jit import cache_dir, cache_files  # what is tested is in place once kernels are imported
+from thirdbody.jit import cache  # what is tested is in place once kernels are imported
 from thirdbody.laws import generated
 from thirdbody.system import module_import
 
@@ -25,11 +25,11 @@ def surroundings(tmp_path, monkeypatch) -> Path:
     """A home, a folder for temporary files, a current folder, none of the variables, and a place not yet chosen."""
     for name in ("home", "temporary", "current"):
         (tmp_path / name).mkdir()
-    monkeypatch.setenv(cache_dir.VARIABLE, "")  # restored afterwards, also where the code sets it
+    monkeypatch.setenv(cache.VARIABLE, "")  # restored afterwards, also where the code sets it
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache_dir, "_cached_folder", None)
+    monkeypatch.setattr(cache, "_cached_folder", None)
     monkeypatch.chdir(tmp_path / "current")
     return tmp_path
 
@@ -37,8 +37,8 @@ def surroundings(tmp_path, monkeypatch) -> Path:
 @pytest.fixture
 def choose(surroundings, monkeypatch):
     def call():  # as a new process does
-        monkeypatch.setattr(cache_dir, "_cached_folder", None)
-        return cache_dir.cache_folder()
+        monkeypatch.setattr(cache, "_cached_folder", None)
+        return cache.cache_folder()
 
     return call
 
@@ -64,10 +64,10 @@ def test_a_cache_home_must_be_absolute_and_the_variable_names_the_parent(surroun
     assert list((surroundings / "current").iterdir()) == []
     monkeypatch.setenv("XDG_CACHE_HOME", str(surroundings / "caches"))
     assert choose().parent == surroundings / "caches" / "thirdbody"
-    monkeypatch.setenv(cache_dir.VARIABLE, "here")
+    monkeypatch.setenv(cache.VARIABLE, "here")
     assert choose().parent == surroundings / "current" / "here"
     (surroundings / "file").write_text("")
-    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "file" / "folder"))
+    monkeypatch.setenv(cache.VARIABLE, str(surroundings / "file" / "folder"))
     with pytest.raises(OutputError, match="compiled code cannot be written") as report:
         choose()
     assert str(surroundings / "file") in str(report.value) and "\n" not in str(report.value)
@@ -79,7 +79,7 @@ def test_without_a_home_compiled_code_goes_to_temporary_files(surroundings, choo
 
     monkeypatch.setattr(pwd, "getpwuid", unknown)
     for home in ("", "relative", None):
-        monkeypatch.setenv(cache_dir.VARIABLE, "")
+        monkeypatch.setenv(cache.VARIABLE, "")
         monkeypatch.setenv("HOME", home) if home is not None else monkeypatch.delenv("HOME")
         assert choose().parent.parent == surroundings / "temporary"
     assert list((surroundings / "current").iterdir()) == []
@@ -90,8 +90,8 @@ def test_the_folder_in_the_home_is_closed_to_others_and_one_of_another_user_not_
     parent.mkdir(parents=True)
     parent.chmod(0o775)
     assert choose().parent == parent and mode(parent) & 0o022 == 0 and mode(choose()) == 0o700
-    monkeypatch.setattr(cache_dir, "_probe", owned_by_other(cache_dir._probe))  # as with `sudo`, which may keep HOME
-    assert not cache_dir._usable(parent)
+    monkeypatch.setattr(cache, "_probe", owned_by_other(cache._probe))  # as with `sudo`, which may keep HOME
+    assert not cache._usable(parent)
 
 
 def plant_a_link(path: Path) -> None:
@@ -125,13 +125,13 @@ def test_what_is_planted_as_the_folder_among_temporary_files_is_not_used(name, s
     PLANTED[name](planted)
     parent = choose().parent
     assert parent != planted and parent.parent == planted.parent and not parent.is_symlink()
-    assert mode(parent) == 0o700 and os.environ[cache_dir.VARIABLE] == str(parent)
+    assert mode(parent) == 0o700 and os.environ[cache.VARIABLE] == str(parent)
     assert not planted.is_dir() or list(planted.iterdir()) == []
 
 
 @pytest.fixture
 def version(surroundings, choose, monkeypatch) -> Path:
-    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "named"))
+    monkeypatch.setenv(cache.VARIABLE, str(surroundings / "named"))
     path = choose()
     shutil.rmtree(path)
     return path
@@ -140,14 +140,14 @@ def version(surroundings, choose, monkeypatch) -> Path:
 def test_a_folder_into_which_others_could_write_and_a_link_are_made_anew(version, choose):
     plant_an_open_folder(version)
     (version / "thirdbody_law_0.py").write_text("print('not ours')")
-    assert choose() == version and mode(version) == 0o700 and [path.name for path in version.iterdir()] == [cache_dir.TAG]
+    assert choose() == version and mode(version) == 0o700 and [path.name for path in version.iterdir()] == [cache.TAG]
     (version / "kept").write_text("")
     version.chmod(0)  # one that lost its rights gets them back
     assert choose() == version and mode(version) == 0o700 and (version / "kept").exists()
     for spoil in (Path.mkdir, Path.touch):  # a damaged mark is written anew
-        (version / cache_dir.TAG).unlink()
-        spoil(version / cache_dir.TAG)
-        assert (choose() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
+        (version / cache.TAG).unlink()
+        spoil(version / cache.TAG)
+        assert (choose() / cache.TAG).read_bytes() == cache.TAG_TEXT
     shutil.rmtree(version)
     plant_a_link(version)
     assert choose() == version and not version.is_symlink()
@@ -178,14 +178,14 @@ def test_only_folders_that_bear_our_mark_are_deleted(tmp_path):
     for k, folder in enumerate(theirs + unmarked + other_mark + ours):
         folder.mkdir()
         if folder in ours + theirs:
-            (folder / cache_dir.TAG).write_bytes(cache_dir.TAG_TEXT)
+            (folder / cache.TAG).write_bytes(cache.TAG_TEXT)
         if folder in other_mark:
-            (folder / cache_dir.TAG).write_bytes(cache_dir.TAG_TEXT.splitlines(keepends=True)[0])
+            (folder / cache.TAG).write_bytes(cache.TAG_TEXT.splitlines(keepends=True)[0])
         os.utime(folder, (k, k))
     (tmp_path / f"{16:016x}").symlink_to(ours[0])
-    cache_dir._prune(tmp_path)
+    cache._prune(tmp_path)
     assert all(folder.is_dir() for folder in theirs + unmarked + other_mark)
-    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache_dir.MAX_VERSIONS
+    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache.MAX_VERSIONS
 
 
 TEXT = "from numba import njit\n@njit('f8(f8)', cache=True)\ndef twice(x):\n    return 2.0 * x\n"
@@ -239,7 +239,7 @@ def test_a_cache_serves_a_source_with_another_time_and_no_other_source(load, tmp
     os.utime(tmp_path / "law.py", (0, 0))
     assert load() == HIT
     (tmp_path / "law.py").write_text(TEXT + "# another\n")
-    cache_files._digest_of.cache_clear()  # as in a new process
+    cache._digest_of.cache_clear()  # as in a new process
     assert load() == MISS
 
 
@@ -261,13 +261,13 @@ def test_a_damaged_generated_module_is_written_anew(monkeypatch, tmp_path):
         del sys.modules[module.__name__]
         return module.value, path
 
-    monkeypatch.setattr(generated.cache_dir, "_folder", tmp_path)
+    monkeypatch.setattr(generated.cache, "_folder", tmp_path)
     text = "value = 31 + 11  # as a law\n"
     path = value(text)[1]
     for name, damage in DAMAGE.items():
         damage(path)
         assert value(text) == (42, path), name
         assert path.read_text() == text and [p.name for p in tmp_path.iterdir()] == [path.name]
-    monkeypatch.setattr(generated.cache_dir, "_folder", tmp_path / "gone")
+    monkeypatch.setattr(generated.cache, "_folder", tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         value("value = 1\n")

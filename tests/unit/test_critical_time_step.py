@@ -9,7 +9,7 @@ from numba import njit
 from scipy.linalg import eigh
 
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.signatures import LAW

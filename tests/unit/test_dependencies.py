@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thirdbody.jit.gc_pause import paused
+from thirdbody.jit.cache import paused
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.laws.generated import sources
 

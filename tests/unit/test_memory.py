@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from thirdbody.jit.array_part import array_part
+from thirdbody.jit.memory import array_part
 from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.contact_fields import load_field, pieces
 from thirdbody.kernels.contact_geometry import gather_history, load_history

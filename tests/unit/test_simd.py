@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit import simd
-from thirdbody.jit.stack_array import stack_array
+from thirdbody.jit.memory import stack_array
 from thirdbody.kernels.rotation import NEARLY_UNIT, rotate_small
 
 SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308
@@ -78,7 +78,7 @@ def compared(A, B, least, out, bits, whole):
 def sorted_out(A, closed, some, opened):
     m, o = 0, 0
     for k in range(0, A.shape[0], 4):
-        bits = simd.active_bits(simd.get(A, k), closed, k)
+        bits = simd.active_bits(closed, k, simd.get(A, k))
         m += simd.compress_store(some, m, k, bits & 15)
         o += simd.compress_store(opened, o, k, bits >> 4)
     return m, o

@@ -8,10 +8,26 @@ import pytest
 from numba import njit
 
 from thirdbody.engine.thread_tuner import LONGEST, MIN_MEASUREMENT, PAUSE, SHORT, STARVED, ThreadTuner
-from thirdbody.jit.atomics import count_up, load_word
 from thirdbody.jit.options import BARE
-from thirdbody.jit.team import DISMISSED, DONE, FIRST, LINE, close_pass, next_part, open_pass, wait_again, words_of
-from thirdbody.jit.threads import allow_threads, allowed_threads, distribute, helpers, max_threads, pieces_of
+from thirdbody.jit.threads import (
+    DISMISSED,
+    DONE,
+    FIRST,
+    LINE,
+    allow_threads,
+    allowed_threads,
+    close_pass,
+    count_up,
+    distribute,
+    helpers,
+    load_word,
+    max_threads,
+    next_part,
+    open_pass,
+    pieces_of,
+    wait_again,
+    words_of,
+)
 
 UNCACHED = {"error_model": "numpy", "nogil": True, "_nrt": False}
 PASSES, PARTS, CALL = 20_000, 7, 0.03

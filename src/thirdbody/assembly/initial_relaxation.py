@@ -15,9 +15,9 @@ from thirdbody.assembly.schedule import first_load
 from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.static_response import overlap_at
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
+from thirdbody.statics.contacts import overlap_at
 
 _CLEARANCE = 1e-4
 """Gap over the sum of radii that bodies pushed apart are given; at half of it they count as apart."""

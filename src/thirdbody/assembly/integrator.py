@@ -10,10 +10,11 @@ import numpy as np
 from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
+from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.precompile import EXPLICIT
 from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
+from thirdbody.engine.units import EXPLICIT
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
@@ -264,9 +265,6 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     """Return the implicit integrator of a scene, started; appends to `warnings`."""
     tangents = choice.chain.tangents
     assert tangents is not None  # checked by `plan`
-    # imported here: an explicit run then compiles none of it
-    from thirdbody.engine.accuracy import Accuracy
-
     choice.set_parameters("implicit", LARGEST_FRICTION)
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
         maximum = f"{LARGEST_FRICTION:g}"
@@ -287,7 +285,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
 
 
 def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
-    """Return the names of the units of compiled code that a run needs (`engine.precompile`), the longest first."""
+    """Return the names of the units of compiled code that a run needs (`engine.units`), the longest first."""
     if chosen.kind == "explicit":
         return EXPLICIT
     from thirdbody.engine.implicit_ensemble import is_ensemble

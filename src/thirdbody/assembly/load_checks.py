@@ -6,11 +6,11 @@ import numpy as np
 
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.guards import OVERLAP_GUARD
-from thirdbody.engine.static_response import load_at, overlap_at, response
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.hertz import YieldLimit, yield_limit
 from thirdbody.scene.model import Scene
+from thirdbody.statics.contacts import load_at, overlap_at, response
 from thirdbody.units import pretty
 
 MAX_HERTZ_OVERLAP = 0.1

@@ -169,7 +169,7 @@ def build(
     """Build the simulation of a scene, compiled and at time zero. Raises InputError for a scene that cannot run.
 
     `force` lets a fixed time step exceed its bound. `ready` is called once the integrator is chosen, with the units that it needs
-    (`engine.precompile`), before they are imported and compiled. `before`: the integrator with which a run began, which goes on
+    (`engine.units`), before they are called. `before`: the integrator with which a run began, which goes on
     with it.
     """
     registry = registry or discover()
@@ -207,7 +207,7 @@ def build(
         given = scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, bed
         return _examined(Simulation(*given, surfaces=rough))
     warnings += fast_bed_warnings(scene, bed) if bed else []
-    # imported here: an implicit run then loads none of it
+    # imported here, as is the implicit one: a run loads one of them
     from thirdbody.engine.explicit import Explicit
 
     choice.set_parameters(chosen.kind)

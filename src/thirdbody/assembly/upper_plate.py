@@ -17,11 +17,11 @@ from thirdbody.assembly.rough_start import plate_heights
 from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.engine.upper_plate import Foundation, UpperPlate
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
 from thirdbody.scene.model import Scene
+from thirdbody.statics.contacts import overlap_at, response
 from thirdbody.surfaces.surface import Surface
 
 HANDFUL = 3

@@ -99,7 +99,7 @@ class OverlapRemoval:
         """Return the pairs of spheres that come within the skin of each other."""
         kernels.pose(self.X, self.Q, self.shapes, size, self.spheres)
         if not self.meet:
-            return np.empty(0, np.int64), np.empty(0, np.int64)
+            return np.empty(0, np.int32), np.empty(0, np.int32)
         self.wide[:, :4] = self.S
         low, high, periodic, clearance = self.walls
         skin = _SKIN + 2.0 * clearance * float(self.S[:, 3].max())
@@ -113,7 +113,7 @@ class OverlapRemoval:
         grid = Grid(low, np.maximum(length, reach) / count, count, wraps, *(length[:2].tolist() if periodic else (0.0, 0.0)))
         capacity = 16 * len(self.S)
         while True:
-            own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+            own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
             n = pair_candidates(self.wide, self.sphere_data, skin, grid, 0, own, partner)
             if n <= capacity:
                 return own[:n].copy(), partner[:n].copy()

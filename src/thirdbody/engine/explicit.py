@@ -17,10 +17,8 @@ from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
 from thirdbody.engine.thread_tuner import ThreadTuner, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
-from thirdbody.jit.function_pointers import address
-from thirdbody.jit.packed_arguments import Packer
-from thirdbody.jit.team import words_of
-from thirdbody.jit.threads import allowed_threads, helpers
+from thirdbody.jit.arguments import Packer, address
+from thirdbody.jit.threads import allowed_threads, helpers, words_of
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop

@@ -33,8 +33,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
-from thirdbody.jit.function_pointers import address
-from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute, parts_of
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.control import StepLimit, Stop

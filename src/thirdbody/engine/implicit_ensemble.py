@@ -9,21 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.closed_contacts import ClosedContacts
 from thirdbody.kernels.implicit import driver
+from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
 from thirdbody.kernels.tables import sphere
-
-if TYPE_CHECKING:
-    from thirdbody.kernels.implicit.ensemble import OneBody
 
 BATCHES = 16
 """Batches of a thread in a call: at its end others wait for half a batch on average."""
@@ -58,8 +56,6 @@ class ImplicitEnsemble(Implicit):
 
     def _make_scratch(self) -> Scratch:
         """Return tables with room for the rows and the spheres of any body, and for the closed contacts of any batch."""
-        from thirdbody.kernels.implicit.ensemble import OneBody
-
         state, rows = self.state, self.state.slots.rows
         assert isinstance(rows, ClosedRows)
         spheres = int(np.diff(state.start).max()) if state.sphere_table is None else 0
@@ -85,9 +81,6 @@ class ImplicitEnsemble(Implicit):
         if isinstance(rows, AllRows):
             super().advance_islands(first, last, until, tries)
             return
-        # imported here: to ask whether a state fits compiles none of it
-        from thirdbody.kernels.implicit.ensemble import Span, advance_batch
-
         context, tables, step = self.packed(), self.packed_islands(), address(driver.advance_islands, driver.ADVANCE)
 
         def worker() -> Callable[[int], None]:

@@ -6,8 +6,8 @@ from typing import Any
 
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
-from thirdbody.jit.function_pointers import address
-from thirdbody.jit.packed_arguments import Packer
+from thirdbody.jit.arguments import Packer, address
+from thirdbody.kernels.implicit import pairs, rough, spots_part
 from thirdbody.kernels.implicit.workspace import PART, SCRATCH, make_scratch
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.tables import surface_contact
@@ -17,34 +17,23 @@ PARTS = ("update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part",
 
 def part_addresses(state: State) -> dict[str, int]:
     """Return the addresses of the parts that a state needs by their names in `workspace.KINDS`; 0 for others."""
-    addresses = dict.fromkeys(PARTS, 0)
+    parts: dict[str, tuple[Any, Any]] = {}
     if state.world.debris_meets:
-        from thirdbody.kernels.implicit.pairs import pairs_part
-
-        addresses["pairs_part"] = address(pairs_part, PART)
+        parts["pairs_part"] = pairs.pairs_part, PART
     if state.world.rough:
-        from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update_tangents, update_trial
-
-        addresses["update_surfaces"], addresses["accept_surfaces"] = (
-            address(update_trial, UPDATE),
-            address(update_accepted, UPDATE),
-        )
-        addresses["surface_tangents"], addresses["rough_part"] = address(update_tangents, UPDATE), address(rough_part, PART)
+        parts |= {"update_surfaces": (rough.update_trial, UPDATE), "accept_surfaces": (rough.update_accepted, UPDATE)}
+        parts |= {"surface_tangents": (rough.update_tangents, UPDATE), "rough_part": (rough.rough_part, PART)}
     if len(state.physics.interaction):
-        from thirdbody.kernels.implicit.spots_part import spots_part
-
-        addresses["spots_part"] = address(spots_part, PART)
-    return addresses
+        parts["spots_part"] = spots_part.spots_part, PART
+    return {name: address(*parts[name]) if name in parts else 0 for name in PARTS}
 
 
 def find_minima(state: State) -> None:
     """Find the contacts that spheres can have with rough plates within the first step."""
     if not state.world.rough:
         return
-    from thirdbody.kernels.implicit.rough import update_accepted
-
     state.slots.Q[:, surface_contact.SEARCHED] = math.inf
-    update_closest_points(state, update_accepted)
+    update_closest_points(state, rough.update_accepted)
 
 
 class ThreadScratch:

@@ -7,8 +7,9 @@ import numpy as np
 from thirdbody.engine.candidates import Candidates, Numbers
 from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import distribute
+from thirdbody.kernels.label_bodies import label_bodies
 from thirdbody.kernels.labeller_input import Observed
 from thirdbody.kernels.signatures import LABEL, OBSERVE
 from thirdbody.kernels.tables import loaded_contact, observed_body
@@ -62,7 +63,5 @@ def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Number
 
 def _label(labeller: tuple[int, int], observed: Observed, totals: Array, out: Array) -> None:
     """Write the labels of the bodies of a batch; `totals`: of the run."""
-    from thirdbody.kernels.label_bodies import label_bodies
-
     table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
     label_bodies(observed, totals, *labeller, out, np.empty(observed_body.WIDTH), table)

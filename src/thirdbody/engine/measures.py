@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
+from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
 from thirdbody.kernels.signatures import MEASURE
 from thirdbody.laws.measures import MEAN, Layout
 
@@ -72,8 +73,6 @@ def arguments_of(state: State) -> dict[str, Any]:
 
 def collect_measures(state: State) -> Array:
     """Add what contacts have measured since the last call to the bodies; return the deposits on the plates, one per row."""
-    from thirdbody.kernels.measures import AMOUNTS, Collection, collect
-
     measures, slots = state.physics.measures, state.slots
     if measures is None:
         return np.zeros((0, 0))
@@ -88,8 +87,6 @@ def collect_measures(state: State) -> Array:
 def deposit_on_maps(state: State, deposits: Array) -> None:
     """Add deposits to the maps, in their order."""
     if len(deposits):
-        from thirdbody.kernels.measures import deposit
-
         deposit(np.ascontiguousarray(deposits), state.maps, np.array(state.world.size, float))
 
 

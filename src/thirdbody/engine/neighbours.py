@@ -13,6 +13,7 @@ from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.predicates import BASINS
 from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.rough_plates import RoughPlates
+from thirdbody.kernels.surface_minima import update
 from thirdbody.kernels.tables import (
     DEBRIS,
     LOWER,
@@ -46,8 +47,6 @@ def search(state: State, recorded: bool = True) -> None:
     state.patches.search_height[:] = state.patches.height
     state.searches += 1
     if state.world.rough:
-        from thirdbody.kernels.surface_minima import update
-
         update_closest_points(state, update)
 
 

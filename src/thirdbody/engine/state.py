@@ -13,11 +13,12 @@ from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
 from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
-from thirdbody.jit.function_pointers import address
+from thirdbody.jit.arguments import address
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.rough_plates import UPDATE
 from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.surface_minima import update
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.rotations import to_body, to_world
@@ -180,11 +181,7 @@ class State:
     @cached_property
     def update_surfaces(self) -> int:
         """Address of the function that updates the contacts with rough plates; 0 where both are flat, and none is compiled."""
-        if not self.world.rough:
-            return 0
-        from thirdbody.kernels.surface_minima import update
-
-        return address(update, UPDATE)
+        return address(update, UPDATE) if self.world.rough else 0
 
     @property
     def given(self) -> Ints:

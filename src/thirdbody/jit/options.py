@@ -1,18 +1,20 @@
-"""Compiler options, chosen once: IEEE arithmetic everywhere, no fastmath that would hide a NaN.
+"""Compiler options, chosen once: IEEE arithmetic everywhere, no fastmath that would hide a NaN. And `entry`, which declares.
 
 numba reads the folder of its cache when it decorates a function, so ours is set here first.
 """
 
+import functools
+import threading
+from collections.abc import Callable
 from typing import Any
 
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache
 
-cache_dir.folder()
+cache.folder()
 
-from thirdbody.jit import cache_files  # noqa: E402
+from numba import njit  # noqa: E402
+
 from thirdbody.jit.numba_pipeline import Inner, KernelOnly, Own, Whole, pipeline_options  # noqa: E402
-
-cache_files.install()
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | pipeline_options(Own)
 """Kernels that Python calls and that may be passed as pointers."""
@@ -44,3 +46,36 @@ more than the work of most bodies and contacts (a sphere is placed in 10 ns, not
 
 BARE_CHUNK: dict[str, Any] = CHUNK | NO_COUNTS
 BARE: dict[str, Any] = INNER | NO_COUNTS
+
+
+class Entry:
+    """A kernel that Python calls: compiled, or loaded from the cache, at its first call or when its address is taken.
+
+    So importing a module compiles nothing. `engine.units` compiles entries beforehand, several at once.
+    """
+
+    def __init__(self, function: Callable, signature: Any, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self._signature, self._options = function, signature, options
+        self._compiled: Any = None
+        self._lock = threading.Lock()
+
+    def compiled(self) -> Any:
+        """Return numba's function, for one signature. Thread-safe."""
+        with self._lock:
+            if self._compiled is None:
+                self._compiled = njit(self._signature, **self._options)(self.py_func)
+            return self._compiled
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it."""
+        return (self._compiled or self.compiled())(*arguments)
+
+    def get_compile_result(self, signature: Any) -> Any:
+        """Return what numba knows of the compiled code (`arguments.address`)."""
+        return self.compiled().get_compile_result(signature)
+
+
+def entry(signature: Any, **options: Any) -> Callable[[Callable], Entry]:
+    """Return a decorator that declares a kernel which Python calls with arguments of this signature; see `Entry`."""
+    return lambda function: Entry(function, signature, options)

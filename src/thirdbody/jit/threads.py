@@ -1,25 +1,38 @@
-"""Work that is divided among threads of Python, by compiled code that releases the interpreter.
+"""Threads: pieces of work that Python deals out, and teams that divide the passes of a step within compiled code.
 
-Not numba's `prange`: it deals equal parts in advance, and only of what is inside compiled code; it needs OpenMP or TBB where runs
-are made in several threads; and it compiles everything twice. Here each thread takes the next piece when it is ready, so that
-pieces of different cost, and what Python does between them, keep all cores at work. Passes of a step, thousands a second, are
-divided by a team (`jit.team`).
+Not numba's `prange`: it deals equal parts in advance, and only of what is inside compiled code; it wakes its threads for every
+pass, needs OpenMP or TBB where runs are made in several threads, and compiles everything twice.
+
+Pieces: compiled code releases the interpreter, and each thread of Python takes the next piece when it is ready, so that pieces of
+different cost, and what Python does between them, keep all cores at work.
+
+A team divides each pass over some tables, many passes in one call of a compiled function, thousands a second. The thread of the
+caller opens passes one after the other; helpers take part in them as soon as they run, which is some 50 us later, or ms where
+their cores are busy, so that nobody waits for a thread to start. Each member first takes the parts that are its own, which it had
+in the last pass, too: they may still be in its cache. Then it takes those of others, so that all end at about the same time. A
+pass begins and ends in less than a microsecond. What a thread wrote before it stores or adds to a word is seen by the thread that
+reads the new number.
 """
 
 import itertools
 import math
 import os
+import platform
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
-from thirdbody.jit.team import CLOSED, DISMISSED, FIRST, LINE
+from thirdbody.jit.options import BARE
 
 Piece = TypeVar("Piece")
 
@@ -29,6 +42,21 @@ fewest trial steps, of 5 us each: threads start in 0.1 ms."""
 
 WAITING = 1024
 """Most threads that wait for work; as many are started as work at the same time."""
+
+LINE = 8
+"""Words of a cache line: members must not write to the same one."""
+
+DONE, DISMISSED = 0, LINE
+"""Words of a team: how many parts of the pass are done; 1: no pass will follow."""
+
+FIRST = 2 * LINE
+"""Word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each."""
+
+CLOSED = 1 << 40
+"""Such a number before the first pass is opened: more than there are parts."""
+
+SPINS = 2000
+"""Attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer."""
 
 _allowed = threading.local()
 
@@ -76,38 +104,145 @@ def distribute(pieces: Sequence[Piece], make_worker: Callable[[], Callable[[Piec
         for piece in left:  # the next one of a list is given to one thread only
             do(piece)
 
-    tasks = [_pool().submit(work) for _ in range(1, threads)]
-    try:
+    with _at_work([_pool(os.getpid()).submit(work) for _ in range(1, threads)]):
         work()
-    finally:
-        wait(tasks)
-    for task in tasks:
-        task.result()
 
 
 @contextmanager
 def helpers(members: int, team: np.ndarray, help_out: Callable[[int], None]) -> Iterator[None]:
-    """Let the other members of a team (`jit.team`) help with the passes that this thread opens within the block.
+    """Let the other members of a team help with the passes that this thread opens within the block.
 
     `help_out(member)` returns once the team is dismissed.
     """
     team[FIRST::LINE], team[DISMISSED] = CLOSED, 0
-    tasks = [_pool().submit(help_out, member) for member in range(1, members)]
+    with _at_work([_pool(os.getpid()).submit(help_out, member) for member in range(1, members)]):
+        try:
+            yield
+        finally:
+            team[DISMISSED] = 1
+
+
+@contextmanager
+def _at_work(tasks: list[Any]) -> Iterator[None]:
+    """Wait for the tasks at the end of the block, and raise what they raised."""
     try:
         yield
     finally:
-        team[DISMISSED] = 1
         wait(tasks)
     for task in tasks:
         task.result()
 
 
-def _pool() -> ThreadPoolExecutor:
-    """Return the waiting threads of this process, which are started as they are needed."""
-    return _pool_of(os.getpid())
-
-
 @cache
-def _pool_of(process: int) -> ThreadPoolExecutor:
-    """Return the threads of a process: a fork has none of those of its parent."""
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Return the waiting threads of a process, started as they are needed: a fork has none of those of its parent."""
     return ThreadPoolExecutor(WAITING, "thirdbody")
+
+
+# -- a team --
+
+
+def words_of(members: int) -> int:
+    """Return the number of words of a team."""
+    return FIRST + LINE * members
+
+
+_WORDS = types.Array(types.int64, 1, "C")
+_LONG, _INT = ir.IntType(64), ir.IntType(32)
+_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument
+
+
+def _on_word(make: Callable[..., Any], result: Any, *others: Any) -> tuple[Any, Callable[..., Any]]:
+    """Return signature and code of a function (words, position, ...), which `make(builder, pointer, ...)` writes."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = builder.extract_value(args[0], context.data_model_manager[sig.args[0]].get_field_position("data"))
+        value = make(builder, builder.gep(data, [context.cast(builder, args[1], sig.args[1], types.int64)]), *args[2:])
+        return context.get_dummy_value() if result == types.void else value
+
+    return result(_WORDS, types.int64, *others), generate
+
+
+@_intrinsic
+def load_word(typing: Any, words: Any, at: Any) -> Any:
+    """Return a word."""
+    return _on_word(lambda builder, pointer: builder.load_atomic(pointer, "acquire", 8), types.int64)
+
+
+@_intrinsic
+def store_word(typing: Any, words: Any, at: Any, value: Any) -> Any:
+    """Write a word."""
+    return _on_word(lambda builder, pointer, new: builder.store_atomic(new, pointer, "release", 8), types.void, types.int64)
+
+
+@_intrinsic
+def count_up(typing: Any, words: Any, at: Any) -> Any:
+    """Add 1 to a word and return its value before."""
+    return _on_word(lambda builder, pointer: builder.atomic_rmw("add", pointer, _LONG(1), "acq_rel"), types.int64)
+
+
+def _calling(name: str, result: Any, *given: int) -> tuple[Any, Callable[..., Any]]:
+    """Return signature and code of a function that calls an external one with 32-bit integers."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if name:
+            kind = ir.FunctionType(result, [_INT] * len(given))
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [_INT(one) for one in given])
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@_intrinsic
+def pause(typing: Any) -> Any:
+    """Let the core do something else for some 40 cycles, by LLVM's name for the instruction; other processors go on at once."""
+    machine = platform.machine().lower()
+    if machine in ("aarch64", "arm64"):
+        return _calling("llvm.aarch64.hint", ir.VoidType(), 1)
+    return _calling("llvm.x86.sse2.pause" if machine in ("x86_64", "amd64") else "", ir.VoidType())
+
+
+@_intrinsic
+def sleep(typing: Any) -> Any:
+    """Sleep as briefly as the system allows, 1 ms or some 70 us, so that another thread can use the core."""
+    return _calling("Sleep", _INT, 1) if os.name == "nt" else _calling("usleep", _INT, 20)
+
+
+@njit(**BARE)
+def open_pass(words, members):
+    """Offer the parts of the next pass to all members, after all of the last one are done."""
+    store_word(words, DONE, 0)
+    for member in range(members):
+        store_word(words, FIRST + LINE * member, 0)
+
+
+@njit(**BARE)
+def next_part(words, member, members, parts):
+    """Return the next of the parts of this pass for a member, now its own to do; -1: all are taken."""
+    for k in range(members):
+        owner = (member + k) % members
+        first, last = owner * parts // members, (owner + 1) * parts // members
+        # counted only where some are left: counting takes the line from the other cores
+        if load_word(words, FIRST + LINE * owner) < last - first:
+            part = first + count_up(words, FIRST + LINE * owner)
+            if part < last:
+                return part
+    return -1
+
+
+@njit(**BARE)
+def wait_again(attempts):
+    """Wait a moment after so many attempts, and return their new number."""
+    if attempts < SPINS:
+        pause()
+    else:
+        sleep()
+    return attempts + 1
+
+
+@njit(**BARE)
+def close_pass(words, parts):
+    """Wait until all parts are done."""
+    attempts = 0
+    while load_word(words, DONE) < parts:
+        attempts = wait_again(attempts)

@@ -6,8 +6,8 @@ A module apart, so that the step loop compiles without it.
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
+from thirdbody.jit.arguments import function_at
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
 from thirdbody.kernels.labeller_input import Observed, body_contacts, body_row
 from thirdbody.kernels.signatures import LABEL, OBSERVE
 from thirdbody.kernels.tables import loaded_contact, run_totals
@@ -35,7 +35,7 @@ def compact_loaded(C, n):
     return m
 
 
-@njit(LABEL_BODIES, nogil=True, **DIRECT, **NO_COUNTS)
+@entry(LABEL_BODIES, nogil=True, **DIRECT, **NO_COUNTS)
 def label_bodies(context, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT
+from thirdbody.jit.arguments import function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, entry
 from thirdbody.kernels.contact_step import ContactStep
 from thirdbody.kernels.normal_loss import normal_loss_of
 from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
@@ -133,7 +133,7 @@ def write_deposit(n, k, at, tables):
     return n + 1
 
 
-@njit(types.int64(COLLECTION), **DIRECT)
+@entry(types.int64(COLLECTION), **DIRECT)
 def collect(tables):
     """Add what contacts have measured to their bodies, in the order of candidates, and clear it; return the number of deposits.
 
@@ -193,7 +193,7 @@ def deposit_one(row, maps, size):
                 maps[m, plate, j % n_y, i % n_x] += part * row[AMOUNTS + m]
 
 
-@njit(types.void(_TABLE, _MAPS, types.Array(types.float64, 1, "C")), **DIRECT)
+@entry(types.void(_TABLE, _MAPS, types.Array(types.float64, 1, "C")), **DIRECT)
 def deposit(rows, maps, size):
     """Add deposits, in their order, to the maps (maps, 2 plates, n_y, n_x) of a domain of `size` (x, y) [m], periodic."""
     for n in range(rows.shape[0]):

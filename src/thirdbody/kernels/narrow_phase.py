@@ -81,7 +81,7 @@ def compact_active(first, last, g, closed, touching, opened):
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
-        on = active_bits(get(g, k - first), closed, k)
+        on = active_bits(closed, k, get(g, k - first))
         m += compress_store(touching, m, k, on & 15)
         if on > 15:  # few open in a step
             o += compress_store(opened, o, k, on >> LANES)

@@ -7,9 +7,9 @@ owns a pair), so history is carried over by one merge and nothing depends on thr
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import first_body
@@ -67,6 +67,15 @@ class CandidateRows(NamedTuple):
     table: Array
 
 
+_I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+_S2 = types.Array(types.int32, 2, "C")
+_F, _F1, _F2 = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
+_GRID = types.NamedTuple((_F1, _F1, _I1, types.Array(types.boolean, 1, "C"), _F, _F), Grid)
+_LISTS, _ROWS = types.NamedTuple((_S1, _S1, _F2), CellLists), types.NamedTuple((_I, _I, _S1, _S1, _F2), CandidateRows)
+_SPHERES = types.NamedTuple((_I1, types.Array(types.int8, 1, "C")), Spheres)
+_LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
+
+
 @njit(**BARE)
 def list_basins(i, p, S, P, limits, n, own, partner):
     """List all basins of a plate after the first n candidates if it may be near sphere i; return the new n.
@@ -82,7 +91,7 @@ def list_basins(i, p, S, P, limits, n, own, partner):
     return n
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
     """List the spheres near a plate in own and partner; return their number, also beyond the capacity.
 
@@ -107,7 +116,7 @@ def cell_of(x, low, size, count, periodic):
     return min(max(c, 0), count - 1)
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(types.void(_F2, _SPHERES, _GRID, _LISTS), **DIRECT, **NO_COUNTS)
 def fill_cells(S, spheres, grid, lists):
     """Sort the spheres that can touch others by cell (z fastest), then by number.
 
@@ -196,7 +205,7 @@ def list_columns(a, b, count, periodic, columns):
     return n
 
 
-@njit(nogil=True, **DIRECT, **NO_COUNTS)
+@entry(_I(_I, _I, _F, _GRID, _LISTS, _I1, _S2), nogil=True, **DIRECT, **NO_COUNTS)
 def collect(first, last, skin, grid, lists, columns, pairs):
     """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1.
 
@@ -218,7 +227,7 @@ def collect(first, last, skin, grid, lists, columns, pairs):
     return m
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(types.void(_S2, _S1, _S1, _S1), **DIRECT, **NO_COUNTS)
 def order_by_owner(pairs, at, own, partner):
     """Write the pairs in the order of their owners. `at` (spheres + 1,): zero at first, then where the next owner begins."""
     for e in range(pairs.shape[1]):
@@ -231,7 +240,7 @@ def order_by_owner(pairs, at, own, partner):
         at[i] += 1
 
 
-@njit(nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _I, _S1, _S1), nogil=True, **DIRECT, **NO_COUNTS)
 def order_partners(first, last, at, partner):
     """Sort the partners of each of the owners first to last - 1; `at`: as `order_by_owner` leaves it."""
     begin = np.int64(at[first - 1] if first > 0 else 0)
@@ -286,7 +295,7 @@ def rank(j):
     return j if is_sphere(j) else order_on_sphere(j)
 
 
-@njit(nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_ROWS, _ROWS), nogil=True, **DIRECT, **NO_COUNTS)
 def carry_history(new, old):
     """Copy the rows of candidates that were candidates before, within one sorted part of the list. Both are `CandidateRows`."""
     own, partner, o = new.own, new.partner, old.first
@@ -306,7 +315,7 @@ def incidences(n, own, partner, n_spheres):
     return edges, incidence
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _S1, _S1, _S1, _S1, _S1), **DIRECT, **NO_COUNTS)
 def list_slots(n, own, partner, edges, at, incidence):
     """Fill the tables of `incidences`; `edges`: zero at first, `at`: scratch."""
     for k in range(n):

@@ -7,9 +7,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
 from thirdbody.kernels.rotation import matrix, spin
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
@@ -28,6 +28,7 @@ NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, NEGLIGIBLE_MOMENTUM = 1e-60, 1e-60, 1e-90
 """Bounds below which motion is set to zero [m/s, rad/s, kg m2/s], some fifty orders below any motion: a sphere that a dashpot
 brings to rest between two plates decays for ever, and arithmetic on denormal numbers is thirty times slower."""
 
+_I1, _F2 = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
 
 Vector = Any
 """A vector of four of `jit.simd`, or a tuple of three."""
@@ -132,7 +133,7 @@ def spin_body(b, B, E, orientations):
         B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2] = w
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(types.void(_I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
 def place_all(start, offsets, S, B, E, orientations):
     """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
     for b in range(B.shape[0]):
@@ -145,7 +146,7 @@ def place_all(start, offsets, S, B, E, orientations):
             place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v, w), 0.0)
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@entry(types.void(_I1, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
 def place_as_they_are(start, offsets, S, B, orientations):
     """Place all spheres at the present poses of their bodies, with present velocities and spins; bodies stay as they are."""
     for b in range(B.shape[0]):

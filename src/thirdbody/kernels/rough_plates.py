@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE
 
 Array = np.ndarray

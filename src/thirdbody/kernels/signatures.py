@@ -4,7 +4,7 @@ from collections import namedtuple
 
 from numba import types
 
-from thirdbody.jit.packed_arguments import Kinds, make_unpacker
+from thirdbody.jit.arguments import Kinds, make_unpacker
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.contact_step import ContactStep
 
@@ -44,7 +44,7 @@ KINDS: Kinds = {
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
-    # the threads of this run (`jit.team`), and the pass that they work on: its number, then the fields of `Step`
+    # the threads of this run (`jit.threads`), and the pass that they work on: its number, then the fields of `Step`
     "team": _I1, "announced": _ROW,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
@@ -56,7 +56,7 @@ KINDS: Kinds = {
 """Types of all arguments of a step, by name."""
 
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
-"""All arguments of a step; the step loop and its passes unpack it from an array (`jit.packed_arguments`)."""
+"""All arguments of a step; the step loop and its passes unpack it from an array (`jit.arguments`)."""
 
 context_of = make_unpacker(KINDS, Context)
 """Unpack the array."""

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import first_body
 from thirdbody.kernels.closest_point import LOCAL, bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.nearby_minima import MERGE, find_minima
@@ -288,7 +288,7 @@ def next_rough(k, last, tables):
     return k
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update(first, last, tables):
     """Update the rows of candidates first to last; those of a sphere and a plate are together, from basin 0 on."""
     k = next_rough(first, last, tables)

@@ -25,7 +25,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 
 from thirdbody.errors import ThirdbodyError
-from thirdbody.jit import cache_dir
+from thirdbody.jit import cache
 from thirdbody.jit.options import HELPER
 from thirdbody.system.module_import import import_lock, import_text
 
@@ -277,13 +277,13 @@ def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[Mo
     """
     digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
     name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
-    path = cache_dir.folder() / f"{name}.py"
+    path = cache.folder() / f"{name}.py"
     with import_lock:
         if name not in sys.modules:
             try:
                 _write(path, text.encode())
             except OSError as error:
-                raise cache_dir.cannot_write(path, error) from error
+                raise cache.cannot_write(path, error) from error
             import_text(name, path, text)
         return sys.modules[name], path
 

@@ -15,9 +15,8 @@ from typing import Any
 
 from numba import njit
 
-from thirdbody.jit.array_part import array_part
+from thirdbody.jit.memory import array_part, stack_array
 from thirdbody.jit.options import BARE, INNER, OPTIONS
-from thirdbody.jit.stack_array import stack_array
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.laws.data import EXPLICIT, IMPLICIT, Contact, Load, Tangential, Turn, Twist

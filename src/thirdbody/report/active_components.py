@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.assembly.swings import why_swings
-from thirdbody.engine.static_response import response
 from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.laws.hertz import e_star, yield_force, yield_limit, yield_speed
 from thirdbody.laws.memory import MEMORY
 from thirdbody.report import heat_check, wear_check
 from thirdbody.report.adhesion_check import adhesion_warnings, remarks
+from thirdbody.statics.contacts import response
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:

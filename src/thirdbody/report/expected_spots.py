@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.static_response import response
+from thirdbody.statics.contacts import response
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.expected_islands import expected_islands
+from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.neighbours import update_closest_points
-from thirdbody.kernels.tables import sphere, surface_contact
+from thirdbody.errors import GuardStop
+from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
+from thirdbody.kernels.tables import run_totals, sphere, surface_contact
 from thirdbody.runner.output_schedule import planned_frames
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 
 TRIAL_SECONDS = 0.5
@@ -27,8 +29,6 @@ TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
 
 def expected_integration(built: Simulation) -> dict[str, Any]:
     """Return the expected steps, their wall time and what limits them. The simulation is not at its start after the trial."""
-    from thirdbody.engine.explicit import Explicit
-
     integrator = built.integrator
     if not isinstance(integrator, Explicit):
         wall, stopped = _trial_wall_time(built, integrator)
@@ -65,9 +65,6 @@ def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
 
     The first call is not counted.
     """
-    from thirdbody.errors import GuardStop
-    from thirdbody.kernels.tables import run_totals
-
     trial = integrator.state
     try:
         integrator.advance_to(trial.time + 3.0 * trial.dt)
@@ -86,8 +83,6 @@ def _seconds_of_searches(built: Simulation) -> float:
     A trial of the first steps sees none: bodies are at rest. Where the surface is far sharper than spheres one search can take as
     long as thousands of steps. Bodies are pressed onto the plate and shifted until each has been searched for.
     """
-    from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
-
     state, S, Q = built.state, built.state.S, built.state.slots.Q
     radius, nearest = S[:, sphere.RADIUS], np.full(state.n_spheres, np.inf)
     np.minimum.at(nearest, state.slots.own[: len(Q)], Q[:, surface_contact.DISTANCE])
@@ -114,8 +109,6 @@ def _trial_wall_time(built: Simulation, integrator: Implicit) -> tuple[float, st
     Measured on one core: a machine with more cores is faster by their number. The size of islands is expected; a search for them
     is measured, and there is one at each output and after each stride.
     """
-    from thirdbody.errors import GuardStop
-
     distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
     bodies = n if integrator.together else min(TRIAL_BODIES, n)
     half, moved = (built.schedule.time_of(part * distance, 0.0) if distance > 0.0 else built.settle for part in (0.5, 1.0))

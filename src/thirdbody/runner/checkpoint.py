@@ -68,7 +68,7 @@ class Checkpoint:
 def prints_of(simulation: Simulation) -> dict[str, str]:
     """Return fingerprints of the built scene at its start, by the names used in messages."""
     from thirdbody import __version__
-    from thirdbody.jit import cache_dir
+    from thirdbody.jit import cache
     from thirdbody.laws.generated import sources
 
     state, physics = simulation.state, simulation.state.physics
@@ -103,7 +103,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
         prints["the interaction of spots"] = f"{_named(spots)}, {_digest([physics.interaction])}"
     if labeller is not None:
         prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
-    return prints | {THE_INTEGRATOR: simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}
+    return prints | {THE_INTEGRATOR: simulation.plan.kind, THE_VERSION: f"{__version__} {cache.folder().name}"}
 
 
 def _named(things: Iterable[Any]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from thirdbody.errors import UsageError
-from thirdbody.jit.gc_pause import paused
+from thirdbody.jit.cache import paused
 from thirdbody.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ MANY = 512
 """Bodies above which a run is most likely an ensemble (`engine.implicit_ensemble`)."""
 
 _preparing = threading.Lock()
-"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
+"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`engine.units`)."""
 
 
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False, before: str = "") -> Simulation:
@@ -28,7 +28,7 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
     `before`: the integrator with which a run began, which goes on with it.
     """
-    from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
+    from thirdbody.engine.units import report_compilation, start_compiling, warm_up
     from thirdbody.laws.registry import discover
 
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
@@ -43,11 +43,11 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
 
 def likely_units(scene: Scene) -> tuple[str, ...]:
-    """Return the units of compiled code (`engine.precompile`) that a scene needs most likely, before its bodies are made.
+    """Return the units of compiled code (`engine.units`) that a scene needs most likely, before its bodies are made.
 
     `assembly.integrator.units_of` tells which ones it needs.
     """
-    from thirdbody.engine.precompile import EXPLICIT
+    from thirdbody.engine.units import EXPLICIT
 
     upper, solver = scene.plates.upper, scene.solver
     if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":

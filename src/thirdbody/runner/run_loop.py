@@ -229,6 +229,5 @@ class RunLoop:
             self.reported = time.perf_counter()
 
     def _implicit(self) -> Implicit | None:
-        """Return the integrator if it is implicit; importing its class here would compile its steps."""
         integrator = self.simulation.integrator
         return None if integrator.divisible else cast("Implicit", integrator)

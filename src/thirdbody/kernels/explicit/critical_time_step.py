@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from thirdbody.jit.arguments import function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import first_body
 from thirdbody.kernels.direct_contact import max_stiffness
@@ -294,7 +294,7 @@ TABLES, SCRATCH = types.NamedTuple((_F2, _S1, _F2), Tables), types.NamedTuple((_
 HORIZON = types.NamedUniTuple(types.float64, 4, Horizon)
 
 
-@njit(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES, _F2), nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES, _F2), nogil=True, **DIRECT, **NO_COUNTS)
 def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables, patches):
     """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches.
 
@@ -305,7 +305,7 @@ def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables, 
     find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables, patches)
 
 
-@njit(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
 def bound_bodies(first, last, context, near, tables):
     """Write lower bounds of the steps of bodies first to last - 1 into `tables.minimum`. `near`: scratch."""
     B, E, minimum = context.B, context.E, tables.minimum
@@ -327,7 +327,7 @@ def smallest(minimum, column):
     return first
 
 
-@njit(_I(_I, ASSEMBLY, types.float64, types.NamedTuple((_F2, _I1, _F2), Bounds), _S1, TABLES, _F3), **DIRECT, **NO_COUNTS)
+@entry(_I(_I, ASSEMBLY, types.float64, types.NamedTuple((_F2, _I1, _F2), Bounds), _S1, TABLES, _F3), **DIRECT, **NO_COUNTS)
 def shortest_steps(many, context, time, bounds, near, tables, matrices):
     """Compute lower bounds of the longest stable steps of patches, and of those of the first `many` bodies that may have the
     shortest. Returns how many bodies these are, at least 1.

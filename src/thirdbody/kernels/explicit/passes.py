@@ -6,8 +6,8 @@ The step loop calls them through a pointer, so that both can be compiled at the 
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, NO_COUNTS, POINTED
+from thirdbody.jit.arguments import function_at
+from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
@@ -57,7 +57,7 @@ def observe_group(group, part, context, observe):
         update_memory(c, context, observe, context.scratch[part], context.rows[part])
 
 
-@njit(WORK, **POINTED, **NO_COUNTS)
+@entry(WORK, **POINTED, **NO_COUNTS)
 def work(task, part, begin, end, step, packed):
     """Run one pass of a step over groups begin to end; one call for all, since calling through a pointer costs 1.4 us."""
     context = context_of(packed)

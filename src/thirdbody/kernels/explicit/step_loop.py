@@ -8,12 +8,10 @@ from enum import IntEnum
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.atomics import count_up, load_word
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
-from thirdbody.jit.packed_arguments import PACKED
+from thirdbody.jit.arguments import PACKED, function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
-from thirdbody.jit.team import DISMISSED, DONE, close_pass, next_part, open_pass, wait_again
+from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.direct_contact import book_direct_contact
@@ -228,7 +226,7 @@ def run_pass(parts, task, threads, step, context, packed, work):
     close_pass(context.team, parts)
 
 
-@njit(types.void(_I, _I, PACKED), nogil=True, **DIRECT, **NO_COUNTS)
+@entry(types.void(_I, _I, PACKED), nogil=True, **DIRECT, **NO_COUNTS)
 def help_out(member, threads, packed):
     """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
     context = context_of(packed)
@@ -291,7 +289,7 @@ def run(budget, until, distance, dt, threads, packed):
     return Stop.BUDGET, -1, pending
 
 
-@njit(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
+@entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, packed):
     """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 

@@ -9,8 +9,8 @@ bodies.
 
 from numba import njit, types
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
-from thirdbody.jit.packed_arguments import PACKED
+from thirdbody.jit.arguments import PACKED
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.direct_contact import book_direct_contact
 from thirdbody.kernels.first_body import is_rough
@@ -211,7 +211,7 @@ def accept_one(h, motion, ended, packed, tables, packed_scratch):
         label_island(h, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
 
@@ -223,7 +223,7 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
         solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
     islands = islands_of(tables)
@@ -231,7 +231,7 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
         accept_one(islands.order[p], motion, ended, packed, tables, packed_scratch)
 
 
-@njit(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
     context, scratch, islands = context_of(packed), scratch_of(packed_scratch), islands_of(tables)
@@ -244,13 +244,13 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 # -- control of the common step; T: memory of the plate, a row of `step_memory` like that of a body --
 
 
-@njit(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
+@entry(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
 def common_step_length(T, t, packed, end):
     """Return length [s] and limiting cause of the next step (`control.next_length`)."""
     return next_length(T, t, context_of(packed), end)
 
 
-@njit(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
+@entry(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
 def plate_motion(T, V, displacement, velocity, dt):
     """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
     its change beyond that of the last step, scaled [m/s].
@@ -263,43 +263,43 @@ def plate_motion(T, V, displacement, velocity, dt):
     return after, change / dt, now / dt, after - velocity - step_ratio(T, V, dt) * T[step_memory.LAST_DRISE]
 
 
-@njit(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
+@entry(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
 def plate_error(change, radius, T, V, dt):
     """Return the error of the plate's step over the tolerance (`control.error_of_change`)."""
     return error_of_change(abs(change), radius, T, V, dt)
 
 
-@njit(_D(_B, _D, _D), **OPTIONS)
+@entry(_D(_B, _D, _D), **OPTIONS)
 def reduction(converged, error, rotation):
     """Return the factor that shortens a rejected step."""
     return reduction_factor(converged, error, rotation)
 
 
-@njit(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
+@entry(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
 def set_common_length(T, growth, dt, error, easy, cut, limit):
     """Set the length of the next step and what limits it (`control.set_next_dt`)."""
     set_next_dt(T, growth, dt, error, easy, cut, limit)
 
 
-@njit(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
+@entry(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
 def plate_velocity_of(t, packed, dt):
     """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     return plate_velocity(t, context_of(packed), dt)
 
 
-@njit(_B(_D, PACKED, _D), **OPTIONS)
+@entry(_B(_D, PACKED, _D), **OPTIONS)
 def is_breakpoint_at(t, packed, end):
     """Return whether the smooth interval that began at t [s] ends at a breakpoint of the motion."""
     return is_breakpoint(t, context_of(packed), end)
 
 
-@njit(_D(_D, PACKED, _D), **OPTIONS)
+@entry(_D(_D, PACKED, _D), **OPTIONS)
 def next_breakpoint_after(t, packed, until):
     """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
     return next_breakpoint(t, context_of(packed), until)
 
 
-@njit(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
+@entry(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
 def book_direct(totals, P, dt, v_x, v_y, old):
     """Add a step of direct contact to the totals of the plate, the last row of P (`direct_contact.book_direct_contact`)."""
     book_direct_contact(totals, P, P.shape[0] - 1, Motion(dt, v_x, v_y), old)

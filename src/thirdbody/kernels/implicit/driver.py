@@ -12,9 +12,8 @@ the body that needs the shortest one.
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
-from thirdbody.jit.packed_arguments import PACKED
+from thirdbody.jit.arguments import PACKED, function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import (
@@ -249,7 +248,7 @@ _I, _D = types.int64, types.float64
 ADVANCE = types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED)
 
 
-@njit(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
 

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import BARE, DIRECT
-from thirdbody.jit.packed_arguments import PACKED, first_words, make_unpacker
+from thirdbody.jit.arguments import PACKED, first_words, function_at, make_unpacker
+from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
 from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.tables import step_memory
@@ -78,7 +77,7 @@ _TABLE, _ROW, _LONG = types.Array(types.float64, 2, "C"), types.Array(types.floa
 SPAN, ONE_BODY = types.NamedUniTuple(_LONG, 5, Span), types.NamedTuple((_TABLE, _TABLE, _TABLE, _ROW), OneBody)
 
 
-@njit(
+@entry(
     _LONG(SPAN, types.float64, types.float64, PACKED, PACKED, PACKED, types.UniTuple(CLOSED, 2), ONE_BODY), nogil=True, **DIRECT
 )
 def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, one):

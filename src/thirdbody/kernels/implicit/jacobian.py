@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import first_body
 from thirdbody.kernels.contact_geometry import padded

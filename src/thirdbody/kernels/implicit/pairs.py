@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
 from thirdbody.kernels.implicit.accept_pairs import (
     accept_pairs,
@@ -229,7 +229,7 @@ def add_tangents(m, dt, context, island, scratch):
             add_curved(contact, scratch.band, 3 * w, w)
 
 
-@njit(PART, **POINTED, **NO_COUNTS)
+@entry(PART, **POINTED, **NO_COUNTS)
 def pairs_part(stage, h, _, m, motion, packed, tables, packed_scratch):
     """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
     context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED, entry
 from thirdbody.kernels import first_body
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
@@ -186,7 +186,7 @@ def accept_sphere(k, field, tables):
         Q[k, surface_contact.START_CENTRE + d] = x[d]
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_trial(first, last, tables):
     """Update the rows of candidates first to last for positions within a step."""
     k = next_rough(first, last, tables)
@@ -197,7 +197,7 @@ def update_trial(first, last, tables):
         k = next_rough(k + BASINS, last, tables)
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_accepted(first, last, tables):
     """Update the rows of candidates first to last for positions at the end of a step."""
     k = next_rough(first, last, tables)
@@ -206,7 +206,7 @@ def update_accepted(first, last, tables):
         k = next_rough(k + BASINS, last, tables)
 
 
-@njit(UPDATE, **OPTIONS, **NO_COUNTS)
+@entry(UPDATE, **OPTIONS, **NO_COUNTS)
 def update_tangents(first, last, tables):
     """Update what the Jacobian alone needs in the rows of candidates first to last, for the positions of the last trial."""
     k = next_rough(first, last, tables)
@@ -222,7 +222,7 @@ def tensor_at(k, t, Q):
     return Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5]
 
 
-@njit(PART, **POINTED, **NO_COUNTS)
+@entry(PART, **POINTED, **NO_COUNTS)
 def rough_part(_, h, a, m, motion, packed, tables, packed_scratch):
     """Add the m contacts of the body at position a of island h, some of them with rough plates, to its Jacobian."""
     context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)

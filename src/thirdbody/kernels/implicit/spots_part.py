@@ -9,7 +9,7 @@ import math
 
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED
+from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import first_body
 from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
 from thirdbody.kernels.implicit.contact import cross
@@ -132,7 +132,7 @@ def add_spot_pull(q, context, space):
     r[5] += x * f_y - y * f_x
 
 
-@njit(PART, **POINTED, **NO_COUNTS)
+@entry(PART, **POINTED, **NO_COUNTS)
 def spots_part(stage, _, a, m, motion, packed, tables, packed_scratch):
     """Do what a stage of a step requires for the m spots of the body at position a of an island."""
     context, space = context_of(packed), space_at(a, scratch_of(packed_scratch))

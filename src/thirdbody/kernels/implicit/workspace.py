@@ -2,7 +2,7 @@
 
 An island is a set of bodies that could meet each other before the next search, or one body alone. Its bodies share their steps,
 and its equations are solved together. Tables of the run, of the islands, and scratch are packed into one array each
-(`jit.packed_arguments`): a function that is not inlined takes these three, and unpacks what it needs.
+(`jit.arguments`): a function that is not inlined takes these three, and unpacks what it needs.
 """
 
 from collections import namedtuple
@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.arguments import PACKED, Kinds, function_at, make_unpacker
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.packed_arguments import PACKED, Kinds, make_unpacker
 from thirdbody.kernels import first_body, signatures
 from thirdbody.kernels.bundles import Motion, Tile
 from thirdbody.kernels.contact_geometry import SPARE

@@ -12,7 +12,7 @@ from typing import Any
 
 from thirdbody.scene.model import Scene
 
-PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "trajectory")
+PACKAGES = ("assembly", "bodies", "engine", "jit", "kernels", "laws", "runner", "scene", "statics", "trajectory")
 """Packages whose source decides on results."""
 
 FILE_KEYS = ("file", "table")

@@ -4,7 +4,7 @@ There is no inertia and no time. The lower plate is fixed; the upper one is lowe
 unknown) and displaced laterally. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of
 mass moves by t + theta x r, with translation t and rotation vector theta of the particle since first touch. The normal component
 changes the overlap; the tangential one relative to the plate is the slip. This is the theory itself for a planar particle, and
-holds in 3-D for small |theta|; for larger rotations `relaxation` recomputes the positions of the spots and continues from there.
+holds in 3-D for small |theta|; for larger rotations `seat` recomputes the positions of the spots and continues from there.
 
 Laws enter only by their compiled `law` and `tangents`. A step starts from the history of the last equilibrium and commits it only
 when the new one is solved, so a law that is exact for straight paths of overlap and slip is applied to exactly such paths.
@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.engine.state import Array
-from thirdbody.engine.static_contacts import Answer, Contacts
-from thirdbody.engine.static_kinematics import rows_of
+from thirdbody.kernels.table import Array
+from thirdbody.statics.contacts import Answer, Contacts
 
 CONVERGED = 1e-12
 """Tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load."""
@@ -104,6 +103,9 @@ class Trial:
         return float(np.abs(self.force).max()) / self.scale if self.scale > 0.0 else float("inf")
 
 
+Force = Callable[[Trial], Array]
+
+
 class QuasiStatic:
     """Solver for one particle on a path of the upper plate; `now`: last equilibrium or None."""
 
@@ -111,7 +113,18 @@ class QuasiStatic:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
         self.now: Balance | None = None
         self._freedoms = [0, 2, 4] if grip.planar else list(range(6))
-        self.rows = rows_of(grip.position, grip.upper, grip.arm, self._freedoms, under_load)
+        self.vertical = self._freedoms.index(2)  # vertical translation among the coordinates
+        self.axes = [k - 3 for k in self._freedoms if k >= 3]  # of the free rotations
+        self.rotations = slice(self.vertical + 1, len(self._freedoms))  # rotation vector, times the arm, in the coordinates
+        # derivatives (3, n, m) of overlap and displacements by the coordinates, to which a load adds the closing
+        (x, y, z), arm = grip.position.T, grip.arm
+        one, zero = np.ones_like(x), np.zeros_like(x)
+        overlap = np.where(grip.upper, 1.0, -1.0) * np.array([zero, zero, one, y / arm, -x / arm, zero])
+        along_x = np.array([one, zero, zero, zero, z / arm, -y / arm])
+        along_y = np.array([zero, one, zero, -z / arm, zero, x / arm])
+        rows, closing = np.stack([overlap, along_x, along_y]).transpose(0, 2, 1), np.stack([1.0 * grip.upper, zero, zero])
+        rows = rows[:, :, self._freedoms]
+        self.rows = np.concatenate([rows, closing[:, :, None]], axis=2) if under_load else np.ascontiguousarray(rows)
         self.memory = contacts.virgin()
         self.bending = contacts.bending(grip.position, grip.upper)
         self.seat_rotation = np.zeros(3)  # rotation vector from the initial orientation to that of first touch
@@ -152,91 +165,70 @@ class QuasiStatic:
         assert self.now is not None
         return self.now
 
-    @property
-    def vertical(self) -> int:
-        """Index of the vertical translation among the coordinates."""
-        return self._freedoms.index(2)
-
-    @property
-    def axes(self) -> list[int]:
-        """Axes of the particle's free rotations."""
-        return [k - 3 for k in self._freedoms if k >= 3]
-
-    @property
-    def rotations(self) -> slice:
-        """Slice of the rotation vector, times the arm, in the coordinates."""
-        return slice(self.vertical + 1, len(self._freedoms))
-
-    def adopt(self, coordinates: Array, plate: Array, memory: Array) -> None:
-        """Continue from these coordinates and history, whether in equilibrium or not."""
+    def adopt(self, coordinates: Array, plate: Array, memory: Array, slip: Array | None = None) -> None:
+        """Continue from these coordinates, history and accumulated slip, whether in equilibrium or not."""
         self.now, self.memory = None, memory
-        closing = float(coordinates[-1] if self.under_load else plate[0])
-        motion, none = self._motion(coordinates), np.zeros(len(self.grip.position))
+        none = np.zeros(len(self.grip.position))
         for _ in range(2):  # positions and overlaps first, then the forces there, without slip
-            trial = self.trial(coordinates, plate)
-            points = (motion, trial.overlap, trial.answer, none, none, 0, trial.residual, coordinates, trial.shift)
-            self.now = Balance(plate, closing, *points)
+            self._set(plate, self.trial(coordinates, plate), none if slip is None else slip, none, 0)
 
-    def _motion(self, coordinates: Array) -> Array:
-        """Return translation [m] and rotation vector (6,) of the particle."""
+    def _set(self, plate: Array, trial: Trial, slip: Array, stiffness_ratio: Array, free: int) -> None:
         motion = np.zeros(6)
-        motion[self._freedoms] = coordinates[: len(self._freedoms)]
+        motion[self._freedoms] = trial.y[: len(self._freedoms)]
         motion[3:] /= self.grip.arm
         if self.rotation_since_touch.any():
             motion[3:] = after(self.rotation_since_touch, motion[3:])
-        return motion
+        closing, answer = float(trial.y[-1] if self.under_load else plate[0]), trial.answer
+        points = (slip, stiffness_ratio, free, trial.residual, trial.y, trial.shift)
+        self.now = Balance(plate, closing, motion, trial.overlap, answer, *points)
 
     def _commit(self, plate: Array, trial: Trial, free: int) -> None:
-        motion = self._motion(trial.y)
-        before = 0.0 if self.now is None else self.now.slip
-        slip = np.where(trial.overlap > 0.0, before + trial.answer.slip, 0.0)
-        closing = float(trial.y[-1] if self.under_load else plate[0])
-        closed = np.zeros(len(trial.overlap)) if self.now is None else self.now.overlap
+        now, none = self.now, np.zeros(len(trial.overlap))
+        slip = np.where(trial.overlap > 0.0, (0.0 if now is None else now.slip) + trial.answer.slip, 0.0)
         stiffness_ratio = self.contacts.stiffness_ratio(
-            self.relieved(closed), self.relieved(trial.overlap), trial.slip * trial.closed_fraction[:, None], self.memory,
-            trial.answer,
+            self.relieved(none if now is None else now.overlap), self.relieved(trial.overlap),
+            trial.slip * trial.closed_fraction[:, None], self.memory, trial.answer,
         )  # fmt: skip
         self.memory = trial.answer.memory
-        if self.now is not None:
-            self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
-        points = (motion, trial.overlap, trial.answer, slip, stiffness_ratio, free, trial.residual, trial.y, trial.shift)
-        self.now = Balance(plate, closing, *points)
+        if now is not None:
+            self._dragged, self._gained = plate[1:] - now.plate[1:], trial.y - now.coordinates
+        self._set(plate, trial, slip, stiffness_ratio, free)
 
     def _solve(self, plate: Array) -> tuple[Trial, int] | None:
+        """Return the equilibrium at `plate`, and the number of motions without resistance there; None if none is near."""
         self._closest = float("inf")
         # smaller residual first: a sliding particle then stays where it is, although other equilibria exist
         for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).residual):
             result = self._newton(guess, plate)
             if result is not None:
-                free, vector = self._free(result, plate)
-                return (self._nearest(result, vector, plate) if free == 1 else result), free
+                _, values, vectors = np.linalg.svd(self.jacobian(result))
+                free = int(np.sum(values <= NEUTRAL * values[0]))
+                return (self._nearest(result, vectors[-1], plate) if free == 1 else result), free
         return None
 
     def _guesses(self, plate: Array) -> list[Array]:
         """Return initial guesses: extrapolation of the path and the last point; upright before the first."""
-        if self.now is None:
+        now = self.now
+        if now is None:
             return [self.upright(plate)]
-        last = self.now.coordinates
-        step = plate[1:] - self.now.plate[1:]
+        last, step = now.coordinates, plate[1:] - now.plate[1:]
         if step.any():
             square = float(self._dragged @ self._dragged)
             ratio = float(step @ self._dragged) / square if square > 0.0 else 0.0
             return [last + ratio * self._gained, last] if ratio > 0.0 else [last]
-        if self.now.plate[0] <= 0.0:
+        if now.plate[0] <= 0.0:
             return [last]
-        ratio = plate[0] / self.now.plate[0]
-        return [last * (ratio ** self._growth(self.now) if self.under_load else ratio), last]
-
-    def _growth(self, now: Balance) -> float:
-        """Return d(log overlap)/d(log load), for contacts that grow in proportion: N/(k d), 2/3 for Hertz."""
-        stiffness = self.contacts.stiffness(self.relieved(now.overlap), np.zeros((len(now.overlap), 2)), self.memory)[0]
-        work = float((stiffness * now.overlap).sum())
-        return float(now.answer.normal.sum()) / work if work > 0.0 else 1.0
+        ratio = plate[0] / now.plate[0]
+        if self.under_load:
+            # d(log overlap)/d(log load) of contacts that grow in proportion: N/(k d), 2/3 for Hertz
+            stiffness = self.contacts.stiffness(self.relieved(now.overlap), np.zeros((len(now.overlap), 2)), self.memory)[0]
+            work = float((stiffness * now.overlap).sum())
+            ratio = ratio ** (float(now.answer.normal.sum()) / work if work > 0.0 else 1.0)
+        return [last * ratio, last]
 
     def upright(self, plate: Array) -> Array:
         """Return the coordinates of the vertical equilibrium without rotation, by bisection."""
-        y = np.zeros(self.rows.shape[2])
-        vertical, up = self._freedoms.index(2), self.grip.upper
+        y, up = np.zeros(self.rows.shape[2]), self.grip.upper
         size = float(self.contacts.radius.max() + self.grip.gap.max())
 
         def pressed(sink: float, closing: float) -> tuple[float, float]:
@@ -254,16 +246,17 @@ class QuasiStatic:
                 return below - above - self.grip.weight
 
             sink = _root(excess, size)
-        y[vertical] = -sink
+        y[self.vertical] = -sink
         return y
 
     def trial(self, y: Array, plate: Array) -> Trial:
-        grip = self.grip
+        """Return the forces at the coordinates `y`, after a straight step from the last equilibrium."""
+        grip, now = self.grip, self.now
         local = self.rows @ y  # (3, n): overlap, displacement along x and y
         overlap = local[0] - grip.gap + (0.0 if self.under_load else plate[0] * grip.upper)
         shift = (local[1:] - plate[1:, None] * grip.upper).T
-        before = np.zeros(len(overlap)) if self.now is None else self.now.overlap
-        slip = shift - (0.0 if self.now is None else self.now.shift)
+        before = np.zeros(len(overlap)) if now is None else now.overlap
+        slip = shift - (0.0 if now is None else now.shift)
         # a spot that closes within the step slips only during the rest of the step
         touched = (before < 0.0) & (overlap > 0.0)
         fraction = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
@@ -271,7 +264,7 @@ class QuasiStatic:
         force = np.einsum("nm,n->m", self.rows[1], answer.tangential[:, 0])
         force += np.einsum("nm,n->m", self.rows[2], answer.tangential[:, 1])
         force -= np.einsum("nm,n->m", self.rows[0], answer.normal)
-        force[self._freedoms.index(2)] -= grip.weight
+        force[self.vertical] -= grip.weight
         scale = float(answer.normal.sum()) + grip.weight
         if self.under_load:
             force[-1] += plate[0]
@@ -280,20 +273,21 @@ class QuasiStatic:
 
     def jacobian(self, trial: Trial) -> Array:
         """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
-        relieved = self.relieved(trial.overlap)
-        k = self.contacts.stiffness(relieved, trial.slip * trial.closed_fraction[:, None], self.memory)
+        relieved, part = self.relieved(trial.overlap), trial.closed_fraction
+        k = self.contacts.stiffness(relieved, trial.slip * part[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
-        growth = np.where(
-            trial.closed_fraction < 1.0, -before / np.where(trial.closed_fraction < 1.0, trial.overlap - before, 1.0) ** 2, 0.0
-        )
+        growth = np.where(part < 1.0, -before / np.where(part < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
         d, x, y = self.rows
         pressed = d if self.bending is None else self.bending.rates(relieved) @ d
         own = trial.slip * growth[:, None]
-        t_x = (trial.closed_fraction * k[1])[:, None] * x + (trial.closed_fraction * k[2])[:, None] * y
-        t_x += k[5][:, None] * pressed + (k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
-        t_y = (trial.closed_fraction * k[3])[:, None] * x + (trial.closed_fraction * k[4])[:, None] * y
-        t_y += k[6][:, None] * pressed + (k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
-        return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * pressed)
+
+        def rates(along_x: Array, along_y: Array, by_overlap: Array) -> Array:
+            """Derivatives (n, m) of one component of the tangential forces, from those by slips and overlap."""
+            rows = (part * along_x)[:, None] * x + (part * along_y)[:, None] * y
+            rows += by_overlap[:, None] * pressed + (along_x * own[:, 0] + along_y * own[:, 1])[:, None] * d
+            return rows
+
+        return x.T @ rates(k[1], k[2], k[5]) + y.T @ rates(k[3], k[4], k[6]) - d.T @ (k[0][:, None] * pressed)
 
     def _newton(self, y: Array, plate: Array) -> Trial | None:
         """Run Newton's method with a line search, with damping where that fails; None without solution."""
@@ -320,36 +314,20 @@ class QuasiStatic:
         return trial if trial.residual <= ACCEPTED and trial.answer.normal.any() else None
 
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
-        """Backtrack from the full step to the first point with a smaller residual."""
         change = np.abs(self.rows @ step).max(axis=1)
         growth = OVERLAP_GROWTH * max(float(trial.overlap.max()), 0.0)
         part = min(1.0, growth / change[0]) if change[0] > 0.0 and growth > 0.0 else 1.0
-        size = float(np.linalg.norm(trial.force))
-        for _ in range(HALVINGS):
+        return self.backtrack(trial, step, plate, (part, HALVINGS), lambda tried: tried.force)
+
+    def backtrack(self, trial: Trial, step: NDArray, plate: Array, halved: tuple[float, int], force: Force) -> Trial | None:
+        """Return the first point with a smaller norm of `force`; `halved`: first part of the step, and how many are tried."""
+        size, (part, count) = float(np.linalg.norm(force(trial))), halved
+        for _ in range(count):
             tried = self.trial(trial.y + part * step, plate)
-            if float(np.linalg.norm(tried.force)) < (1.0 - 1e-4 * part) * size:
+            if float(np.linalg.norm(force(tried))) < (1.0 - 1e-4 * part) * size:
                 return tried
             part *= 0.5
         return None
-
-    def longest_part(self, trial: Trial, step: NDArray) -> float:
-        """Return the fraction, at most 1, of a Newton step for which overlap changes respect `OVERLAP_GROWTH`.
-
-        A spot that is open, or opens, counts only while it is loaded. For steps whose rotation is bounded otherwise: `_search`
-        counts all spots, since it would otherwise reach equilibria far beyond linear kinematics.
-        """
-        growth = OVERLAP_GROWTH * float(trial.overlap.max())
-        if growth <= 0.0:
-            return 1.0
-        change = self.rows[0] @ step
-        counted = np.where((change < 0.0) & (trial.overlap <= growth), 0.0, np.abs(change))
-        allowed = growth + np.maximum(-trial.overlap, 0.0)
-        return float(np.min(allowed / np.maximum(counted, allowed)))
-
-    def _free(self, trial: Trial, plate: Array) -> tuple[int, Array]:
-        """Return the number of motions without resistance, and the softest one."""
-        _, values, vectors = np.linalg.svd(self.jacobian(trial))
-        return int(np.sum(values <= NEUTRAL * values[0])), vectors[-1]
 
     def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:
         """Return the equilibrium nearest to the last point.

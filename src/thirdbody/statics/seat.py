@@ -1,4 +1,4 @@
-"""Relaxation of a particle without a nearby equilibrium, with finite rotations.
+"""Finite rotations of a particle: relaxation where no equilibrium is near, and the seat in which it is held.
 
 Where no equilibrium exists near the last one, the particle moves against a resistance proportional to its velocity until its
 forces balance again. Each step is implicit Euler, force(y) = resistance (y - y_last), with a resistance that falls from step to
@@ -12,10 +12,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from thirdbody.engine.quasistatic import ACCEPTED, CONVERGED, NEUTRAL, Grip, NoStaticState, QuasiStatic, Trial, after
-from thirdbody.engine.state import Array
+from thirdbody.kernels.table import Array
+from thirdbody.statics.solver import (
+    ACCEPTED,
+    CONVERGED,
+    NEUTRAL,
+    OVERLAP_GROWTH,
+    Grip,
+    NoStaticState,
+    QuasiStatic,
+    Trial,
+    after,
+)  # fmt: skip
 
 MAX_ROTATION = 0.5
 """Rotation [rad] beyond which a particle that still moves has tipped over."""
@@ -41,24 +50,14 @@ TOUCHING = 1e-12
 def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
     """Move a solver to an equilibrium near its last one where Newton's method fails: at the corners of laws of springs.
 
-    Parameters
-    ----------
-    solver : QuasiStatic
-        The solver.
-    plate : sequence of float (3,)
-        Closing [m] or load [N], and drag x, y [m].
-
-    Returns
-    -------
-    bool
-        False, with `solver` unchanged, if the particle would have to rotate by more than `SMALL_ROTATION`.
+    `plate` (3,): closing [m] or load [N], and drag x, y [m]. Returns False, with `solver` unchanged, if it has no last
+    equilibrium, or if the particle would have to rotate by more than `SMALL_ROTATION`.
     """
     if solver.now is None:
         return False
     last, memory = solver.now, solver.memory
-    near = _Relaxation(solver, np.asarray(plate, float), SMALL_ROTATION)
-    near.put(solver.now.coordinates, memory)
-    if near.comes_to_rest():
+    solver.adopt(last.coordinates, np.asarray(plate, float), memory, last.slip)
+    if _Relaxation(solver, np.asarray(plate, float)).comes_to_rest():
         return True
     solver.now, solver.memory = last, memory
     return False
@@ -67,53 +66,33 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
 def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     """Return a solver under load, in equilibrium where the particle comes to rest.
 
-    Parameters
-    ----------
-    solver : QuasiStatic
-        The particle starts from its last equilibrium, or else upright.
-    plate : sequence of float (3,)
-        Load [N] and drag x, y [m].
-
-    Returns
-    -------
-    QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
+    It starts from the last equilibrium of `solver`, or else upright. `plate` (3,): load [N] and drag x, y [m]. Raises
+    NoStaticState if it tips over.
     """
-    moving = _TippingRelaxation(solver, np.asarray(plate, float))
+    goal = np.asarray(plate, float)
+    loaded = QuasiStatic(solver.grip, solver.contacts, True)
+    loaded.seat_rotation, loaded.rotation_since_touch = solver.seat_rotation, solver.rotation_since_touch
+    if (now := solver.now) is None:
+        loaded.adopt(loaded.upright(goal), goal, solver.memory)
+    else:
+        start = now.coordinates if solver.under_load else np.append(now.coordinates, now.closing)
+        loaded.adopt(start, goal, solver.memory, now.slip)
+    moving = _Relaxation(loaded, goal, solver.rotation_since_touch)
     if moving.comes_to_rest():
         return moving.solver
     assert moving.solver.now is not None
     ends = f"it rotates by {MAX_ROTATION} rad and reaches no equilibrium"
     if moving.exhausted:
         ends = f"the search ended after a rotation of {moving.rotation:.2g} rad"
-    raise NoStaticState(ends, moving.plate, moving.solver.now.residual, moving.exhausted)
+    raise NoStaticState(ends, goal, moving.solver.now.residual, moving.exhausted)
 
 
 def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     """Return a solver in the seat of a particle. Motion counts from first touch there, where all loaded spots touch at once.
 
-    Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
-    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
-
-    Parameters
-    ----------
-    solver : QuasiStatic
-        The particle starts from its last equilibrium, or else upright.
-    load : float
-        Load [N].
-
-    Returns
-    -------
-    QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
+    Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load` [N], or, where these cannot
+    all touch at once, those that stay loaded under ever smaller loads and weights. The smallest rotation closes their gaps.
+    The particle starts from its last equilibrium, or else upright; raises NoStaticState if it tips over.
     """
     seated = solver
     for _ in range(UNLOADINGS):
@@ -138,7 +117,7 @@ def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
     assert seated.now is not None
     up, loaded, rotation = seated.grip.upper, seated.now.overlap > 0.0, np.zeros(3)
     for _ in range(NEWTON_STEPS):
-        position = _rotated_spots(seated.grip, seated.contacts.radius, rotation)
+        position = _rotated_spots(seated, rotation)
         x, y, z = position.T
         gap = np.where(up, z[up].max() - z, z - z[~up].min())
         # rows of the differences in height within each side
@@ -156,16 +135,8 @@ def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
 def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
     """Return a solver at the last equilibrium of another, linearised at that orientation.
 
-    Parameters
-    ----------
-    solver : QuasiStatic
-        The solver.
-    minimum : float
-        Deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is returned.
-
-    Returns
-    -------
-    QuasiStatic
+    `minimum`: deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is
+    returned.
     """
     assert solver.now is not None
     rotation_vector = solver.now.coordinates[solver.rotations]
@@ -174,36 +145,29 @@ def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> Quasi
     rotation, coordinates = np.zeros(3), solver.now.coordinates.copy()
     rotation[solver.axes] = rotation_vector / solver.grip.arm
     coordinates[solver.rotations] = 0.0
-    position = _rotated_spots(solver.grip, solver.contacts.radius, rotation)
+    position = _rotated_spots(solver, rotation)
     lift = position[:, 2] - solver.grip.position[:, 2]
     gap = solver.grip.gap + np.where(solver.grip.upper, -lift, lift)
     result = QuasiStatic(replace(solver.grip, position=position, gap=gap), solver.contacts, solver.under_load)
     result.seat_rotation, result.rotation_since_touch = solver.seat_rotation, after(solver.rotation_since_touch, rotation)
-    result.adopt(coordinates, solver.now.plate, solver.memory)
-    assert result.now is not None
-    result.now = replace(result.now, slip=solver.now.slip)
+    result.adopt(coordinates, solver.now.plate, solver.memory, solver.now.slip)
     return result
 
 
 class _Relaxation:
-    """Relaxation of a particle towards equilibrium; the state is that at the end of a step."""
+    """Relaxation of a particle towards equilibrium; the state is that at the end of a step.
 
-    def __init__(self, solver: QuasiStatic, plate: Array, farthest: float) -> None:
-        self.solver, self.plate, self.farthest = solver, plate, farthest
+    `upright`: rotation vector from which finite rotations count; None: they stay small, and kinematics linear.
+    """
+
+    def __init__(self, solver: QuasiStatic, plate: Array, upright: Array | None = None) -> None:
+        self.solver, self.plate, self.upright = solver, plate, upright
         self.rotation = 0.0  # rotation since the start [rad]
         self.exhausted = False  # whether the search ended undecided
         # radius of the circles of the spots [m]: a blunt sphere's centre may be farther from the centre of mass than its spot
-        centre = np.linalg.norm(_centres(solver), axis=1)
-        self.reach = max(float(centre.max()), solver.grip.arm)
+        self.reach = max(float(np.linalg.norm(solver.grip.position - _radii(solver), axis=1).max()), solver.grip.arm)
         # change of the coordinates in the last step times its resistance: the prediction for the next step
         self.push = np.zeros(solver.rows.shape[2])
-
-    def put(self, coordinates: Array, memory: Array) -> None:
-        """Continue from these coordinates and history, with the accumulated slip."""
-        now = self.solver.now
-        self.solver.adopt(coordinates, self.plate, memory)
-        if now is not None and self.solver.now is not None:
-            self.solver.now = replace(self.solver.now, slip=now.slip)
 
     def comes_to_rest(self) -> bool:
         """Move until the forces balance; return whether they do before the largest rotation is reached."""
@@ -218,117 +182,89 @@ class _Relaxation:
                     break
                 continue
             self.push = resistance * (result.y - self.solver.now.coordinates)
-            self.accept(result)
+            self._accept(result)
             before, residual = residual, self.solver.now.residual
             if residual <= CONVERGED or residual <= ACCEPTED and residual > 0.5 * before:
                 return True
-            if self.rotation > self.farthest:
+            if self.rotation > (SMALL_ROTATION if self.upright is None else MAX_ROTATION):
                 return False
-            resistance = max(resistance / FASTER, self._min_resistance(result), WEAKEST * stiff)
+            # the predicted rotation of the next step is within linear kinematics
+            allowed = CAUTION * self.solver.grip.arm * math.sqrt(BENT * max(float(result.overlap.max()), 0.0) / self.reach)
+            smallest = float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
+            resistance = max(resistance / FASTER, smallest, WEAKEST * stiff)
         self.exhausted = True
         return False
 
-    def accept(self, trial: Trial) -> None:
-        """Accept a step: its end is the start of the next one."""
-        assert self.solver.now is not None
-        part = self.solver.rotations
-        self.rotation += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
-        slip = np.where(trial.overlap > 0.0, self.solver.now.slip + trial.answer.slip, 0.0)
-        self.put(trial.y, trial.answer.memory)
-        self.solver.now = replace(self.solver.now, slip=slip)
+    def _accept(self, trial: Trial) -> None:
+        """Accept a step: its end is the start of the next one; with finite rotations, linearise at the orientation there."""
+        solver, part = self.solver, self.solver.rotations
+        assert solver.now is not None
+        self.rotation += float(np.linalg.norm(trial.y[part] - solver.now.coordinates[part])) / solver.grip.arm
+        slip = np.where(trial.overlap > 0.0, solver.now.slip + trial.answer.slip, 0.0)
+        solver.adopt(trial.y, self.plate, trial.answer.memory, slip)
+        if self.upright is not None:
+            self.solver = in_present_posture(solver, 0.0)
+            self.rotation = float(np.linalg.norm(after(-self.upright, self.solver.rotation_since_touch)))
 
     def _step(self, resistance: float) -> Trial | None:
         """Return the end of one step of implicit Euler; None without solution or with too large a rotation."""
         solver = self.solver
         assert solver.now is not None
         start = solver.now.coordinates
+
+        def net_force(trial: Trial) -> Array:
+            """The unbalanced force less the resistance, with the levers at the end of the step."""
+            change = trial.y - start
+            return np.asarray(trial.force + self._geometric_stiffness(trial) @ change - resistance * change)
+
         guesses = [solver.trial(start, self.plate)]
         if self.push.any():
             guesses.append(solver.trial(start + self.push / resistance, self.plate))
-        trial = min(guesses, key=lambda guess: float(np.linalg.norm(self._net_force(guess, resistance))))
+        trial = min(guesses, key=lambda guess: float(np.linalg.norm(net_force(guess))))
         for _ in range(NEWTON_STEPS):
-            force = self._net_force(trial, resistance)
+            force = net_force(trial)
             if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.residual) * trial.scale or trial.residual <= CONVERGED:
                 bent = float(np.sum((trial.y[solver.rotations] - start[solver.rotations]) ** 2)) / solver.grip.arm**2
                 return trial if bent * self.reach <= BENT * float(trial.overlap.max()) else None
-            jacobian = solver.jacobian(trial) + self.geometric_stiffness(trial) - resistance * np.eye(len(start))
+            jacobian = solver.jacobian(trial) + self._geometric_stiffness(trial) - resistance * np.eye(len(start))
             step = np.linalg.lstsq(jacobian, -force, rcond=None)[0]
-            better = self._search(trial, step, resistance)
+            # a spot that is open, or opens, counts only while it is loaded: the rotation is bounded otherwise here
+            part, growth = 1.0, OVERLAP_GROWTH * float(trial.overlap.max())
+            if growth > 0.0:
+                change = solver.rows[0] @ step
+                counted = np.where((change < 0.0) & (trial.overlap <= growth), 0.0, np.abs(change))
+                allowed = growth + np.maximum(-trial.overlap, 0.0)
+                part = float(np.min(allowed / np.maximum(counted, allowed)))
+            better = solver.backtrack(trial, step, self.plate, (part, HALVINGS), net_force)
             if better is None:
                 return None
             trial = better
         return None
 
-    def geometric_stiffness(self, trial: Trial) -> Array:
-        """Return d(force)/d(coordinates) from the way of the spots over the particle as it turns: none in linear kinematics."""
-        return np.zeros((len(trial.y), len(trial.y)))
+    def _geometric_stiffness(self, trial: Trial) -> Array:
+        """Return d(force)/d(coordinates) from the way of the spots over the particle as it turns: none in linear kinematics.
 
-    def _net_force(self, trial: Trial, resistance: float) -> Array:
-        """Return the unbalanced force less the resistance, with the levers at the end of the step."""
-        assert self.solver.now is not None
-        change = trial.y - self.solver.now.coordinates
-        return np.asarray(trial.force + self.geometric_stiffness(trial) @ change - resistance * change)
-
-    def _min_resistance(self, last: Trial) -> float:
-        """Return the resistance at which the predicted rotation of the next step is within linear kinematics."""
-        allowed = CAUTION * self.solver.grip.arm * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) / self.reach)
-        return float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
-
-    def _search(self, trial: Trial, step: NDArray, resistance: float) -> Trial | None:
-        """Backtrack from the full step to the first point with a smaller residual."""
-        part = self.solver.longest_part(trial, step)
-        size = float(np.linalg.norm(self._net_force(trial, resistance)))
-        for _ in range(HALVINGS):
-            tried = self.solver.trial(trial.y + part * step, self.plate)
-            if float(np.linalg.norm(self._net_force(tried, resistance))) < (1.0 - 1e-4 * part) * size:
-                return tried
-            part *= 0.5
-        return None
-
-
-class _TippingRelaxation(_Relaxation):
-    """Relaxation under load with finite rotations."""
-
-    def __init__(self, origin: QuasiStatic, plate: Array) -> None:
-        solver = QuasiStatic(origin.grip, origin.contacts, True)
-        solver.seat_rotation, solver.rotation_since_touch = origin.seat_rotation, origin.rotation_since_touch
-        super().__init__(solver, plate, MAX_ROTATION)
-        self.start = origin.rotation_since_touch
-        start = solver.upright(plate)
-        if origin.now is not None:
-            start = origin.now.coordinates if origin.under_load else np.append(origin.now.coordinates, origin.now.closing)
-        self.put(start, origin.memory)
-        if origin.now is not None and solver.now is not None:
-            solver.now = replace(solver.now, slip=origin.now.slip)
-
-    def accept(self, trial: Trial) -> None:
-        """Accept a step, and linearise at the orientation at its end."""
-        super().accept(trial)
-        self.solver = in_present_posture(self.solver, 0.0)
-        self.rotation = float(np.linalg.norm(after(-self.start, self.solver.rotation_since_touch)))
-
-    def geometric_stiffness(self, trial: Trial) -> Array:
-        """Return d(force)/d(coordinates): moments of the forces F on spots that move with the centres c, (theta x c) x F."""
-        solver, centre = self.solver, _centres(self.solver)
-        normal = np.where(solver.grip.upper, -1.0, 1.0) * trial.answer.normal
-        force = np.column_stack([trial.answer.tangential, normal])
-        moment = centre.T @ force - np.sum(centre * force) * np.eye(3)
-        result = super().geometric_stiffness(trial)
-        result[solver.rotations, solver.rotations] = moment[np.ix_(solver.axes, solver.axes)] / solver.grip.arm**2
+        Moments of the forces F on spots that move with the centres c of their spheres: (theta x c) x F.
+        """
+        solver, result = self.solver, np.zeros((len(trial.y), len(trial.y)))
+        if self.upright is not None:
+            centre, normal = solver.grip.position - _radii(solver), np.where(solver.grip.upper, -1.0, 1.0) * trial.answer.normal
+            force = np.column_stack([trial.answer.tangential, normal])
+            moment = centre.T @ force - np.sum(centre * force) * np.eye(3)
+            result[solver.rotations, solver.rotations] = moment[np.ix_(solver.axes, solver.axes)] / solver.grip.arm**2
         return result
 
 
-def _centres(solver: QuasiStatic) -> Array:
-    """Return the centres (n, 3) [m] of the spheres, from the centre of mass."""
-    result = solver.grip.position.copy()
-    result[:, 2] -= np.where(solver.grip.upper, solver.contacts.radius, -solver.contacts.radius)
+def _radii(solver: QuasiStatic) -> Array:
+    """Return the vectors (n, 3) [m] from the centres of the spheres to their spots."""
+    result = np.zeros_like(solver.grip.position)
+    result[:, 2] = np.where(solver.grip.upper, solver.contacts.radius, -solver.contacts.radius)
     return result
 
 
-def _rotated_spots(grip: Grip, radius: Array, rotation: Array) -> Array:
+def _rotated_spots(solver: QuasiStatic, rotation: Array) -> Array:
     """Return the spots (n, 3) [m] of a particle after a rotation: summits of spheres that rotate with it."""
     from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
-    summit = np.zeros_like(grip.position)
-    summit[:, 2] = np.where(grip.upper, radius, -radius)
-    return Rotation.from_rotvec(rotation).apply(grip.position - summit) + summit
+    summit = _radii(solver)
+    return Rotation.from_rotvec(rotation).apply(solver.grip.position - summit) + summit

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from thirdbody.engine.quasistatic import Balance, Grip
-from thirdbody.engine.state import Array
+from thirdbody.kernels.table import Array
 from thirdbody.kernels.tables import LOWER, UPPER, loaded_contact, observed_body
 from thirdbody.laws.compose import compose_labeller
 from thirdbody.laws.contract import Labeller
+from thirdbody.statics.solver import Balance, Grip
 
 STEP = 1.0
 """Nominal time [s] between two equilibria, which do not depend on it; rates are increments."""
@@ -28,8 +28,9 @@ class StaticLabels:
     def update(self, point: Balance, grip: Grip) -> dict[str, float]:
         """Return the labels of the next equilibrium, by name: `state`, `reason`, margins, extras."""
         self.grip = grip
-        loaded = np.flatnonzero(point.overlap > 0.0)
-        contacts, body = self._contacts(point, loaded), self._body(point)
+        last, loaded = point if self.last is None else self.last, np.flatnonzero(point.overlap > 0.0)
+        dragged = point.plate[1:] - last.plate[1:]  # of the upper plate since the last equilibrium [m]
+        contacts, body = self._contacts(point, loaded, dragged), self._body(point, last, dragged)
         self._observe(contacts, len(loaded), body, self.memory)
         self.contact_memory[:] = 0.0
         self.contact_memory[loaded] = contacts[:, loaded_contact.MEMORY :]
@@ -39,8 +40,8 @@ class StaticLabels:
         self.last = point
         return dict(zip(names, out.tolist(), strict=True))
 
-    def _contacts(self, point: Balance, loaded: np.ndarray) -> Array:
-        """Return one row per loaded contact (`columns.loaded_contact`)."""
+    def _contacts(self, point: Balance, loaded: np.ndarray, dragged: Array) -> Array:
+        """Return one row `loaded_contact` per loaded contact."""
         rows = np.zeros((len(loaded), loaded_contact.MEMORY + self.contact_memory.shape[1]))
         up, answer = self.grip.upper[loaded], point.answer
         rows[:, loaded_contact.PARTNER] = np.where(up, UPPER, LOWER)
@@ -53,39 +54,26 @@ class StaticLabels:
         rows[:, loaded_contact.FRICTION_LIMIT] = answer.limit[loaded]
         rows[:, loaded_contact.CRITICAL_SLIP] = answer.critical[loaded]
         rows[:, loaded_contact.SLIP] = point.slip[loaded]
-        rows[:, loaded_contact.PARTNER_VELOCITY : loaded_contact.PARTNER_VELOCITY + 2] = np.where(
-            up[:, None], self._dragged(point) / STEP, 0.0
-        )
+        velocity = slice(loaded_contact.PARTNER_VELOCITY, loaded_contact.PARTNER_VELOCITY + 2)
+        rows[:, velocity] = np.where(up[:, None], dragged / STEP, 0.0)
         rows[:, loaded_contact.IDENTITY] = loaded + 1.0
         rows[:, loaded_contact.MEMORY :] = self.contact_memory[loaded]
         return rows
 
-    def _body(self, point: Balance) -> Array:
-        """Return the row `observed_body` of the particle: motion since the last equilibrium, plates."""
+    def _body(self, point: Balance, last: Balance, dragged: Array) -> Array:
+        """Return the row `observed_body` of the particle: motion since the last equilibrium, residual force, plates."""
         from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
         row = np.zeros(observed_body.WIDTH)
-        before = point.motion if self.last is None else self.last.motion
         row[observed_body.POSITION3] = point.motion[:3]
-        row[observed_body.VELOCITY3] = (point.motion[:3] - before[:3]) / STEP
-        row[observed_body.SPIN3] = (point.motion[3:] - before[3:]) / STEP
+        row[observed_body.VELOCITY3] = (point.motion[:3] - last.motion[:3]) / STEP
+        row[observed_body.SPIN3] = (point.motion[3:] - last.motion[3:]) / STEP
         row[observed_body.QUATERNION4] = np.roll(Rotation.from_rotvec(point.motion[3:]).as_quat(), 1)
-        row[observed_body.FORCE3], row[observed_body.TORQUE3] = self._unbalanced(point)
+        forces = np.column_stack([point.answer.tangential, np.where(self.grip.upper, -1.0, 1.0) * point.answer.normal])
+        row[observed_body.FORCE3] = forces.sum(axis=0) - [0.0, 0.0, self.grip.weight]
+        row[observed_body.TORQUE3] = np.cross(self.grip.position, forces).sum(axis=0)
         row[observed_body.ELAPSED] = STEP
-        row[observed_body.PLATE_SHIFT2] = self._dragged(point)
-        row[observed_body.DRAG2], row[observed_body.PLATE_SPEED] = (
-            self.heading,
-            1.0,
-        )  # as for a drag that starts from the pressed state
+        row[observed_body.PLATE_SHIFT2] = dragged
+        row[observed_body.DRAG2] = self.heading
+        row[observed_body.PLATE_SPEED] = 1.0  # as for a drag that starts from the pressed state
         return row
-
-    def _dragged(self, point: Balance) -> Array:
-        """Return the drag (2,) [m] of the upper plate since the last equilibrium."""
-        return point.plate[1:] - (point.plate if self.last is None else self.last.plate)[1:]
-
-    def _unbalanced(self, point: Balance) -> tuple[Array, Array]:
-        """Return the residual force (3,) [N] and moment (3,) [N m] about the centre of mass."""
-        normal = np.where(self.grip.upper, -1.0, 1.0) * point.answer.normal
-        forces = np.column_stack([point.answer.tangential, normal])
-        moment = np.cross(self.grip.position, forces).sum(axis=0)
-        return forces.sum(axis=0) - [0.0, 0.0, self.grip.weight], moment
