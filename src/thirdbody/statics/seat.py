@@ -50,8 +50,17 @@ TOUCHING = 1e-12
 def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
     """Move a solver to an equilibrium near its last one where Newton's method fails: at the corners of laws of springs.
 
-    `plate` (3,): closing [m] or load [N], and drag x, y [m]. Returns False, with `solver` unchanged, if it has no last
-    equilibrium, or if the particle would have to rotate by more than `SMALL_ROTATION`.
+    Parameters
+    ----------
+    solver : QuasiStatic
+        The solver.
+    plate : sequence of float (3,)
+        Closing [m] or load [N], and drag x, y [m].
+
+    Returns
+    -------
+    bool
+        False, with `solver` unchanged, if the particle would have to rotate by more than `SMALL_ROTATION`.
     """
     if solver.now is None:
         return False
@@ -66,8 +75,21 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
 def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     """Return a solver under load, in equilibrium where the particle comes to rest.
 
-    It starts from the last equilibrium of `solver`, or else upright. `plate` (3,): load [N] and drag x, y [m]. Raises
-    NoStaticState if it tips over.
+    Parameters
+    ----------
+    solver : QuasiStatic
+        The particle starts from its last equilibrium, or else upright.
+    plate : sequence of float (3,)
+        Load [N] and drag x, y [m].
+
+    Returns
+    -------
+    QuasiStatic
+
+    Raises
+    ------
+    NoStaticState
+        It tips over.
     """
     goal = np.asarray(plate, float)
     loaded = QuasiStatic(solver.grip, solver.contacts, True)
@@ -90,9 +112,24 @@ def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
 def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     """Return a solver in the seat of a particle. Motion counts from first touch there, where all loaded spots touch at once.
 
-    Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load` [N], or, where these cannot
-    all touch at once, those that stay loaded under ever smaller loads and weights. The smallest rotation closes their gaps.
-    The particle starts from its last equilibrium, or else upright; raises NoStaticState if it tips over.
+    Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
+    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
+
+    Parameters
+    ----------
+    solver : QuasiStatic
+        The particle starts from its last equilibrium, or else upright.
+    load : float
+        Load [N].
+
+    Returns
+    -------
+    QuasiStatic
+
+    Raises
+    ------
+    NoStaticState
+        It tips over.
     """
     seated = solver
     for _ in range(UNLOADINGS):
@@ -135,8 +172,16 @@ def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
 def in_present_posture(solver: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
     """Return a solver at the last equilibrium of another, linearised at that orientation.
 
-    `minimum`: deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is
-    returned.
+    Parameters
+    ----------
+    solver : QuasiStatic
+        The solver.
+    minimum : float
+        Deviation of the circular paths of the spots from straight lines, in overlaps, below which `solver` itself is returned.
+
+    Returns
+    -------
+    QuasiStatic
     """
     assert solver.now is not None
     rotation_vector = solver.now.coordinates[solver.rotations]
