@@ -112,7 +112,7 @@ register_model(Unpacked)(models.OpaqueModel)
 class _Fields(AttributeTemplate):  # type: ignore[misc]
     key = Unpacked
 
-    def generic_resolve(self, kind: Any, name: str) -> Any:
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
         """Return the type of a field; None if there is none of that name."""
         return kind.kinds.get(name)
 

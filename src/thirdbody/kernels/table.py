@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from types import ModuleType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,17 +38,56 @@ class _Declared(NamedTuple):
 
 
 def number(unit: str, meaning: str, at: int | str | None = None) -> _Declared:
-    """Declare one column; `at`: where it is if not behind the last one."""
+    """Return the declaration of a quantity of one column, for `Table`.
+
+    Parameters
+    ----------
+    unit : str
+        Its unit, "" for none.
+    meaning : str
+        What it is.
+    at : int or str, optional
+        Where it is: a column, or the name of one of the same table. Default: behind the last one.
+
+    Returns
+    -------
+    object
+        The declaration.
+    """
     return _Declared(1, unit, meaning, at)
 
 
 def vector(width: int, unit: str, meaning: str, at: int | str | None = None) -> _Declared:
-    """Declare `width` columns."""
+    """Return the declaration of a quantity of several columns, for `Table`.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+    unit, meaning, at
+        As of `number`.
+
+    Returns
+    -------
+    object
+        The declaration.
+    """
     return _Declared(width, unit, meaning, at)
 
 
 def skip(width: int) -> _Declared:
-    """Leave `width` columns unused."""
+    """Return the declaration of columns that are left unused, for `Table`.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+
+    Returns
+    -------
+    object
+        The declaration.
+    """
     return _Declared(width, "", "", None, "skip")
 
 
@@ -65,7 +104,7 @@ class Table(ModuleType):
 
     def __init__(self, symbol: str, rows: str, **columns: _Declared) -> None:
         """Declare a table. `symbol`: name of the array in kernels; `rows`: what a row (or a table of one row) describes."""
-        super().__init__(f"table of {rows}")
+        super().__init__(f"table of {rows}", f"Columns of {rows}, as compiled functions read them.")
         self.symbol, self.rows = symbol, rows
         self.columns: list[Column] = []
         end = 0
@@ -80,6 +119,10 @@ class Table(ModuleType):
             if width > 1:
                 setattr(self, f"{name.upper()}{width}", slice(first, first + width))
         self.WIDTH = vars(self).get("WIDTH", end)
+
+    if TYPE_CHECKING:
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all quantities in order."""

@@ -12,7 +12,21 @@ from thirdbody.laws.data import Normal
 
 
 def e_star(a: Material, b: Material) -> float:
-    """Effective modulus of normal contact E* [Pa]: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b) (Willert, Eq. 4).
+    """Effective modulus of normal contact: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b).
+
+    Parameters
+    ----------
+    a, b : Material
+        The two bodies.
+
+    Returns
+    -------
+    float
+        E* [Pa].
+
+    Source
+    ------
+    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 4.
 
     Examples
     --------
@@ -24,9 +38,21 @@ def e_star(a: Material, b: Material) -> float:
 
 
 def g_star(a: Material, b: Material) -> float:
-    """Effective modulus of tangential contact G* [Pa]: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b) (Willert, Eq. 14).
+    """Effective modulus of tangential contact: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b).
 
-    It is four times the G_eff of most DEM codes.
+    Parameters
+    ----------
+    a, b : Material
+        The two bodies.
+
+    Returns
+    -------
+    float
+        G* [Pa], four times the G_eff of most DEM codes.
+
+    Source
+    ------
+    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 14.
     """
     return 1.0 / ((2.0 - a.poisson_ratio) / (4.0 * a.shear_modulus) + (2.0 - b.poisson_ratio) / (4.0 * b.shear_modulus))
 
@@ -34,7 +60,19 @@ def g_star(a: Material, b: Material) -> float:
 def dundurs_beta(a: Material, b: Material) -> float:
     """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes.
 
-    beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b) (Willert, Eq. 3; Johnson 1985, Eq. 5.3).
+    Parameters
+    ----------
+    a, b : Material
+        The two bodies.
+
+    Returns
+    -------
+    float
+        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b).
+
+    Source
+    ------
+    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eq. 3; Johnson 1985, Eq. 5.3.
     """
     x, y = (1.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (1.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     s, t = (2.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (2.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
@@ -107,7 +145,14 @@ class YieldLimit(NamedTuple):
 def yield_limit(a: Material, b: Material) -> YieldLimit:
     """Return the limit of the pair, that of the softer material: both bodies of a contact carry the same pressure.
 
-    A material without a yield strength is given E/100, the strength of a hard metal, unless it is an elastomer.
+    Parameters
+    ----------
+    a, b : Material
+        The two materials. One without a yield strength is given E/100, the strength of a hard metal, unless it is an elastomer.
+
+    Returns
+    -------
+    YieldLimit
     """
     limits = []
     for m in (a, b):

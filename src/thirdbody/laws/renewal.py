@@ -57,7 +57,19 @@ def creep_coefficient(nu: float) -> float:
 
 
 def renewal_rate(pair: Pair, options: Options) -> float:
-    """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials."""
+    """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials.
+
+    Parameters
+    ----------
+    pair : Pair
+        The two materials.
+    options : mapping
+        Options of the law, with `renewal`: "kalker" or a number.
+
+    Returns
+    -------
+    float
+    """
     given = options.get("renewal", RENEWAL.default)
     if given != "kalker":
         return float(given)
@@ -78,10 +90,22 @@ class Ground(NamedTuple):
 
 @kernel
 def moved_ground(roll_x, roll_y, radius, x, y, reach):
-    """Return how much fresh ground a contact area of this radius [m] meets as it moves on by (roll_x, roll_y) [m].
+    """Return how much fresh ground a contact area meets as it moves on.
 
-    (x, y): offset before the step from the middle of the ground that it knows, at most its radius [m]; `reach`: largest offset so
-    far [m]: ground within it is not fresh.
+    Parameters
+    ----------
+    roll_x, roll_y : float
+        Travel of the contact area in the step [m].
+    radius : float
+        Its radius [m].
+    x, y : float
+        Offset before the step from the middle of the ground that it knows, at most its radius [m].
+    reach : float
+        Largest offset so far: ground within it is not fresh [m].
+
+    Returns
+    -------
+    Ground
     """
     x, y = x + roll_x, y + roll_y
     size = math.sqrt(x * x + y * y)
@@ -105,7 +129,14 @@ class Renewal(NamedTuple):
 def renewed(exponent):
     """Return the renewal of a field over a step with a steady slip: dw/dt = -ds/dt - exponent w, exact for any length of step.
 
-    `exponent`: rate of renewal times the fresh ground of the step over the contact radius.
+    Parameters
+    ----------
+    exponent : float
+        Rate of renewal times the fresh ground of the step over the contact radius.
+
+    Returns
+    -------
+    Renewal
     """
     if exponent < 1e-12:
         return Renewal(1.0, 1.0, 0.0, 0.0)
