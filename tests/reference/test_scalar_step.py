@@ -24,12 +24,12 @@ from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
+from thirdbody.kernels.arguments import WORK, context_of
+from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import work
-from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
-from thirdbody.kernels.signatures import WORK, context_of
 from thirdbody.kernels.tables import body, body_extra, contact_state, orientation, patch, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE
 from thirdbody.rotations import rotation_matrices

@@ -21,10 +21,10 @@ from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.explicit import contact_dissipation
+from thirdbody.kernels import books
+from thirdbody.kernels.arguments import Tile
+from thirdbody.kernels.books import pack_triple
 from thirdbody.kernels.implicit import work
-from thirdbody.kernels.packed_triple import pack_triple
 from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.kernels.tables import run_totals
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
@@ -210,7 +210,7 @@ def test_a_law_that_makes_energy_stays_visible():
     table[1][law_output.STORED_TANGENTIAL, :2] = 1.5, 9.0
     table[1][law_output.FRICTION_LOSS], table[1][law_output.DISSIPATED] = 0.25, 0.75  # half of a joule is not of friction
     memory = namedtuple("Memory", "force moment twist stored n_history")(0, -1, -1, 2, 3)  # columns of the history, their number
-    njit(lambda I, O: contact_dissipation.book(2, memory, Tile(I, O, I[:0], I[:0])))(I, O)  # noqa: E741
+    njit(lambda I, O: books.book(2, memory, Tile(I, O, I[:0], I[:0])))(I, O)  # noqa: E741
     assert table[1][law_output.DISSIPATED, :2] == pytest.approx([0.5 + 1.0 + 3.0 - 1.5, 0.5], rel=1e-15)
 
 

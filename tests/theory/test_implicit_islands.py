@@ -13,7 +13,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.expected_islands import STRIDE
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import body, patch, record, run_totals

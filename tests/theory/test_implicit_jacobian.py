@@ -11,7 +11,7 @@ from numba import types
 from scipy.ndimage import spline_filter
 from theory.plain import plain
 
-from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
@@ -20,9 +20,9 @@ from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update
 from thirdbody.kernels.implicit.spots_part import spots_part
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_scratch
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.minima import RoughPlates
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
-from thirdbody.kernels.rough_plates import RoughPlates
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output
 from thirdbody.kernels.tile import rolling_input as turn_in

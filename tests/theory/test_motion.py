@@ -66,7 +66,7 @@ def test_top_keeps_momentum_and_energy(make):
 
 
 def test_a_ball_turns_by_its_spin_at_every_stop(make):
-    """A constant spin, at instants within a block of steps (`kernels.sphere_rotation`) and after several blocks."""
+    """A constant spin, at instants within a block of steps (`kernels.bodies`) and after several blocks."""
     step, spin = 0.05, np.array([0.3, -0.2, 0.1])
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
     state = simulation.state

@@ -16,9 +16,8 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import refresh_spheres
 from thirdbody.kernels.height_field import RAMP
-from thirdbody.kernels.predicates import BASINS
-from thirdbody.kernels.rough_plates import RoughPlates
-from thirdbody.kernels.surface_minima import update
+from thirdbody.kernels.minima import RoughPlates, update
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import run_totals, surface_contact
 
 SIZE, CELLS, WAVES, SLOPE = 10.0, 80, 2, 0.16  # period of the surface [m], cells along x, waves along x, and their steepest slope
@@ -230,6 +229,6 @@ def test_contacts_that_are_followed_are_those_of_a_search(lifted_ball):
         state.slots.Q[:] = rows
         numbers.append(len(searched))
         wrong += len(followed) != len(searched) or not np.allclose(followed, searched, rtol=1e-12)
-    # where two minima part while both touch, the second one is found after `surface_minima.MOVED_TOUCHING` radii at most
+    # where two minima part while both touch, the second one is found after `minima.MOVED_TOUCHING` radii at most
     assert wrong <= 1
     assert numbers.count(0) > 100 and numbers.count(1) > 100 and numbers.count(2) + numbers.count(3) > 50

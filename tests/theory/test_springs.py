@@ -13,8 +13,8 @@ from theory.spots import Spot
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.mdr import MDR, SpringParameters
 
-from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.arguments import Motion
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import travel
 from thirdbody.kernels.tables import patch, sphere
 from thirdbody.kernels.tile import TILE, geometry

@@ -24,7 +24,7 @@ from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.granular_flow import friction_increase, inertia_verdict, median_by_mass
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, body, body_extra, contact_state, record
 from thirdbody.plot.summary_page import page
 from thirdbody.report.tables import run_report

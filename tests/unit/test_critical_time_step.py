@@ -10,9 +10,9 @@ from scipy.linalg import eigh
 
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _contact_bounds, bound
 from thirdbody.jit.arguments import address
+from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.neighbour_search import incidences
-from thirdbody.kernels.predicates import BASINS
-from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import body, body_extra, domain, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
 from thirdbody.rotations import rotation_matrices

@@ -10,9 +10,9 @@ from each import each
 from numba import njit
 from scipy import ndimage
 
-from thirdbody.kernels import closest_point, first_body, height_field, nearby_minima
-from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels import closest_point, height_field, plates
+from thirdbody.kernels.arguments import Motion
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import patch, sphere, surface_contact
 
 # the engine's functions have no wrappers for Python
@@ -36,7 +36,7 @@ def foot_of(field, centre, x, y):
 
 @njit
 def minima_of(field, centre, reach, found):
-    return nearby_minima.find_minima(field, centre, reach, found)
+    return closest_point.find_minima(field, centre, reach, found)
 
 
 def self_affine(seed: int) -> np.ndarray:
@@ -238,9 +238,9 @@ def compiled(function):
     return njit(lambda *arguments: function(*arguments))
 
 
-overlap, normal, normal_before = map(compiled, (first_body.overlap, first_body.normal, first_body.normal_before))
-effective_radius, radius_of_curvature = compiled(first_body.effective_radius), compiled(first_body.radius_of_curvature)
-to_surface, velocity = compiled(first_body.to_surface), compiled(first_body.velocity)
+overlap, normal, normal_before = map(compiled, (plates.overlap, plates.normal, plates.normal_before))
+effective_radius, radius_of_curvature = compiled(plates.effective_radius), compiled(plates.radius_of_curvature)
+to_surface, velocity = compiled(plates.to_surface), compiled(plates.velocity)
 
 
 def radii(candidate):

@@ -8,11 +8,10 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from thirdbody.jit.memory import array_part
-from thirdbody.kernels.bundles import Tile
-from thirdbody.kernels.contact_fields import load_field, pieces
+from thirdbody.kernels.arguments import Tile
+from thirdbody.kernels.books import pack_triple, unpack_triple
 from thirdbody.kernels.contact_geometry import gather_history, load_history
-from thirdbody.kernels.contact_history import store_history
-from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
+from thirdbody.kernels.memory import load_field, pieces, store_history
 from thirdbody.kernels.tables import contact_state
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 

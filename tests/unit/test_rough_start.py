@@ -15,9 +15,8 @@ from thirdbody.assembly.surface_scales import MERGING, NARROW, NOTICED, surface_
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.kernels import surface_minima
-from thirdbody.kernels.nearby_minima import MERGE
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.closest_point import MERGE
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import height_field, surface_contact
 from thirdbody.report.plates import print_rough_plates
 from thirdbody.runner.prepare import prepare
@@ -92,10 +91,10 @@ def searched(rows, minima):
     Q[: len(rows), X], Q[0, surface_contact.MINIMA] = rows, (1 << len(rows)) - 1
     with pytest.MonkeyPatch.context() as patch:
         for name in ("is_same", "offset_of", "has_minimum", "set_minimum", "end_minimum"):
-            patch.setattr(surface_minima, name, getattr(surface_minima, name).py_func)
-        patch.setattr(surface_minima, "find_minima", find_minima)
-        patch.setattr(surface_minima, "follow", follow)
-        surface_minima.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
+            patch.setattr(minima, name, getattr(minima, name).py_func)
+        patch.setattr(minima, "find_minima", find_minima)
+        patch.setattr(minima, "follow", follow)
+        minima.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
     return Q, int(Q[0, surface_contact.MINIMA])
 
 

@@ -7,7 +7,7 @@ from numba import njit
 
 from thirdbody.jit import simd
 from thirdbody.jit.memory import stack_array
-from thirdbody.kernels.rotation import NEARLY_UNIT, rotate_small
+from thirdbody.kernels.vectors import NEARLY_UNIT, rotate_small
 
 SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308
 ODD = [0.0, -0.0, np.inf, -np.inf, np.nan, SMALLEST, -SMALLEST, LARGEST_DENORMAL, -LARGEST_DENORMAL, 1e-60, -1e-60,

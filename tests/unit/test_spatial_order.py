@@ -17,9 +17,9 @@ from thirdbody.engine.orientations import orientations
 from thirdbody.engine.remote_rows import remote_rows
 from thirdbody.engine.spatial_order import FEWEST, in_columns
 from thirdbody.engine.swept_paths import may_have_touched
+from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.implicit.tables import sphere_path
-from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.tables import body
 from thirdbody.scene.model import Scene
 

@@ -8,7 +8,7 @@ from steel import scene_text
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.spots import rows, spot_body
 from thirdbody.errors import InputError
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text

@@ -15,9 +15,8 @@ from numba import njit
 from thirdbody.bodies.overlap_grid import enter, free
 from thirdbody.jit.options import CHUNK, OPTIONS
 from thirdbody.jit.simd import load, set4, store
-from thirdbody.kernels.periodic import nearest_image
-from thirdbody.kernels.rotation import matrix, rotate_small
 from thirdbody.kernels.tables import sphere
+from thirdbody.kernels.vectors import matrix, nearest_image, rotate_small
 
 DT, ALPHA, DOWNHILL = 0, 1, 2  # indices into the memory of the relaxation
 

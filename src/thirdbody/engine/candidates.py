@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, contact_state, record, remote_force, surface_contact
 
@@ -27,7 +27,7 @@ class Candidates:
     `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
     `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
     `outer` (n,): number of the remote force on the partner's body, `remote_body`; -1: both bodies are in one group.
-    `cuts` (3, chunks + 1): see `kernels.rigid_body`. `lowest` (groups,): first group whose contacts act on bodies of the group.
+    `cuts` (3, chunks + 1): see `kernels.bodies`. `lowest` (groups,): first group whose contacts act on bodies of the group.
     `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
     """
 
@@ -91,7 +91,7 @@ class Candidates:
 
 
 def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.predicates`)."""
+    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.plates`)."""
     return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 

@@ -21,7 +21,7 @@ from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
-from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION

@@ -1,7 +1,7 @@
 """Histories and records of candidates: a row for each of them, or rows of closed contacts only, batch by batch of bodies.
 
 Of the twelve candidates of a clump of six spheres between two plates, some four are closed. An open one has no history
-(`kernels.contact_history.reset_history`), and its record is never read.
+(`kernels.memory.reset_history`), and its record is never read.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels.closed_contacts import ClosedContacts
+from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.tables import contact_state
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Direct contact of the plates (`kernels.direct_contact`): its parameters, and force and energy for the implicit integrator."""
+"""Direct contact of the plates (`kernels.plates`): its parameters, and force and energy for the implicit integrator."""
 
 import math
 from dataclasses import dataclass

@@ -42,7 +42,7 @@ class Ledger:
     plate work + work of effects = change of stored energy + dissipation + residual. The relative residual is scaled by max(sum of
     |plate work increments|, largest stored plus kinetic energy). For velocity Verlet, numerical loss cannot be separated from
     truncation error: `numerical` is zero, and the residual is the truncation error. Friction dissipates the work of the mean
-    force of each step (`kernels.explicit.contact_dissipation`), so the residual comes from springs and dashpots in the normal
+    force of each step (`kernels.books`), so the residual comes from springs and dashpots in the normal
     direction, from rotations, and from laws that create energy. The implicit integrator (BDF2 with backward-Euler starts) damps;
     its loss is computed in every step and reported as `numerical`.
     """

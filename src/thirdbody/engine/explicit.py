@@ -19,12 +19,12 @@ from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import allowed_threads, helpers, words_of
-from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels import bodies as body_pass
+from thirdbody.kernels.arguments import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.explicit.tables import body_force, chunk_motion, contact_sums, drift_scratch
-from thirdbody.kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
 from thirdbody.kernels.tables import LOWER, UPPER, domain, loaded_contact, run_totals
 from thirdbody.laws.contract import Material
 

@@ -35,11 +35,11 @@ from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute, parts_of
+from thirdbody.kernels.arguments import EFFECTS, LAW, OBSERVE
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.control import StepLimit, Stop
 from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
-from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.kernels.tables import loaded_contact, patch, run_totals
 from thirdbody.laws.contract import Material
 

@@ -18,9 +18,9 @@ from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
-from thirdbody.kernels.closed_contacts import ClosedContacts
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
+from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.tables import sphere
 
 BATCHES = 16

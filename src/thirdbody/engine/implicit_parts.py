@@ -9,7 +9,7 @@ from thirdbody.engine.state import State
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.kernels.implicit import pairs, rough, spots_part
 from thirdbody.kernels.implicit.workspace import PART, SCRATCH, make_scratch
-from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels.minima import UPDATE
 from thirdbody.kernels.tables import surface_contact
 
 PARTS = ("update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part", "rough_part", "spots_part")

@@ -9,9 +9,8 @@ from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import distribute
-from thirdbody.kernels.label_bodies import label_bodies
-from thirdbody.kernels.labeller_input import Observed
-from thirdbody.kernels.signatures import LABEL, OBSERVE
+from thirdbody.kernels.arguments import LABEL, OBSERVE
+from thirdbody.kernels.labels import Observed, label_bodies
 from thirdbody.kernels.tables import loaded_contact, observed_body
 
 

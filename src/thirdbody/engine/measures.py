@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.jit.arguments import address
+from thirdbody.kernels.arguments import MEASURE
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
-from thirdbody.kernels.signatures import MEASURE
 from thirdbody.laws.measures import MEAN, Layout
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Measures:
         return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
 
     def arguments(self) -> dict[str, Any]:
-        """Return the arguments of a step by name (`kernels.signatures`)."""
+        """Return the arguments of a step by name (`kernels.arguments`)."""
         return {"measured": self.layout.width, "measure": address(self.function, MEASURE), "measure_parameters": self.parameters}
 
 

@@ -9,11 +9,10 @@ from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, Ints, Physics, State, table
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import neighbour_search as passes
+from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.predicates import BASINS
-from thirdbody.kernels.rigid_body import BODIES
-from thirdbody.kernels.rough_plates import RoughPlates
-from thirdbody.kernels.surface_minima import update
+from thirdbody.kernels.minima import RoughPlates, update
+from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import (
     DEBRIS,
     LOWER,

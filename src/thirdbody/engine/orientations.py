@@ -7,7 +7,7 @@ from thirdbody.kernels.tables import body, run_totals
 
 
 def orientations(state: State) -> Array:
-    """Return the quaternions of all bodies now (n, 4), a copy; a state may be behind (`kernels.sphere_rotation`)."""
+    """Return the quaternions of all bodies now (n, 4), a copy; a state may be behind (`kernels.bodies`)."""
     q, behind = state.bodies.quaternion.copy(), state.A[run_totals.BEHIND]
     balls = np.flatnonzero(state.B[:, body.SPHERE_INERTIA]) if behind != 0.0 else np.zeros(0, np.int64)
     half = 0.5 * behind * state.bodies.spin[balls]

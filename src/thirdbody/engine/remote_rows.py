@@ -8,8 +8,8 @@ part act on a group, it adds them late: nobody else uses their rows.
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates, Numbers
+from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.rigid_body import BODIES
 
 FEW = 2048
 """Remote forces whose rows, 128 KiB, stay in the cache anyway: each has a row of its own, which takes no time to find."""

@@ -19,7 +19,7 @@ from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.implicit.control import StepLimit
 from thirdbody.kernels.implicit.tables import step_memory
-from thirdbody.kernels.predicates import BASINS
+from thirdbody.kernels.plates import BASINS
 
 if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit

@@ -7,8 +7,8 @@ contacts are between bodies of different groups (`kernels.explicit.contact_force
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints
+from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.rigid_body import BODIES
 
 FEWEST = BODIES * GROUP
 """Number of bodies up to which all form one group and keep their order."""

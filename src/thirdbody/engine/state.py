@@ -14,11 +14,10 @@ from thirdbody.engine.measures import Measures, no_maps, nothing_measured
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.arguments import address
-from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels import bodies as body_pass
+from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
-from thirdbody.kernels.rough_plates import UPDATE
-from thirdbody.kernels.signatures import LAW
-from thirdbody.kernels.surface_minima import update
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.rotations import to_body, to_world
@@ -29,7 +28,7 @@ FLAT = np.zeros(0)
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
+    """Domain and plates. A domain that is not `vectors` is open, or ends at its `size` [m] if `bounded`.
 
     `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
     `curved`: whether the curvature of the lower and of the upper one enters the effective radius.

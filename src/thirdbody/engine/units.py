@@ -27,11 +27,11 @@ UNITS: dict[str, tuple[str, ...]] = {
     "ensemble": ("implicit.ensemble",),
     "rough": ("implicit.rough",),
     "spots": ("implicit.spots_part",),
-    "passes": ("label_bodies", "explicit.passes"),  # together, as they have functions in common
+    "passes": ("labels", "explicit.passes"),  # together, as they have functions in common
     "step": ("explicit.step_loop",),
     "stability": ("explicit.critical_time_step",),
-    "search": ("neighbour_search", "rigid_body:place_all"),
-    "labels": ("label_bodies",),
+    "search": ("neighbour_search", "bodies:place_all"),
+    "labels": ("labels",),
 }
 """Units of compilation, the longest first: modules of `kernels` with all their entries, or single ones. Named, not imported: a
 process imports what it compiles."""

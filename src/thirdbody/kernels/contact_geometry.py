@@ -12,12 +12,12 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, VECTOR, broadcast, load, prefetch, put, set4, transpose, with_last
-from thirdbody.kernels import first_body
-from thirdbody.kernels.contact_fields import load_field
-from thirdbody.kernels.periodic import image
-from thirdbody.kernels.predicates import kind_of
+from thirdbody.kernels import plates
+from thirdbody.kernels.memory import load_field
+from thirdbody.kernels.plates import kind_of
 from thirdbody.kernels.tables import contact_state, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
+from thirdbody.kernels.vectors import image
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
@@ -64,23 +64,23 @@ def write_vector(G, at, v):
 def gather_plate_geometry(q, k, context, motion, tile):
     """Write normals, overlap, arms and radii of candidate k, a contact with a plate, into element q."""
     i, S, I, G, half = context.own[k], context.S, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
-    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], first_body.velocity(context.partner[k], context.P, motion)
+    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], plates.velocity(context.partner[k], context.P, motion)
     u_x, u_y, u_z = S[i, sphere.MID_VELOCITY], S[i, sphere.MID_VELOCITY + 1], S[i, sphere.MID_VELOCITY + 2]
     move = half * (u_x - v_x), half * (u_y - v_y), half * (u_z - v_z)
-    write_vector(G, q + geometry.NORMAL * TILE, first_body.normal(k, context))
-    write_vector(G, q + geometry.MID_NORMAL * TILE, first_body.normal_before(k, move, context))
-    overlap = first_body.overlap(k, context)
+    write_vector(G, q + geometry.NORMAL * TILE, plates.normal(k, context))
+    write_vector(G, q + geometry.MID_NORMAL * TILE, plates.normal_before(k, move, context))
+    overlap = plates.overlap(k, context)
     G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r - 0.5 * overlap, 0.0
     G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE] = r, r
     I[q + law_input.OVERLAP * TILE] = overlap
-    I[q + law_input.RADIUS * TILE] = first_body.effective_radius(k, context)
+    I[q + law_input.RADIUS * TILE] = plates.effective_radius(k, context)
 
 
 @njit(**BARE)
 def gather_plate_contact(q, k, context, motion, tile):
     """Gather candidate k, a contact with a plate, into element q."""
     i, j, S, G = context.own[k], context.partner[k], context.S, tile.geometry
-    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], first_body.velocity(j, context.P, motion)
+    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], plates.velocity(j, context.P, motion)
     gather_plate_geometry(q, k, context, motion, tile)
     for t in range(2):
         at, u = q + t * AT_END, sphere.MID_VELOCITY + t * TO_END

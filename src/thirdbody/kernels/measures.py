@@ -12,10 +12,9 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, entry
-from thirdbody.kernels.contact_step import ContactStep
-from thirdbody.kernels.normal_loss import normal_loss_of
-from thirdbody.kernels.predicates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
-from thirdbody.kernels.signatures import MEASURE
+from thirdbody.kernels.arguments import MEASURE, ContactStep
+from thirdbody.kernels.books import normal_loss_of
+from thirdbody.kernels.plates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
 from thirdbody.kernels.tables import patch, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input, law_output
 
@@ -66,7 +65,7 @@ def measure_tile(n, slots, dt, context, tile):
 
 
 class Collection(NamedTuple):
-    """Tables from which and to which `collect` works: names as in `signatures.Context`."""
+    """Tables from which and to which `collect` works: names as in `arguments.Context`."""
 
     own: np.ndarray
     partner: np.ndarray

@@ -10,11 +10,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put, transpose
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
-from thirdbody.kernels.periodic import image, images, nearest_image
-from thirdbody.kernels.predicates import BASINS, is_plate, is_upper
+from thirdbody.kernels.plates import BASINS, is_plate, is_upper
 from thirdbody.kernels.tables import sphere, surface_contact
+from thirdbody.kernels.vectors import image, images, nearest_image
 
 
 @njit(**BARE)
@@ -22,8 +22,8 @@ def overlap_and_normal(k, context, box):
     """Return the overlap of candidate k [m] and the unit normal from partner to owner. Out of reach: overlap <= 0, no normal."""
     S, i, j = context.S, context.own[k], context.partner[k]
     if is_plate(j):
-        x, y, z = first_body.normal(k, context)
-        return first_body.overlap(k, context), x, y, z
+        x, y, z = plates.normal(k, context)
+        return plates.overlap(k, context), x, y, z
     d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], box.length_x)
     d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
     d_z = S[i, sphere.Z] - S[j, sphere.Z]
@@ -40,7 +40,7 @@ def overlap_and_normal(k, context, box):
 def plate_overlaps(first, last, context, box, g):
     """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
     for k in range(first, last):
-        g[k - first] = first_body.plane_overlap(k, context) + box.reach
+        g[k - first] = plates.plane_overlap(k, context) + box.reach
 
 
 @njit(**BARE)
@@ -110,7 +110,7 @@ def compact_rough(first, last, context, reach, touching, opened):
         rows = (minima | ended | ended >> BASINS) & ((1 << BASINS) - 1)
         while rows != 0:
             if rows & 1 != 0:
-                on = np.int64(minima & 1 != 0 and first_body.surface_overlap(e, context) + reach > 0.0)
+                on = np.int64(minima & 1 != 0 and plates.surface_overlap(e, context) + reach > 0.0)
                 was = np.int64(closed[e])
                 touching[m], opened[o] = e, e
                 closed[e] = on

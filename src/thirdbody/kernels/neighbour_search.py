@@ -12,11 +12,11 @@ from numba import njit, types
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
 from thirdbody.jit.threads import distribute, pieces_of
-from thirdbody.kernels import first_body
-from thirdbody.kernels.bundles import Box
-from thirdbody.kernels.periodic import images, inverse
-from thirdbody.kernels.predicates import is_sphere, order_on_sphere, partner_code
+from thirdbody.kernels import plates
+from thirdbody.kernels.arguments import Box
+from thirdbody.kernels.plates import is_sphere, order_on_sphere, partner_code
 from thirdbody.kernels.tables import EVERYTHING, ONLY_LOWER, ONLY_UPPER, sphere
+from thirdbody.kernels.vectors import images, inverse
 
 Array = np.ndarray
 
@@ -83,7 +83,7 @@ def list_basins(i, p, S, P, limits, n, own, partner):
     `p`: patch of the upper plate; -1: the lower plate. `limits`: see `plate_candidates`.
     """
     basins, height = limits
-    if first_body.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height:
+    if plates.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height:
         for basin in range(basins):
             if n < own.shape[0]:
                 own[n], partner[n] = i, partner_code(p, basin)

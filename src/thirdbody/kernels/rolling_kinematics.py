@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.predicates import is_plate, is_sphere
-from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
+from thirdbody.kernels.plates import is_plate, is_sphere, partner_velocity, surface_velocity
 from thirdbody.kernels.tables import record, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 

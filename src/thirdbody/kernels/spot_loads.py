@@ -18,9 +18,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import extract
-from thirdbody.kernels import first_body
-from thirdbody.kernels.predicates import is_lower, kind_of
-from thirdbody.kernels.rigid_body import arm_to_sphere
+from thirdbody.kernels import plates
+from thirdbody.kernels.bodies import arm_to_sphere
+from thirdbody.kernels.plates import is_lower, kind_of
 from thirdbody.kernels.table import Table, number, vector
 from thirdbody.kernels.tables import sphere
 
@@ -81,7 +81,7 @@ lane = Table(
 def gather_spot(e, k, at, context, W):
     """Write spot number e, candidate k, into row `at` of W."""
     i, S = context.own[k], context.S
-    radius, overlap = first_body.effective_radius(k, context), first_body.overlap(k, context)
+    radius, overlap = plates.effective_radius(k, context), plates.overlap(k, context)
     W[at + spot.NUMBER] = e
     arm = arm_to_sphere(i, S)
     W[at + spot.X], W[at + spot.Y] = extract(arm, 0), extract(arm, 1)

@@ -131,7 +131,7 @@ contact_state.CLOSED = 1e-300
 # Where spheres are closest to rough plates, updated in every step. No rows where both plates are flat.
 #
 # A sphere may have several contacts with a plate: one for each local minimum of the distance from its centre. Each keeps its row
-# as long as it exists; a sphere has `predicates.BASINS` rows per rough plate. The first says which rows have a minimum.
+# as long as it exists; a sphere has `plates.BASINS` rows per rough plate. The first says which rows have a minimum.
 surface_contact = Table(
     "Q",
     "a candidate contact with a plate",

@@ -18,7 +18,7 @@ law_input = Table(
     velocity_x=number("m/s", "tangential relative velocity at the end of the step, along the first axis"),
     velocity_y=number("m/s", "along the second one"),
     pair_type=number("", "row of the table of parameters"),
-    history=number("", "history of the laws, from here on; fields: `kernels.contact_fields`"),
+    history=number("", "history of the laws, from here on; fields: `kernels.memory`"),
 )
 
 # Fields of a tile after the history of `law_input`: relative rotation; that about the normal only for twisting laws.
@@ -54,10 +54,8 @@ law_output = Table(
     stored_tangential=number("J", "energy of the tangential and rolling springs"),
     dissipated=number("J", "all that the laws dissipate in the step"),
     friction_loss=number("J", "the part of it that tangential and rolling laws dissipate"),
-    dashpot_power=number(
-        "W", "power of the dashpots at the end of the step; after `explicit.contact_dissipation` their work in it, J"
-    ),
-    history=number("", "history of the laws, from here on; fields: `kernels.contact_fields`"),
+    dashpot_power=number("W", "power of the dashpots at the end of the step; after `books` their work in it, J"),
+    history=number("", "history of the laws, from here on; fields: `kernels.memory`"),
 )
 
 # Fields of a tile after the history of `law_output`: moments, and forces of the dashpots.

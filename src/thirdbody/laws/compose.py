@@ -12,8 +12,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
-from thirdbody.kernels.signatures import LAW
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.contract import STAGES, STIFF, BodyEffect, Labeller, Law
@@ -77,7 +77,7 @@ class Chain:
         """Names of all floats stored per contact.
 
         Those of the laws, fields included, the stored energy where no law has it as history, then the forces of the dashpots, for
-        their dissipation: normal and tangential force packed into one number (`kernels.packed_triple`), and their moments in
+        their dissipation: normal and tangential force packed into one number (`kernels.books`), and their moments in
         another if there is a law of the rolling or of the twisting stage.
         """
         names = tuple(f"{law.name}.{name}" for law in self.laws for name in law.memory())
@@ -327,7 +327,7 @@ HEAD = """# generated: {}
 from types import FunctionType
 from numba import njit
 from thirdbody.jit.options import OPTIONS, OTHERS
-from thirdbody.kernels.signatures import EFFECTS, LABEL, MEASURE, OBSERVE
+from thirdbody.kernels.arguments import EFFECTS, LABEL, MEASURE, OBSERVE
 from thirdbody.laws.data import Body, Wrench
 from thirdbody.laws.generated import as_kernel, plain
 """

@@ -39,7 +39,7 @@ of moments. It computes the power of all dashpots from the forces and moments th
 because energies there are those of the mean force. `dissipated` belongs to the force at the end of the step. If a tangential law
 stores its force as history `force_x, force_y` (a rolling law its moment as `moment_x, moment_y`, a twisting law as `moment`), the
 explicit integrator computes the friction work with the mean of the forces at both ends of the step, which is the work that the
-bodies exchange (`kernels.explicit.contact_dissipation`); without these names the ledger of an explicit run closes only to first
+bodies exchange (`kernels.books`); without these names the ledger of an explicit run closes only to first
 order in the step where friction jumps. A tangential, rolling or twisting law whose history contains the value it returns as
 `stored` names it `energy`: if no other law has a spring, the engine needs no column for it. A moment acts on i, and with opposite
 sign on j; `turn` is the rotation of i relative to j about the two tangential axes, `twist` that about the normal, so the work of

@@ -17,8 +17,8 @@ from numba import njit
 
 from thirdbody.jit.memory import array_part, stack_array
 from thirdbody.jit.options import BARE, INNER, OPTIONS
+from thirdbody.kernels.memory import broadcast_parameters
 from thirdbody.kernels.tile import TILE, contact_tangent, law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.laws.data import EXPLICIT, IMPLICIT, Contact, Load, Tangential, Turn, Twist
 from thirdbody.laws.generated import as_kernel
 

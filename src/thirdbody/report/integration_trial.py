@@ -12,7 +12,7 @@ from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.surface_minima import MOVED, MOVED_TOUCHING, update
+from thirdbody.kernels.minima import MOVED, MOVED_TOUCHING, update
 from thirdbody.kernels.tables import run_totals, sphere, surface_contact
 from thirdbody.runner.output_schedule import planned_frames
 

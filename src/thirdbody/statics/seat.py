@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.table import Array
-from thirdbody.statics.solver import (
+from thirdbody.statics.solver import (  # fmt: skip
     ACCEPTED,
     CONVERGED,
     NEUTRAL,
@@ -24,7 +24,7 @@ from thirdbody.statics.solver import (
     QuasiStatic,
     Trial,
     after,
-)  # fmt: skip
+)
 
 MAX_ROTATION = 0.5
 """Rotation [rad] beyond which a particle that still moves has tipped over."""

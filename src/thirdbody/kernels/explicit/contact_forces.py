@@ -25,26 +25,31 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
-from thirdbody.kernels import close_spots, first_body
-from thirdbody.kernels.bundles import Tile
+from thirdbody.kernels import close_spots, plates
+from thirdbody.kernels.arguments import Tile
+from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere
+from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
-from thirdbody.kernels.contact_history import store_history
-from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
-from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION, end_contacts, gather_moved, gather_tile, store_remote_force
-from thirdbody.kernels.explicit.group_forces import add_force, shift_of
 from thirdbody.kernels.explicit.tables import contact_sums
+from thirdbody.kernels.explicit.tiles import (
+    BODY_FRACTION,
+    add_force,
+    end_contacts,
+    gather_moved,
+    gather_tile,
+    shift_of,
+    store_remote_force,
+)
 from thirdbody.kernels.measures import measure_tile
+from thirdbody.kernels.memory import store_history
+from thirdbody.kernels.minima import update_surfaces
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
-from thirdbody.kernels.normal_loss import add_normal_losses
-from thirdbody.kernels.periodic import box_of
-from thirdbody.kernels.predicates import is_lower, is_sphere
-from thirdbody.kernels.rigid_body import WITH_PLATE, arm_to_sphere
+from thirdbody.kernels.plates import is_lower, is_sphere, partner_velocity, surface_velocity
 from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments, has_moments, has_twist, record_rolling
-from thirdbody.kernels.rough_plates import update_surfaces
 from thirdbody.kernels.spot_loads import solve_bodies
-from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 from thirdbody.kernels.tables import body_extra, record, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.vectors import box_of
 
 GROUP = 8
 """Chunks of bodies per group. The data of a group stay in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
@@ -251,7 +256,7 @@ def write_points(q, k, context, motion, G):
 def partner_radius(k, context):
     """Return the radius of curvature of the partner at contact k [m]; 0: flat."""
     j = context.partner[k]
-    return context.S[j, sphere.RADIUS] if is_sphere(j) else first_body.radius_of_curvature(k, context)
+    return context.S[j, sphere.RADIUS] if is_sphere(j) else plates.radius_of_curvature(k, context)
 
 
 @njit(**BARE_CHUNK)
@@ -317,7 +322,7 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     force_and_torques(n, tile)
     if flat and close_spots.interact(context):
         close_spots.add_pull(n, tile)
-    if flat and first_body.is_rough(context):
+    if flat and plates.is_rough(context):
         add_gradient_force(n, slots, context, tile)
     if has_moments(context):
         add_moments(n, context.n_history, tile)
@@ -353,7 +358,7 @@ def contact_forces(group, side, part, context, step, law):
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
     (tile, gaps), marks = split_scratch(context.scratch[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
-    if flat and first_body.is_rough(context):
+    if flat and plates.is_rough(context):
         update_surfaces(first, last, context)
         m, o = compact_rough(first, last, context, box.reach, slots, opened)
     else:

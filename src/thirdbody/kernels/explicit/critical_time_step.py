@@ -14,8 +14,9 @@ from numba import njit, types
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
-from thirdbody.kernels import first_body
-from thirdbody.kernels.direct_contact import max_stiffness
+from thirdbody.kernels import plates
+from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels.bodies import arm_to_sphere
 from thirdbody.kernels.explicit.stiffness_matrix import (
     SAFE,
     add_stiffness,
@@ -28,18 +29,16 @@ from thirdbody.kernels.explicit.stiffness_matrix import (
 )
 from thirdbody.kernels.explicit.tables import contact_stiffness
 from thirdbody.kernels.narrow_phase import overlap_and_normal
-from thirdbody.kernels.periodic import box_of, image
-from thirdbody.kernels.predicates import is_sphere, is_upper, patch_of_partner
-from thirdbody.kernels.rigid_body import arm_to_sphere
-from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
 from thirdbody.kernels.tables import body, body_extra, patch, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input
+from thirdbody.kernels.vectors import box_of, image
 
 Array = np.ndarray
 
 
 class Assembly(NamedTuple):
-    """Bodies, patches and candidates; usable as a context of `narrow_phase`. Names as in `signatures.Context`."""
+    """Bodies, patches and candidates; usable as a context of `narrow_phase`. Names as in `arguments.Context`."""
 
     n_plates: int
     """Number of candidates with plates, which come first."""
@@ -163,7 +162,7 @@ def active_candidates(first, last, context, near, row_of):
     m, box = np.int64(0), box_of(context.D)
     for k in range(first, min(last, context.n_plates)):
         near[m], row_of[k] = k, -1
-        m += np.int64(not first_body.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
+        m += np.int64(not plates.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
     for k in range(max(first, context.n_plates), last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
@@ -197,7 +196,7 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables, patche
                 )
                 count = 2.0
             else:
-                radius = first_body.effective_radius(k, context)
+                radius = plates.effective_radius(k, context)
                 if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
                     count, pressed = 2.0, float(patch_of_partner(j))
             inputs[m + law_input.OVERLAP * TILE] = overlap

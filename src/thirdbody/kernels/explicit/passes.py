@@ -8,14 +8,14 @@ from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
+from thirdbody.kernels.arguments import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
+from thirdbody.kernels.bodies import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
-from thirdbody.kernels.explicit.gather_forces import gather_forces
-from thirdbody.kernels.explicit.group_forces import reset_forces, shift_of
-from thirdbody.kernels.first_body import is_rough
-from thirdbody.kernels.labeller_input import update_memory
-from thirdbody.kernels.rigid_body import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
-from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
+from thirdbody.kernels.explicit.kick import gather_forces
+from thirdbody.kernels.explicit.tiles import reset_forces, shift_of
+from thirdbody.kernels.labels import update_memory
+from thirdbody.kernels.plates import is_rough
 from thirdbody.kernels.tables import body_extra
 
 law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)

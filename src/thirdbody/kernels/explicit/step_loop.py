@@ -12,17 +12,13 @@ from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
-from thirdbody.kernels.bundles import Step
-from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.direct_contact import book_direct_contact
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
+from thirdbody.kernels.bodies import BODIES, largest_displacement, steps_behind, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.explicit.gather_forces import closing_kick
-from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_powers
+from thirdbody.kernels.explicit.kick import closing_kick, drift_patches, drive_patches, kick_patches, load_patches, patch_powers
 from thirdbody.kernels.explicit.tables import chunk_motion, contact_sums
-from thirdbody.kernels.rigid_body import BODIES, largest_displacement
-from thirdbody.kernels.schedule import X, Y, mean_rate
-from thirdbody.kernels.signatures import EARLY, LATE, OBSERVATION, WORK, context_of
-from thirdbody.kernels.sphere_rotation import steps_behind, weight_of
+from thirdbody.kernels.plates import book_direct_contact
+from thirdbody.kernels.schedule import X, Y, mean_rate, pass_time
 from thirdbody.kernels.tables import domain, patch, run_totals
 
 

@@ -10,9 +10,9 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
-from thirdbody.kernels.rigid_body import quaternion
-from thirdbody.kernels.rotation import matrix
+from thirdbody.kernels.bodies import quaternion
 from thirdbody.kernels.tables import body_extra
+from thirdbody.kernels.vectors import matrix
 
 SAFE = 1.0 + 1e-9
 """Factor on norms, so that rounding excludes no body, not even one of equal stiffness."""

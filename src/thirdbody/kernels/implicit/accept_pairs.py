@@ -12,10 +12,9 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.contact_history import reset_history, store_history
-from thirdbody.kernels.explicit.contact_dissipation import book
+from thirdbody.kernels.books import book, normal_loss_of
 from thirdbody.kernels.explicit.contact_forces import write_record
-from thirdbody.kernels.explicit.contact_tiles import BODY_FRACTION
+from thirdbody.kernels.explicit.tiles import BODY_FRACTION
 from thirdbody.kernels.implicit.accept_step import unbooked_energy
 from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
@@ -23,13 +22,12 @@ from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.implicit.work import contact_difference, contact_energy, dashpot_loss, opening_loss
 from thirdbody.kernels.implicit.workspace import pair_tile, tile_count
 from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.normal_loss import normal_loss_of
-from thirdbody.kernels.periodic import image
-from thirdbody.kernels.predicates import is_closed
+from thirdbody.kernels.memory import reset_history, store_history
+from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
-from thirdbody.kernels.surface_velocity import surface_velocity
 from thirdbody.kernels.tables import body, body_extra, contact_state, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
+from thirdbody.kernels.vectors import image
 
 
 @njit(**BARE)

@@ -6,12 +6,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.kernels.books import book, normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
-from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
-from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.tables import contact_sums
-from thirdbody.kernels.first_body import is_rough
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
@@ -19,9 +17,9 @@ from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_m
 from thirdbody.kernels.implicit.work import dashpot_loss, energy_of_contacts, opening_loss, opening_work, weight_of_old
 from thirdbody.kernels.implicit.workspace import FREEDOMS, last_candidate
 from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.normal_loss import normal_loss_of
-from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
-from thirdbody.kernels.rough_plates import update_by, update_surfaces
+from thirdbody.kernels.memory import reset_history, spring_energy, store_history
+from thirdbody.kernels.minima import update_by, update_surfaces
+from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough
 from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 
@@ -38,7 +36,7 @@ def unbooked_energy(q, k, context, O):  # noqa: E741
 
     It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
     normal force, friction ends in one step at a limit of zero. No force does work then: all stored energy is dissipated, as in a
-    contact that opens (`contact_history.reset_history`).
+    contact that opens (`memory.reset_history`).
     """
     if (
         O[law_output.TANGENTIAL_X * TILE + q] != 0.0
@@ -53,7 +51,7 @@ def unbooked_energy(q, k, context, O):  # noqa: E741
 def commit(context, active, m, motion, space):
     """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
 
-    Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
+    Bodies exchange the work of the mean force of a step, which friction dissipates (`books`). Where forces
     jump (`work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
     work. Returns the energy [J] that the dashpots dissipate (`dashpot_work`).
     """

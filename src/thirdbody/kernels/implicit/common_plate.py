@@ -11,9 +11,7 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
-from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.direct_contact import book_direct_contact
-from thirdbody.kernels.first_body import is_rough
+from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.control import (
     advance_clock,
@@ -49,7 +47,7 @@ from thirdbody.kernels.implicit.workspace import (
     scratch_of,
     space_at,
 )
-from thirdbody.kernels.predicates import is_upper
+from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
 
@@ -301,5 +299,5 @@ def next_breakpoint_after(t, packed, until):
 
 @entry(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)
 def book_direct(totals, P, dt, v_x, v_y, old):
-    """Add a step of direct contact to the totals of the plate, the last row of P (`direct_contact.book_direct_contact`)."""
+    """Add a step of direct contact to the totals of the plate, the last row of P (`plates.book_direct_contact`)."""
     book_direct_contact(totals, P, P.shape[0] - 1, Motion(dt, v_x, v_y), old)

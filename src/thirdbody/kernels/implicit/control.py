@@ -8,14 +8,13 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import load
-from thirdbody.kernels import first_body
-from thirdbody.kernels.clock import pass_time
+from thirdbody.kernels import plates
+from thirdbody.kernels.bodies import check_position, limits_of
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import last_candidate
-from thirdbody.kernels.rigid_body import check_position, limits_of
-from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
+from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner, pass_time
 from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 
 
@@ -249,7 +248,7 @@ def local_error(context, active, dt, diagnostics):
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     error = error_of_change(change, radius, T, V, dt)
-    return max(error, travel_error(context, active, dt)) if first_body.is_rough(context) else error
+    return max(error, travel_error(context, active, dt)) if plates.is_rough(context) else error
 
 
 @njit(**BARE)
@@ -263,7 +262,7 @@ def initial_overlaps(b, context, before):
     """Write overlap plus reach [m] of body b's candidates at the start of the step; negative: out of reach."""
     for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
-        before[k - context.edges[b]] = first_body.overlap(k, context) + context.D[domain.REACH]
+        before[k - context.edges[b]] = plates.overlap(k, context) + context.D[domain.REACH]
 
 
 @njit(**BARE)

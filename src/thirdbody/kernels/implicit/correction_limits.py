@@ -5,12 +5,12 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
 from thirdbody.kernels.implicit.contact import dot
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, contact_point, frame_of
 from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import last_candidate
-from thirdbody.kernels.predicates import is_upper
+from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
@@ -51,7 +51,7 @@ def limit_overlap_change(context, active, expected_overlap, space):
     for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
-        up, overlap, n = is_upper(j), first_body.overlap(k, context), first_body.normal(k, context)
+        up, overlap, n = is_upper(j), plates.overlap(k, context), plates.normal(k, context)
         change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
             margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)

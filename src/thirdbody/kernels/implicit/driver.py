@@ -14,7 +14,7 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED, function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
-from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.arguments import OBSERVE, Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import (
     EASY,
@@ -50,9 +50,8 @@ from thirdbody.kernels.implicit.workspace import (
     scratch_of,
     space_at,
 )
-from thirdbody.kernels.labeller_input import Observed, update_body_memory
+from thirdbody.kernels.labels import Observed, update_body_memory
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
-from thirdbody.kernels.signatures import OBSERVE
 from thirdbody.kernels.tables import patch, run_totals
 
 observe_at = function_at(OBSERVE)

@@ -11,11 +11,11 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED, first_words, function_at, make_unpacker
 from thirdbody.jit.options import BARE, DIRECT, entry
-from thirdbody.kernels.closed_contacts import CLOSED, compact, expand, keep
+from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.implicit.workspace import KINDS, ImplicitContext, context_of
-from thirdbody.kernels.rigid_body import place_as_it_is
+from thirdbody.kernels.memory import CLOSED, compact, expand, keep
 from thirdbody.kernels.tables import body, run_totals, sphere
 
 Array = np.ndarray

@@ -5,16 +5,16 @@ from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
+from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
 from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, add_curved, add_planar, contact_of, owner_side, plate_side
 from thirdbody.kernels.implicit.linear import row_length
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, active_at, call_part, space_at
-from thirdbody.kernels.predicates import is_upper
+from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments
-from thirdbody.kernels.signatures import LAW
 from thirdbody.kernels.tables import body, patch
 from thirdbody.kernels.tile import TILE, contact_tangent, law_output, rolling_output
 
@@ -63,7 +63,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
         call_part(context.spots_part, RESTORE, a, m, motion, island)
     for i in range(FREEDOMS * FREEDOMS):
         J[i] = 0.0
-    if first_body.is_rough(context):
+    if plates.is_rough(context):
         call_part(context.rough_part, TANGENTS, a, m, motion, island)
     elif has_moments(context):
         for q in range(m):

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
 from thirdbody.kernels.implicit.correction_limits import limit_correction
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.linear import factorise, substitute
@@ -29,7 +29,7 @@ from thirdbody.kernels.implicit.workspace import (
     scratch_of,
     space_at,
 )
-from thirdbody.kernels.predicates import has_effect_columns
+from thirdbody.kernels.plates import has_effect_columns
 from thirdbody.kernels.tables import body, body_extra, height_field, patch
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
@@ -129,7 +129,7 @@ def rounding_force(context, active, alone, diagnostics):
     far = abs(B[b, body.POSITION + 2])
     if not alone:
         far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
-    elif first_body.is_rough(context):
+    elif plates.is_rough(context):
         slope = max(steepest(context.lower), steepest(context.upper))
         far = max(far, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
     far = max(far + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))

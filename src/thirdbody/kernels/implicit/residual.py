@@ -3,7 +3,7 @@
 `set_configuration` moves body, spheres and patch to the end of the step with the coordinates y (`workspace.FREEDOMS`); `residual`
 evaluates the laws there and writes the residual (7,) [N]; its derivative is in `jacobian`. No history is written before the
 step is accepted (`accept_step`).
-Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `contact_history`); here a contact
+Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `memory`); here a contact
 that closes within the step slips only during the rest of the step.
 """
 
@@ -14,7 +14,9 @@ from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
+from thirdbody.kernels.arguments import EFFECTS, LAW
+from thirdbody.kernels.bodies import BodyMotion, place_body, quaternion
 from thirdbody.kernels.contact_geometry import gather_plate_contact, padded, slip_increment, transport_frames
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import (
@@ -29,14 +31,12 @@ from thirdbody.kernels.implicit.workspace import (
     sort_candidates,
     space_at,
 )
-from thirdbody.kernels.predicates import is_upper
-from thirdbody.kernels.rigid_body import BodyMotion, place_body, quaternion
+from thirdbody.kernels.minima import update_surfaces
+from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import gather_rolling, has_moments, has_twist
-from thirdbody.kernels.rotation import matrix, rotate
-from thirdbody.kernels.rough_plates import update_surfaces
-from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, patch, run_totals, sphere, surface_contact
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.vectors import matrix, rotate
 
 law_at, effects_at = function_at(LAW), function_at(EFFECTS)
 
@@ -58,7 +58,7 @@ def measure_arm(context, active):
 def save_start(context, active):
     """Save the state of the body and its patch at the start of a step."""
     b, p, Z, B, P, E = active.number, active.patch, active.start, context.B, context.P, context.E
-    if first_body.is_rough(context):
+    if plates.is_rough(context):
         sort_candidates(b, context)
     for k in range(3):
         Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
@@ -140,11 +140,11 @@ def active_contacts(a, y, motion, context, island, scratch):
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
     m = np.int64(0)
-    if first_body.is_rough(context):
+    if plates.is_rough(context):
         update_surfaces(context.edges[b], context.edges[b + 1], context)
     for e in range(context.edges[b], last_candidate(b, context)):
         k = context.incidence[e] >> 1
-        if first_body.overlap(k, context) + context.D[domain.REACH] <= 0.0:
+        if plates.overlap(k, context) + context.D[domain.REACH] <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)
@@ -277,7 +277,7 @@ def residual(a, m, y, motion, context, island, scratch):
                 r[3 + d] += moment[d]
         if is_upper(context.partner[k]):
             r[6] -= f_z
-        if first_body.is_rough(context):
+        if plates.is_rough(context):
             add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
         observe_contact(q, context, space)
     if context.spots_part != 0:
@@ -297,7 +297,7 @@ def gradient_force(k, energy, context):
 
     `energy`: of its normal spring [J]. See `contact_geometry.add_gradient_force`.
     """
-    x, y, z = first_body.three(context.Q, k, surface_contact.GRADIENT)
+    x, y, z = plates.three(context.Q, k, surface_contact.GRADIENT)
     return -0.5 * energy * x, -0.5 * energy * y, -0.5 * energy * z
 
 

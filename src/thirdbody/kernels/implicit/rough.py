@@ -1,4 +1,4 @@
-"""Contacts with rough plates in an implicit step: called through pointers, as `surface_minima` in explicit steps.
+"""Contacts with rough plates in an implicit step: called through pointers, as `minima` in explicit steps.
 
 Newton's method tries positions from which there may be no way back, so every trial follows the minima from where they were at the
 start of the step, and ends or finds none. An accepted step ends those that met others, and searches for new ones; it finds them
@@ -14,15 +14,13 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED, entry
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.contact import PLANE, add_curved, add_planar, contact_of, cross, owner_side, plate_side
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, context_of, island_at, scratch_of, space_at
-from thirdbody.kernels.predicates import BASINS, is_upper
-from thirdbody.kernels.rolling_kinematics import has_moments
-from thirdbody.kernels.rough_plates import UPDATE, update_by
-from thirdbody.kernels.surface_minima import (
+from thirdbody.kernels.minima import (
+    UPDATE,
     end_minimum,
     follow,
     has_minimum,
@@ -32,7 +30,10 @@ from thirdbody.kernels.surface_minima import (
     reset_ended,
     search_all,
     search_is_due,
+    update_by,
 )
+from thirdbody.kernels.plates import BASINS, is_upper
+from thirdbody.kernels.rolling_kinematics import has_moments
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
 STEP = 1e-4
@@ -85,7 +86,7 @@ def write_gradient_change(k, field, x, radius, upper, Q):
 
 
 MARGIN = 0.15
-"""Largest gap of a minimum that is followed, in radii: more than `control.TRAVEL` and `surface_minima.MOVED` together."""
+"""Largest gap of a minimum that is followed, in radii: more than `control.TRAVEL` and `minima.MOVED` together."""
 
 FAR = 1.02
 """Distance over the radius beyond which a minimum that cannot touch in a step is not followed: its distance is then a bound."""
@@ -153,7 +154,7 @@ def follow_step(k, field, x, ends, tables):
 @njit(**BARE)
 def centre_of(k, tables):
     """Return the centre of the sphere of row k (3,) in the coordinates of its plate [m]."""
-    return first_body.to_surface(tables.partner[k], first_body.centre(tables.own[k], tables.S), tables.P)
+    return plates.to_surface(tables.partner[k], plates.centre(tables.own[k], tables.S), tables.P)
 
 
 @njit(**BARE_CHUNK)
@@ -231,7 +232,7 @@ def rough_part(_, h, a, m, motion, packed, tables, packed_scratch):
     for q in range(m):
         k = space.slots[q]
         shape = (
-            tensor_at(k, surface_contact.NORMAL_GRADIENT, Q), first_body.three(Q, k, surface_contact.GRADIENT),
+            tensor_at(k, surface_contact.NORMAL_GRADIENT, Q), plates.three(Q, k, surface_contact.GRADIENT),
             tensor_at(k, surface_contact.GRADIENT_CHANGE, Q),
         )  # fmt: skip
         sides = (

@@ -10,7 +10,7 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
-from thirdbody.kernels import first_body
+from thirdbody.kernels import plates
 from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
 from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
@@ -26,7 +26,7 @@ from thirdbody.kernels.implicit.workspace import (
     scratch_of,
     space_at,
 )
-from thirdbody.kernels.predicates import is_lower, is_upper
+from thirdbody.kernels.plates import is_lower, is_upper
 from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry
@@ -39,7 +39,7 @@ ACCURACY = 1e-9
 def stiffness_of(q, context, space):
     """Return the stiffness of spot q [N/m], from Hertz' force and its relieved overlap."""
     G = space.tile.geometry
-    depth = first_body.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
+    depth = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
     return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / depth if depth > 0.0 else 0.0
 
 

@@ -1,7 +1,7 @@
 """Works of the contacts of a body in an implicit step: what friction and dashpots dissipate, and the error of the friction work.
 
 A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends: for
-dashpots as for friction (`explicit.contact_dissipation`). Where forces jump (`weight_of_old`) and without inertia, whose steps
+dashpots as for friction (`books`). Where forces jump (`weight_of_old`) and without inertia, whose steps
 all begin at rest, it is the work of the force at the end. The forces of dashpots are kept in the history, as in explicit steps.
 
 A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
@@ -14,16 +14,13 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels import first_body
-from thirdbody.kernels.explicit.contact_dissipation import has_dashpot_moments
+from thirdbody.kernels import plates
+from thirdbody.kernels.books import friction_work_of, has_dashpot_moments, pack_triple, unpack_triple
 from thirdbody.kernels.implicit.residual import depth_at
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import last_candidate
-from thirdbody.kernels.normal_loss import friction_work_of
-from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
-from thirdbody.kernels.predicates import is_closed
+from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_twist
-from thirdbody.kernels.surface_velocity import surface_velocity
 from thirdbody.kernels.tables import body, contact_state, domain, record, sphere
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 
@@ -162,16 +159,16 @@ def opening_work(k, before, context, motion):
     if before == -math.inf:
         return 0.0
     S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
-    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(k, context)
+    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], plates.normal(k, context)
     columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)
-    v, u = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z)), first_body.velocity(j, context.P, motion)
+    v, u = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z)), plates.velocity(j, context.P, motion)
     x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
     f_1, f_2 = H[k, contact_state.LAW + context.force], H[k, contact_state.LAW + context.force + 1]
     e_x, e_y, e_z = H[k, contact_state.AXIS], H[k, contact_state.AXIS + 1], H[k, contact_state.AXIS + 2]
     f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
     f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
     f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
-    fraction = before / max(before - first_body.overlap(k, context) - context.D[domain.REACH], 1e-300)
+    fraction = before / max(before - plates.overlap(k, context) - context.D[domain.REACH], 1e-300)
     return -0.5 * fraction * motion.dt * (f_x * x + f_y * y + f_z * z)
 
 

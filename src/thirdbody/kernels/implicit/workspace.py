@@ -13,15 +13,15 @@ from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED, Kinds, function_at, make_unpacker
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels import first_body, signatures
-from thirdbody.kernels.bundles import Motion, Tile
+from thirdbody.kernels import arguments, plates
+from thirdbody.kernels.arguments import Motion, Tile
 from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
-from thirdbody.kernels.periodic import box_of
-from thirdbody.kernels.predicates import BASINS, is_upper
+from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import observed_body, surface_contact
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.vectors import box_of
 
 Array = np.ndarray
 
@@ -44,7 +44,7 @@ SHARED = (
 """Fields that the explicit integrator has, too. `edges`, `incidence`: here of the candidates with plates only."""
 
 KINDS: Kinds = {
-    **{name: signatures.KINDS[name] for name in SHARED},
+    **{name: arguments.KINDS[name] for name in SHARED},
     # settings of the step control; totals and memory of each body
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
     # of bodies under a common plate (`common_plate`), else empty; in the order of `Islands.bodies`: starts
@@ -192,7 +192,7 @@ class Island(NamedTuple):
     starts: Array
     """`step_start` of its bodies."""
     box: NamedTuple
-    """Periodic lengths (`kernels.bundles.Box`)."""
+    """Periodic lengths (`kernels.arguments.Box`)."""
     packed: Array
     tables: Array
     scratch: Array
@@ -282,6 +282,6 @@ def sort_candidates(b, context):
 @njit(**BARE)
 def last_candidate(b, context):
     """Return the end of the candidates of body b in `incidence` that can touch in this step."""
-    if first_body.is_rough(context):
+    if plates.is_rough(context):
         return context.edges[b] + int(context.memory[b, step_memory.CANDIDATES])
     return context.edges[b + 1]

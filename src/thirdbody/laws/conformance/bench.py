@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels.contact_fields import pieces
+from thirdbody.kernels.memory import pieces
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.compose import compose
 from thirdbody.laws.contract import Law, Material, Option, Pair, kernel

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_input, law_output
-from thirdbody.laws.conformance.bench import (
+from thirdbody.laws.conformance.bench import (  # fmt: skip
     CONE,
     PAIRS,
     SPAN,
@@ -23,7 +23,7 @@ from thirdbody.laws.conformance.bench import (
     compiler_is_off,
     follow_path,
     random_paths,
-)  # fmt: skip
+)
 from thirdbody.laws.contract import Law
 from thirdbody.laws.data import Contact, Load, Turn, Twist
 from thirdbody.laws.generated import plain

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.kernels.contact_step import ContactStep
+from thirdbody.kernels.arguments import ContactStep
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, body, body_extra, loaded_contact, observed_body
 from thirdbody.laws.compose import compose_effects, compose_labeller
 from thirdbody.laws.conformance.bench import PAIRS, Bench, Result, forms_of, option_sets

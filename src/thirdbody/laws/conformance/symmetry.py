@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_output
-from thirdbody.laws.conformance.bench import (
+from thirdbody.laws.conformance.bench import (  # fmt: skip
     Array,
     Bench,
     Contacts,
@@ -19,7 +19,7 @@ from thirdbody.laws.conformance.bench import (
     extremes,
     follow_path,
     random_paths,
-)  # fmt: skip
+)
 
 ROUND_OFF = 1e-12
 """Relative difference due to a few thousand round-offs of double precision."""

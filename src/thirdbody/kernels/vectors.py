@@ -1,11 +1,14 @@
-"""Quaternions (w, x, y, z; body to world) and the torque-free rotation of a rigid body."""
+"""Rotations as quaternions, and separations in a periodic domain; an axis of length 0 is not periodic."""
 
 import math
 
+import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.jit.simd import axis_times_quaternion, broadcast, broadcast_lane, extract
+from thirdbody.jit.simd import axis_times_quaternion, broadcast, broadcast_lane, extract, round_to_nearest
+from thirdbody.kernels.arguments import Box
+from thirdbody.kernels.tables import domain
 
 NEARLY_UNIT = 5e-6
 """Largest difference of a squared length from 1 at which its root is computed by a series: the next term, 5/16 of the cube, is
@@ -105,3 +108,34 @@ def normalise(q):
     """Return q scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@njit(**BARE)
+def nearest_image(d, length):
+    """Return the separation d to the nearest image in a period of `length`."""
+    return d - length * np.rint(d / length) if length > 0.0 else d
+
+
+@njit(**BARE)
+def inverse(length):
+    """Return 1/length for `image`, 0 where the axis is not periodic."""
+    return 1.0 / length if length > 0.0 else 0.0
+
+
+@njit(**BARE)
+def image(d, length, inverse):
+    """Return the separation d to the nearest image, without division or branch. For loops over candidates."""
+    return d - length * np.rint(d * inverse)
+
+
+@njit(**BARE)
+def images(d, length, inverse):
+    """Return `image` of four separations."""
+    return d - broadcast(length) * round_to_nearest(d * broadcast(inverse))
+
+
+@njit(**BARE)
+def box_of(D):
+    """Return the periodic lengths of the domain and their inverses."""
+    l_x, l_y = max(D[domain.LENGTH_X], 0.0), max(D[domain.LENGTH_Y], 0.0)
+    return Box(l_x, l_y, inverse(l_x), inverse(l_y), D[domain.REACH])

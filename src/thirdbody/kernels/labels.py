@@ -1,16 +1,17 @@
-"""Input of a labeller: rows of the loaded contacts of a body, motion of body and plates."""
+"""Labels: input of a labeller, rows of the loaded contacts of a body, motion of body and plates; and the labels of all bodies."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from thirdbody.jit.options import BARE
+from thirdbody.jit.arguments import function_at
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import put
-from thirdbody.kernels.contact_history import labeller_column
-from thirdbody.kernels.predicates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
-from thirdbody.kernels.rigid_body import BODIES
-from thirdbody.kernels.sphere_rotation import rotate_behind
+from thirdbody.kernels.arguments import LABEL, OBSERVE
+from thirdbody.kernels.bodies import BODIES, rotate_behind
+from thirdbody.kernels.memory import labeller_column
+from thirdbody.kernels.plates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
 from thirdbody.kernels.tables import (
     DEBRIS,
     LOWER,
@@ -26,7 +27,7 @@ from thirdbody.kernels.tables import (
 
 
 class Observed(NamedTuple):
-    """Tables of bodies and candidates that a labeller sees: fields of a `signatures.Context`, which serves as well."""
+    """Tables of bodies and candidates that a labeller sees: fields of a `arguments.Context`, which serves as well."""
 
     own: np.ndarray
     partner: np.ndarray
@@ -135,3 +136,42 @@ def update_memory(c, context, observe, observed, C):
     """Update the labeller's memory of the bodies of chunk c. `observed` and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, context.B.shape[0])):
         update_body_memory(b, context, context.A, observe, observed, C)
+
+
+_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_I1 = types.Array(types.int32, 1, "C")
+OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 6 + (_F1, types.int64, types.int64), Observed)
+LABEL_BODIES = types.void(OBSERVED, _F1, types.int64, types.int64, _F2, _F1, _F2)
+
+observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
+
+
+@njit(**BARE)
+def compact_loaded(C, n):
+    """Move the rows of contacts that carry a load to the front of the table C; return their number.
+
+    Where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing.
+    """
+    m = np.int64(0)
+    for i in range(n):
+        if C[i, loaded_contact.NORMAL_FORCE] != 0.0 or C[i, loaded_contact.LOAD] > 0.0:
+            for k in range(C.shape[1]):
+                C[m, k] = C[i, k]
+            m += 1
+    return m
+
+
+@entry(LABEL_BODIES, nogil=True, **DIRECT, **NO_COUNTS)
+def label_bodies(context, A, observe, label, out, observed, table):
+    """Compute state, reason, margins and extras of every body from the contacts that carry a load.
+
+    `context`: with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch:
+    `observed` (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
+    """
+    for b in range(context.B.shape[0]):
+        n = body_contacts(b, context, table)
+        body_row(b, context, A, observed)
+        if A[run_totals.ELAPSED] > 0.0:
+            observe_at(observe)(table[:n], n, observed, context.M[b])
+        n = compact_loaded(table, n)
+        label_at(label)(table[:n], n, observed, context.M[b], out[b])

@@ -1,10 +1,16 @@
-"""Gather a tile of contacts of either kind, and end contacts that opened."""
+"""Gather a tile of contacts of either kind, and end contacts that opened.
+
+Forces on the bodies of a group while its contacts are summed, in rows that stay in the cache (`body_force`).
+
+The row of a body gets them at the end, when its velocities predicted for the end of the step are no longer needed.
+"""
 
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, broadcast, put, store
+from thirdbody.jit.simd import LANES, broadcast, load, put, store, with_last
+from thirdbody.kernels.books import separation_rate
 from thirdbody.kernels.contact_geometry import (
     gather_pair_contacts,
     gather_plate_contact,
@@ -12,14 +18,48 @@ from thirdbody.kernels.contact_geometry import (
     slip_increment,
     transport_frames,
 )
-from thirdbody.kernels.contact_history import reset_history
-from thirdbody.kernels.explicit.contact_dissipation import separation_rate
 from thirdbody.kernels.explicit.tables import body_force
 from thirdbody.kernels.measures import measure_opened
-from thirdbody.kernels.predicates import is_plate, is_sphere
+from thirdbody.kernels.memory import reset_history
+from thirdbody.kernels.plates import is_plate, is_sphere
 from thirdbody.kernels.rolling_kinematics import gather_rolling
-from thirdbody.kernels.tables import remote_force
+from thirdbody.kernels.tables import body, remote_force
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
+
+
+@njit(**BARE)
+def reset_forces(first, last, shift, context):
+    """Reset the forces on bodies first to last for the contacts of this step; their friction work and slip go on.
+
+    `shift`: row of a body less its number (`engine.remote_rows.force_rows`).
+    """
+    B, forces, none = context.B, context.forces, broadcast(0.0)
+    for b in range(first, last):
+        store(forces, b + shift, body_force.FORCE, with_last(none, load(B, b, body.FORCE)))
+        store(forces, b + shift, body_force.TORQUE, with_last(none, load(B, b, body.TORQUE)))
+
+
+@njit(**BARE)
+def add_force(row, forces, force, torque):
+    """Add a force (4th lane: friction work) and a torque (4th lane: slip) to those in a row."""
+    store(forces, row, body_force.FORCE, load(forces, row, body_force.FORCE) + force)
+    store(forces, row, body_force.TORQUE, load(forces, row, body_force.TORQUE) + torque)
+
+
+@njit(**BARE)
+def store_forces(first, last, shift, context):
+    """Store the forces on bodies first to last in their rows."""
+    B, forces = context.B, context.forces
+    for b in range(first, last):
+        store(B, b, body.FORCE, load(forces, b + shift, body_force.FORCE))
+        store(B, b, body.TORQUE, load(forces, b + shift, body_force.TORQUE))
+
+
+@njit(**BARE)
+def shift_of(group, context):
+    """Return the row of a body of a group in the table of forces, less the number of the body."""
+    return np.int64(context.force_rows[group])
+
 
 BODY_FRACTION = 0.5
 """Fraction of the friction work between two bodies that each of them gets."""
@@ -65,9 +105,9 @@ def gather_moved(n, dt, context, tile):
 
 @njit(**BARE)
 def end_contacts(n, shift, opened, context, tile):
-    """End the contacts opened[:n] that were closed; return the energy that they lost [J]. `shift`: see `group_forces`.
+    """End the contacts opened[:n] that were closed; return the energy that they lost [J]. `shift`: see `tiles`.
 
-    The loss is in the tile if `contact_dissipation` books it, else in the history (`contact_history.spring_energy`).
+    The loss is in the tile if `books` books it, else in the history (`memory.spring_energy`).
     """
     partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
     total = 0.0

@@ -6,20 +6,67 @@ rows in the order of their distance, rows that are none end. A sphere that does 
 come within its reach. Where it touches and hollows may be sharper than itself, a minimum can begin with an overlap, and the later
 it is found, the deeper it lies then: such a sphere is searched for much more often. All of this depends on the path of the sphere
 alone, not on other bodies, on threads or on outputs.
+
+Update of the contacts with rough plates: called through a pointer, so that scenes with flat plates do not compile it.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
-from thirdbody.kernels import first_body
-from thirdbody.kernels.closest_point import LOCAL, bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
-from thirdbody.kernels.nearby_minima import MERGE, find_minima
-from thirdbody.kernels.predicates import BASINS, is_upper
-from thirdbody.kernels.rough_plates import UPDATE
+from thirdbody.kernels import plates
+from thirdbody.kernels.closest_point import (
+    LOCAL,
+    MERGE,
+    bent_jet,
+    closest,
+    effective_radius,
+    find_minima,
+    log_radius_gradient,
+    normal_derivative,
+)
+from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
+
+Array = np.ndarray
+
+
+class RoughPlates(NamedTuple):
+    """Candidates and tables that an update needs; names as in `arguments.Context`."""
+
+    own: Array
+    partner: Array
+    S: Array
+    P: Array
+    Q: Array
+    D: Array
+    lower: Array
+    upper: Array
+
+
+_TABLE, _ROW, _S1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.Array(types.int32, 1, "C")
+UPDATE = types.void(types.int64, types.int64, types.NamedTuple((_S1, _S1, _TABLE, _TABLE, _TABLE, _ROW, _ROW, _ROW), RoughPlates))
+"""update(first candidate, last + 1, tables)"""
+
+update_at = function_at(UPDATE)
+
+
+@njit(**BARE)
+def update_by(update, first, last, context):
+    """Update the rows of Q of candidates first to last, all those of a sphere with a plate, by the function at an address."""
+    tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
+    update_at(update)(np.int64(first), np.int64(last), tables)
+
+
+@njit(**BARE)
+def update_surfaces(first, last, context):
+    """Update the rows of Q of candidates first to last."""
+    update_by(context.update_surfaces, first, last, context)
+
 
 MOVED = 0.02
 """Displacement of a sphere relative to a plate, in radii, after which all minima are searched for again."""
@@ -249,7 +296,7 @@ def was_far(k, Q):
 def update_sphere(k, field, tables):
     """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
     Q, S, i = tables.Q, tables.S, tables.own[k]
-    x, radius = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P), S[i, sphere.RADIUS]
+    x, radius = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P), S[i, sphere.RADIUS]
     height, limits = x[2] - field[height_field.MAX_HEIGHT], limits_of(radius, tables.D[domain.REACH])
     tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
     if height > limits[0] and was_far(k, Q):
@@ -273,7 +320,7 @@ def update_sphere(k, field, tables):
 def update_plane(k, tables):
     """Update row k of a sphere and a flat plate."""
     Q, S, i = tables.Q, tables.S, tables.own[k]
-    x = first_body.to_surface(tables.partner[k], first_body.centre(i, S), tables.P)
+    x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
     Q[k, surface_contact.DISTANCE] = x[2]
     Q[k, surface_contact.NORMAL + 2] = -1.0 if is_upper(tables.partner[k]) else 1.0
     Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]

@@ -10,6 +10,10 @@ Only laws whose force (or moment) is in their history can be booked so; for othe
 dashpots follow the history of the laws, and dashpots dissipate the work of their mean force. Where a contact reverses within a
 step, that is negative by the order of the cube of the step; where the step is unstable, it is negative and large. It counts as
 zero, too: else the energy that such a step creates would be hidden from the guard.
+
+Losses of normal laws, per body: plastic flow, necks. The history has what the law has dissipated since the contact closed.
+
+Kernels run only where `context.loss_column`, the column of the history, is not negative.
 """
 
 import numpy as np
@@ -17,9 +21,97 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
-from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
+from thirdbody.kernels.plates import is_plate
 from thirdbody.kernels.rolling_kinematics import has_twist
+from thirdbody.kernels.tables import body, body_extra, remote_force
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
+
+POWER = 0x7FF << 52
+"""Bits of the power of two of a number."""
+
+FIELD, SIGN = (1 << 17) - 1, 1 << 16
+"""Bits of one of the three, and that of its sign."""
+
+ROUND = 1.5 * 2.0**37
+"""The last bit of a number of this size is 2^-15: adding it rounds a number to a multiple of that."""
+
+WHOLE, ZERO = (1023 + 37) << 52, 2.0**37 + 2.0
+"""Bits of 2^37, and the number whose field is that of zero with its sign inverted."""
+
+SMALLEST = 1e-280
+"""Largest of three numbers that all count as zero, so that every power of two has a reciprocal."""
+
+ROUNDING = 1.0 + 2.0**-16
+"""Factor that raises the power of two of numbers that round to the next one."""
+
+
+@njit(**BARE)
+def bits_of(x):
+    """Return the bits of a number."""
+    return np.float64(x).view(np.int64)
+
+
+@njit(**BARE)
+def number_of(bits):
+    """Return the number of these bits."""
+    return np.int64(bits).view(np.float64)
+
+
+@njit(**BARE)
+def pack_triple(x, y, z):
+    """Return the number that packs three."""
+    power = bits_of(max(max(abs(x), abs(y)), max(abs(z), SMALLEST)) * ROUNDING) & POWER
+    fraction = number_of((2046 << 52) - power)  # one over the power of two
+    a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
+    return number_of(power | (a << 34) | (b << 17) | c)
+
+
+@njit(**BARE)
+def one_of(bits, power):
+    """Return the number in the last field."""
+    return (number_of((bits & FIELD ^ SIGN) | WHOLE) - ZERO) * power
+
+
+@njit(**BARE)
+def unpack_triple(one):
+    """Return the three numbers that one packs; zeros of zero."""
+    bits = bits_of(one)
+    power = number_of(bits & POWER)
+    return one_of(bits >> 34, power), one_of(bits >> 17, power), one_of(bits, power)
+
+
+HALF = 0.5
+"""Fraction of the loss between two bodies that each of them gets."""
+
+
+@njit(**BARE)
+def normal_loss_of(q, column, tile):
+    """Return the loss of contact q in the step [J]; `column` of the history."""
+    return tile.outputs[(law_output.HISTORY + column) * TILE + q] - tile.inputs[(law_input.HISTORY + column) * TILE + q]
+
+
+@njit(**BARE_CHUNK)
+def add_normal_losses(n, slots, context, tile):
+    """Add the losses of the contacts slots[:n] to their bodies; that of a body of another group to its row of F."""
+    E, body_of = context.E, context.body
+    for q in range(n):
+        k, work = np.int64(slots[q]), normal_loss_of(q, context.loss_column, tile)
+        i, j = context.own[k], context.partner[k]
+        if is_plate(j):
+            E[body_of[i], body_extra.NORMAL_LOSS] += work
+            continue
+        E[body_of[i], body_extra.NORMAL_LOSS] += HALF * work
+        if context.outer[k] >= 0:
+            context.F[context.outer[k], remote_force.NORMAL_LOSS] = HALF * work
+        else:
+            E[body_of[j], body_extra.NORMAL_LOSS] += HALF * work
+
+
+@njit(**BARE)
+def friction_work_of(b, B, E, column):
+    """Return the friction work of body b since the start [J], without that loss; `column`: -1 without one."""
+    loss = E[b, body_extra.NORMAL_LOSS] if column >= 0 else 0.0
+    return B[b, body.FRICTION_WORK] - loss
 
 
 @njit(**BARE)
@@ -142,7 +234,7 @@ def separation_rate(q, G):
 def book_dashpots(n, dt, context, tile):
     """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces.
 
-    `context.dashpots`: column of the history with the force, packed into one number (`packed_triple`).
+    `context.dashpots`: column of the history with the force, packed into one number (`books`).
     """
     I, O, half = tile.inputs, tile.outputs, broadcast(0.5 * dt)  # noqa: E741
     behind, rotation = law_output.HISTORY + context.n_history, law_input.HISTORY + context.n_history

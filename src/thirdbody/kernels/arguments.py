@@ -1,12 +1,109 @@
-"""Signatures of functions called through a pointer, so that the engine is compiled once for all laws."""
+"""Arguments of kernels that travel together, and signatures of functions that are called through a pointer.
+
+Kernels of both integrators take a `context` (tables and numbers of the run: `arguments.Context`, or the implicit bundle with
+fields of the same names), a `motion` (anything with the fields of `Motion`) and a `Tile`. Numba resolves fields by name when it
+compiles, so a kernel may get any bundle that has the fields it uses.
+"""
 
 from collections import namedtuple
+from typing import NamedTuple
 
+import numpy as np
 from numba import types
 
 from thirdbody.jit.arguments import Kinds, make_unpacker
-from thirdbody.kernels.bundles import Step
-from thirdbody.kernels.contact_step import ContactStep
+
+
+class ContactStep(NamedTuple):
+    """What a contact did in a step, input of measures.
+
+    Attributes
+    ----------
+    load : float
+        Load that friction feels, at the end of the step [N]; 0 in the step in which the contact opens.
+    force, limit : float
+        Size of the tangential force, and its limit by friction [N].
+    slip, speed : float
+        Irreversible slip in the step [m], and that over the length of the step [m/s].
+    friction_work : float
+        Dissipated by friction in the step, as booked in the energy ledger [J].
+    contact_radius : float
+        Radius of the contact area [m].
+    peak_pressure : float
+        Largest pressure in the contact area [Pa].
+    overlap : float
+        Overlap [m].
+    dt : float
+        Length of the step [s]; 0 in the step in which the contact opens.
+    plate : float
+        1 where the partner is a plate, 0 where it is another body.
+    """
+
+    load: float
+    force: float
+    limit: float
+    slip: float
+    speed: float
+    friction_work: float
+    contact_radius: float
+    peak_pressure: float
+    overlap: float
+    dt: float
+    plate: float
+
+
+Array = np.ndarray
+
+
+class Motion(NamedTuple):
+    """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
+
+    dt: float
+    v_x: float
+    v_y: float
+
+
+class Step(NamedTuple):
+    """A step of the explicit integrator; usable as a `Motion`."""
+
+    number: int | np.int64
+    """Number within this call of the step loop."""
+    record: bool
+    """Whether output or labels need this step."""
+    time: float
+    """Time at the end of the step [s]."""
+    dt: float
+    v_x: float
+    v_y: float
+    pending: float
+    """1: the closing half kick of the last step is pending; 0: it is done."""
+    turn: float
+    """Time for which the spins of single spheres rotate them in this step [s]; mostly 0 (`kernels.bodies`)."""
+
+
+class Tile(NamedTuple):
+    """Contacts side by side, field by field (stride `tile.TILE`)."""
+
+    inputs: Array
+    """`law_input`"""
+    outputs: Array
+    """`law_output`"""
+    tangents: Array
+    """`contact_tangent`; empty in explicit steps."""
+    geometry: Array
+    """`geometry`"""
+
+
+class Box(NamedTuple):
+    """Periodic lengths of the domain [m], 0 where it is not periodic, and their inverses, or 0 (`kernels.vectors`)."""
+
+    length_x: float
+    length_y: float
+    inverse_x: float
+    inverse_y: float
+    reach: float
+    """Distance from touch at which bodies begin to act on each other [m]."""
+
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")
