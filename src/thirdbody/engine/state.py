@@ -28,7 +28,7 @@ FLAT = np.zeros(0)
 
 @dataclass(frozen=True)
 class World:
-    """Domain and plates. A domain that is not `vectors` is open, or ends at its `size` [m] if `bounded`.
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`.
 
     `lower_surface`, `upper_surface`: heights of rough plates (`kernels.height_field.pack_field`), None where they are flat;
     `curved`: whether the curvature of the lower and of the upper one enters the effective radius.

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Slabs:
-    """Slabs of equal thickness from `start` to `end` [m]; if `vectors`, the last is followed by the first."""
+    """Slabs of equal thickness from `start` to `end` [m]; if `periodic`, the last is followed by the first."""
 
     start: float
     end: float
