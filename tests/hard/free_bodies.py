@@ -10,8 +10,7 @@ from theory.builders import LONG, STEEL, advance, ball, contact, momenta, solid
 from theory.builders import scene as plain_scene
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.orientations import orientations
-from thirdbody.engine.state import angular_momentum
+from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.tables import body, body_extra, record, run_totals
 from thirdbody.rotations import rotation_matrices

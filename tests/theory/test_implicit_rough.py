@@ -13,7 +13,7 @@ import thirdbody
 from thirdbody.assembly import simulation
 from thirdbody.assembly.surfaces import with_surfaces
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.numerical_energy_guard import body_energies
+from thirdbody.engine.implicit_stops import body_energies
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.tables import patch as plate

@@ -7,8 +7,7 @@ from each import each
 from scipy.spatial.transform import Rotation
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.orientations import orientations
-from thirdbody.engine.state import angular_momentum
+from thirdbody.engine.state import angular_momentum, orientations
 from thirdbody.kernels.explicit.critical_time_step import stable_step
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.rotations import rotation_matrices

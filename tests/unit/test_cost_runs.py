@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from portable import drawn
 
-from thirdbody.engine.orientations import orientations
+from thirdbody.engine.state import orientations
 from thirdbody.errors import OutputError, UsageError
 from thirdbody.kernels.tables import body
 from thirdbody.runner.simulate import prepare

@@ -16,7 +16,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.guards import EnergyGuard
-from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
+from thirdbody.engine.implicit_stops import causes, in_words, limited_by, limiting_body
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.tables import body, run_totals

@@ -16,7 +16,6 @@ import numpy as np
 
 from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit_stops import explain
-from thirdbody.engine.plate_copies import one_plate
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
@@ -27,6 +26,25 @@ from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
+
+
+def own_patches(state: State) -> None:
+    """Give each body a copy of a plate of prescribed height, since bodies are at different times."""
+    if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
+        state.P = np.repeat(state.P, state.n_bodies, axis=0)
+        state.patch = np.arange(state.n_bodies)
+
+
+def one_plate(state: State) -> None:
+    """Move a rigid plate to the last row of the patches and give every body a copy that follows it."""
+    if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
+        return
+    copies = np.repeat(state.P, state.n_bodies, axis=0)
+    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
+        copies[:, column] = 0.0
+    state.P = np.concatenate([copies, state.P])
+    state.patch = np.arange(state.n_bodies)
+
 
 if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit

@@ -16,21 +16,18 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine import implicit_stops as stops
 from thirdbody.engine.accuracy import Accuracy
-from thirdbody.engine.common_plate import CommonPlate
+from thirdbody.engine.common_plate import CommonPlate, own_patches
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.implicit_parts import ThreadScratch, find_minima, part_addresses
-from thirdbody.engine.implicit_stops import explain, name_of
 from thirdbody.engine.islands import Islands, single_bodies
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.meeting import Meeting
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.numerical_energy_guard import CREATED_ENERGY_GUARD, body_energies, created_fractions
-from thirdbody.engine.plate_copies import own_patches
 from thirdbody.engine.rayleigh_time import rayleigh_time
 from thirdbody.engine.state import Array, State
-from thirdbody.engine.step_limits import causes, in_words, limited_by, limiting_body
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
@@ -111,7 +108,7 @@ class Implicit:
         self._pack_islands, self.scratch_of_threads = Packer(ISLANDS), ThreadScratch()
         self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
-        self._reported, self._limit = causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
+        self._reported, self._limit = stops.causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
 
     @property
     def meets(self) -> bool:
@@ -341,23 +338,23 @@ class Implicit:
         if self.accuracy.skip_unsolved:
             stopped = stopped[codes[stopped] != Stop.UNSOLVED]
         if len(stopped):
-            raise GuardStop(explain(self, int(stopped[0])))
+            raise GuardStop(stops.explain(self, int(stopped[0])))
 
     def refuse_created_energy(self) -> None:
-        """Raise GuardStop if the integrator has created more than CREATED_ENERGY_GUARD of the exchanged energy."""
-        stored = body_energies(self.state, self.memory[:, step_memory.STORED])
-        built, whole = created_fractions(self.totals, stored, self._summed())
+        """Raise GuardStop if the integrator has created more than stops.CREATED_ENERGY_GUARD of the exchanged energy."""
+        stored = stops.body_energies(self.state, self.memory[:, step_memory.STORED])
+        built, whole = stops.created_fractions(self.totals, stored, self._summed())
         body = int(np.argmax(built))
-        if built[body] > CREATED_ENERGY_GUARD:
-            fraction, who, when = built[body], name_of(body, self.state), self.totals[body, run_totals.TIME]
-        elif whole > CREATED_ENERGY_GUARD:
+        if built[body] > stops.CREATED_ENERGY_GUARD:
+            fraction, who, when = built[body], stops.name_of(body, self.state), self.totals[body, run_totals.TIME]
+        elif whole > stops.CREATED_ENERGY_GUARD:
             fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
             return
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
             f"stopped at t = {when:.6g} s: the integrator has created energy: {100.0 * fraction:.0f} % of all that was exchanged "
-            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
+            f"(guard: {100.0 * stops.CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
             f"solver.largest_step is needed, "
             "or a contact law that creates no energy (thirdbody laws --check)"
         )
@@ -376,15 +373,15 @@ class Implicit:
             "iterations_per_step": float(T[:, step_memory.ITERATIONS].sum()) / total,
             "cuts_per_step": float(T[:, step_memory.CUTS].sum()) / total,
             "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
-            "steps_limited_by": limited_by(T),
-            "limiting_body": limiting_body(T, state.order),
-            "unsolved": {int(body): explain(self, int(body)) for body in lost},
+            "steps_limited_by": stops.limited_by(T),
+            "limiting_body": stops.limiting_body(T, state.order),
+            "unsolved": {int(body): stops.explain(self, int(body)) for body in lost},
         } | ({"islands": self.meeting.summary()} if self.meeting else {})
 
     def describe_limit(self) -> str:
         """Return, as text, the most frequent step limit since the last call; empty before the first step."""
-        before, self._reported = self._reported, causes(self.memory).copy()
-        self._limit = in_words(self._reported - before, self.state.order) or self._limit
+        before, self._reported = self._reported, stops.causes(self.memory).copy()
+        self._limit = stops.in_words(self._reported - before, self.state.order) or self._limit
         return self._limit
 
     def mean_time(self) -> float:

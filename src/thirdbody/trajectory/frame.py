@@ -8,8 +8,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, map_densities
-from thirdbody.engine.orientations import orientations
-from thirdbody.engine.state import State
+from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
