@@ -91,10 +91,10 @@ def searched(rows, minima):
     Q[: len(rows), X], Q[0, surface_contact.MINIMA] = rows, (1 << len(rows)) - 1
     with pytest.MonkeyPatch.context() as patch:
         for name in ("is_same", "offset_of", "has_minimum", "set_minimum", "end_minimum"):
-            patch.setattr(minima, name, getattr(minima, name).py_func)
-        patch.setattr(minima, "find_minima", find_minima)
-        patch.setattr(minima, "follow", follow)
-        minima.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
+            patch.setattr(contacts_of_spheres, name, getattr(contacts_of_spheres, name).py_func)
+        patch.setattr(contacts_of_spheres, "find_minima", find_minima)
+        patch.setattr(contacts_of_spheres, "follow", follow)
+        contacts_of_spheres.search_all.py_func(0, field, (0.0, 0.0, 0.0), (2.0, 1.0), SimpleNamespace(Q=Q))
     return Q, int(Q[0, surface_contact.MINIMA])
 
 

@@ -1,5 +1,7 @@
 """Tables: the place of each column, and access by name."""
 
+import pickle
+
 import numba
 import numpy as np
 import pytest
@@ -21,6 +23,11 @@ def test_columns_follow_each_other_unless_placed():
     assert (EXAMPLE.FORCE, EXAMPLE.PLAIN, EXAMPLE.MASS, EXAMPLE.LOAD, EXAMPLE.WIDTH) == (0, 4, 4, 0, 5)
     assert EXAMPLE.FORCE3 == slice(0, 3) and EXAMPLE.names() == ("force", "mass", "load")
     assert EXAMPLE["mass"].unit == "kg" and "| 0-2 | force | N | force |" in EXAMPLE.markdown()
+
+
+def test_a_copy_has_the_same_columns():
+    copied = pickle.loads(pickle.dumps(EXAMPLE))
+    assert copied.MASS == EXAMPLE.MASS and copied.FORCE3 == EXAMPLE.FORCE3 and copied.markdown() == EXAMPLE.markdown()
 
 
 def test_kernels_and_python_read_the_same_columns():

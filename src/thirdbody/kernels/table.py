@@ -124,6 +124,10 @@ class Table(ModuleType):
 
         def __setattr__(self, name: str, value: Any) -> None: ...
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how a copy is made: numba copies kernels with the names that they use."""
+        return _restored, ({name: value for name, value in vars(self).items() if not name.startswith("__")},)
+
     def names(self) -> tuple[str, ...]:
         """Return the names of all quantities in order."""
         return tuple(column.name for column in self.columns)
@@ -149,6 +153,12 @@ class Table(ModuleType):
             where = f"{c.first}" if c.width == 1 else f"{c.first}-{c.first + c.width - 1}"
             lines.append(f"| {where} | {c.name} | {c.unit or '-'} | {c.meaning} |")
         return "\n".join(lines)
+
+
+def _restored(contents: dict[str, Any]) -> Table:
+    table = Table(contents["symbol"], contents["rows"])
+    vars(table).update(contents)
+    return table
 
 
 class Rows:
