@@ -15,6 +15,7 @@ from thirdbody.assembly.surface_scales import MERGING, NARROW, NOTICED, surface_
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.errors import InputError, Interrupted
+from thirdbody.kernels import minima as contacts_of_spheres
 from thirdbody.kernels.closest_point import MERGE
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.tables import height_field, surface_contact
