@@ -236,7 +236,7 @@ class Implicit:
         self.earlier = {}  # `start` copied the tables that were replaced just now
 
     def advance_islands(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
-        """Advance the islands `order[first:last]` to a time [s], with at most `tries` trial steps each.
+        """Advance the islands `order[first:last]`, where bodies meet all, to a time [s], with at most `tries` trial steps each.
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
