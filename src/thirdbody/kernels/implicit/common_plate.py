@@ -3,7 +3,7 @@
 The system matrix is an arrow matrix: one block per island, and one row and column for the plate. `solve_at` solves islands for a
 given rise of the plate, with the derivative of their force on the plate at their equilibrium: the Schur complement of the arrow
 matrix, by one more right-hand side of their band matrices, the column of the plate. One scalar equation for the plate remains
-(`engine.implicit_common_plate`). Contacts between bodies do not feel the plate, so rows and columns of its rise are those of the
+(`engine.common_plate`). Contacts between bodies do not feel the plate, so rows and columns of its rise are those of the
 bodies.
 """
 
