@@ -16,6 +16,7 @@ import numpy as np
 
 from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit_stops import explain
+from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
@@ -26,6 +27,15 @@ from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
+
+FEWEST = 8
+"""Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
+
+CONVERGED, ROUNDS = 1e-8, 30
+"""Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
 def own_patches(state: State) -> None:
@@ -44,19 +54,6 @@ def one_plate(state: State) -> None:
         copies[:, column] = 0.0
     state.P = np.concatenate([copies, state.P])
     state.patch = np.arange(state.n_bodies)
-
-
-if TYPE_CHECKING:
-    from thirdbody.engine.implicit import Implicit
-
-BATCH = 512
-"""Bodies of which one step is enough between two looks at the clock."""
-
-FEWEST = 8
-"""Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
-
-CONVERGED, ROUNDS = 1e-8, 30
-"""Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
 @dataclass

@@ -21,7 +21,7 @@ from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.common_plate import CommonPlate, own_patches
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.implicit_parts import ThreadScratch, find_minima, part_addresses
-from thirdbody.engine.islands import Islands, single_bodies
+from thirdbody.engine.islands import BATCH, Islands, single_bodies
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.meeting import Meeting
@@ -39,9 +39,6 @@ from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_m
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
 from thirdbody.kernels.tables import loaded_contact, patch, run_totals
 from thirdbody.laws.contract import Material
-
-BATCH = 512
-"""Bodies per call, or per part of one."""
 
 CALL, PACE, FEW = 1.0, 1e4, 8.0
 """Target wall time [s] of a compiled call, since a stop is handled only after it; trial steps per second assumed before they are

@@ -14,12 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.engine.contact_rows import AllRows, ClosedRows
-from thirdbody.engine.implicit import BATCH, Implicit
+from thirdbody.engine.implicit import Implicit
+from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Array, State, table
 from thirdbody.jit.arguments import address
 from thirdbody.jit.threads import allowed_threads, distribute
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.ensemble import OneBody, Span, advance_batch
+from thirdbody.kernels.implicit.workspace import ADVANCE
 from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.tables import sphere
 
@@ -81,7 +83,7 @@ class ImplicitEnsemble(Implicit):
         if isinstance(rows, AllRows):
             super().advance_islands(first, last, until, tries)
             return
-        context, tables, step = self.packed(), self.packed_islands(), address(driver.advance_islands, driver.ADVANCE)
+        context, tables, step = self.packed(), self.packed_islands(), address(driver.advance_islands, ADVANCE)
 
         def worker() -> Callable[[int], None]:
             own, packed, scratch = self._make_scratch(), context.copy(), self.scratch()

@@ -12,6 +12,18 @@ from thirdbody.kernels.implicit.tables import step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, body, body_extra, domain, patch, run_totals
 from thirdbody.kernels.tile import TILE
 
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
+
+CREATED_ENERGY_GUARD = 0.1
+"""Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at
+the very start, and below 0.005 later."""
+
+NEGLIGIBLE = 0.01
+"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
+length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
+they exchange, a millionth of what a loaded body exchanges."""
+
 
 def loaded_spots(state: State, body: int) -> str:
     """Return text that lists the contacts of a body with their forces."""
@@ -67,17 +79,6 @@ def in_words(steps: Array, order: np.ndarray) -> str:
     return f"{fraction}, most of them of body {order[int(np.argmax(steps[:, k]))]}"
 
 
-CREATED_ENERGY_GUARD = 0.1
-"""Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at
-the very start, and below 0.005 later."""
-
-
-NEGLIGIBLE = 0.01
-"""Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
-length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
-they exchange, a millionth of what a loaded body exchanges."""
-
-
 def created_fractions(totals: Array, stored: Array, whole: Array) -> tuple[Array, float]:
     """Return the energy created by the integrator (negative: lost) over the exchanged energy: of each body (n,), and of all.
 
@@ -104,10 +105,6 @@ def body_energies(state: State, stored: Array) -> Array:
     kinetic += np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3], axis=1)
     kinetic += P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2
     return 0.5 * float(state.inertial) * kinetic + stored
-
-
-if TYPE_CHECKING:
-    from thirdbody.engine.implicit import Implicit
 
 
 def name_of(number: int, state: State) -> str:

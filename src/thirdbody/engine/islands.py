@@ -12,6 +12,9 @@ from thirdbody.engine.state import Ints, State
 from thirdbody.jit.threads import PIECES
 from thirdbody.kernels.implicit.workspace import IslandTables
 
+BATCH = 512
+"""Bodies per call, or per part of one; one step of so many is enough between two looks at the clock."""
+
 
 @dataclass(frozen=True)
 class Islands:

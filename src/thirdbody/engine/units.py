@@ -40,10 +40,10 @@ EXPLICIT = ("passes", "step", "stability", "search")
 """Units of the explicit integrator, the longest first."""
 
 COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1
-"""Units that are compiled, like laws, at this optimisation level of LLVM: 0.8 of the compile time, bit-identical results."""
+"""Units that are compiled, like laws, at this optimisation level of LLVM: 0.7 to 0.8 of the compile time, same bits."""
 
 SECONDS, FEWER = {"common_plate": 55, "driver": 45}, 20
-"""Processor time of a Zen 3 core [s] for the long units, with their laws, and for each other one."""
+"""Processor time [s] of one core of 2.5 GHz, roughly, for the long units, with their laws, and at most for each other one."""
 
 MARK = "compiled-"
 """Beginning of the names of files in the cache folder that mark a unit whose compiled code is complete."""

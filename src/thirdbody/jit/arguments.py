@@ -96,8 +96,8 @@ class Packer:
 class Unpacked(types.Type):  # type: ignore[misc]
     """Numba's type of packed arguments that are read by name: a pointer, from which a field is loaded where it is used.
 
-    A named tuple of sixty tables would be four hundred arguments of each function that takes it; this way the implicit kernels
-    compile in 0.87 to 0.96 of the time. Unless `changing`, words must not change while a compiled function may read them: they
+    A named tuple of sixty tables would be four hundred arguments of each function that takes it.
+    Unless `changing`, words must not change while a compiled function may read them: they
     are loaded as invariant.
     """
 

@@ -53,7 +53,7 @@ def commit(context, active, m, motion, space):
 
     Bodies exchange the work of the mean force of a step, which friction dissipates (`books`). Where forces
     jump (`work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
-    work. Returns the energy [J] that the dashpots dissipate (`dashpot_work`).
+    work. Returns the energy [J] that the dashpots dissipate (`work.dashpot_loss`).
     """
     b, tile, sums, H = active.number, space.tile, space.sums, context.H
     O = tile.outputs  # noqa: E741

@@ -92,8 +92,6 @@ class Stop(IntEnum):
     """Guard: it left the domain."""
     BAD_BODY = 5
     """Guard: its position is not finite."""
-    WAITS = 6
-    """None: other bodies are advanced meanwhile."""
 
 
 TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
@@ -141,7 +139,7 @@ def longest_drag(context, T):
 
 @njit(**BARE)
 def next_length(T, t, context, end):
-    """Return length [s] and limiting cause (`step_limits`) of the next step from t, at most to `end` [s]."""
+    """Return length [s] and limiting cause (`StepLimit`) of the next step from t, at most to `end` [s]."""
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
     ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)

@@ -10,9 +10,9 @@ the body that needs the shortest one.
 """
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
-from thirdbody.jit.arguments import PACKED, function_at
+from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import OBSERVE, Motion
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
@@ -40,6 +40,7 @@ from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_s
 from thirdbody.kernels.implicit.work import FLOOR, MIN_CUT, energy_scale, work_error_of_plates
 from thirdbody.kernels.implicit.workspace import (
     ACCEPT,
+    ADVANCE,
     ERRORS,
     START,
     active_at,
@@ -239,12 +240,6 @@ def advance_island(h, until, tries, packed, tables, packed_scratch):
         measure_arm(context, active_at(a, context, island))
     while is_going(context, island, until) and T[step_memory.TRIES] < last:
         step(h, until, packed, tables, packed_scratch)
-
-
-_I, _D = types.int64, types.float64
-
-
-ADVANCE = types.void(_I, _I, _D, _D, PACKED, PACKED, PACKED)
 
 
 @entry(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)

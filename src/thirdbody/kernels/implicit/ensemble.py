@@ -14,7 +14,7 @@ from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit.control import Stop
 from thirdbody.kernels.implicit.tables import step_memory
-from thirdbody.kernels.implicit.workspace import KINDS, ImplicitContext, context_of
+from thirdbody.kernels.implicit.workspace import ADVANCE, KINDS, ImplicitContext, context_of
 from thirdbody.kernels.memory import CLOSED, compact, expand, keep
 from thirdbody.kernels.tables import body, run_totals, sphere
 
@@ -26,9 +26,6 @@ H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
 
 
 changing_context_of = make_unpacker(KINDS, ImplicitContext, changing=True)
-
-ADVANCE = types.void(types.int64, types.int64, types.float64, types.float64, PACKED, PACKED, PACKED)
-"""Signature of `driver.advance_islands`, called through a pointer: the ensemble is compiled in seconds."""
 
 advance_at = function_at(ADVANCE)
 

@@ -91,7 +91,6 @@ body_solution = Table(
     iterations=number("", "iterations of Newton's method"),
     crowded=number("", "1: it has more contacts than a tile holds"),
     lands=number("", "1: one of its contacts closed in the step"),
-    in_island=number("", "1: it is solved together with the other bodies of its island"),
 )
 
 # Path of the centre of a sphere since the last search for islands, in implicit runs with contact between bodies.

@@ -56,7 +56,7 @@ KINDS: Kinds = {
     # largest number of candidates of a body with plates; address of the laws' tangents
     "max_per_body": _I, "tangents": _I,
     # addresses of the functions that take the closest points of rough plates as those of an accepted step, and that write what
-    # the Jacobian needs of them (`surface_steps`)
+    # the Jacobian needs of them (`rough`)
     "accept_surfaces": _I, "surface_tangents": _I,
     # addresses of the parts of a step that few scenes need (`PART`), 0 in others: contacts between bodies, curved surfaces, spots
     "pairs_part": _I, "rough_part": _I, "spots_part": _I,
@@ -119,6 +119,9 @@ PART = types.void(_I, _I, _I, _I, MOTION, PACKED, PACKED, PACKED)
 """part(stage, island, position of the body in it, number of contacts, motion, packed context, islands, scratch)"""
 
 part_at = function_at(PART)
+
+ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKED)
+"""Signature of `driver.advance_islands`, which ensembles call through a pointer."""
 
 START, GATHER, RELIEVE, RESTORE, PULL, TANGENTS, LIMIT, ERRORS, ACCEPT = (np.int64(stage) for stage in range(9))
 """Stages of a step for which a part is called."""
