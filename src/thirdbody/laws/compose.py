@@ -329,7 +329,7 @@ from numba import njit
 from thirdbody.jit.options import OPTIONS, OTHERS
 from thirdbody.kernels.arguments import EFFECTS, LABEL, MEASURE, OBSERVE
 from thirdbody.laws.data import Body, Wrench
-from thirdbody.laws.generated import as_kernel, plain
+from thirdbody.laws.generated import as_kernel, calling_kernels, plain
 """
 
 LOOP = f"""
@@ -347,8 +347,9 @@ OWN = """
 
 def own(function, name):
     # as one of this module to numba's cache, which goes by file and name
-    copy = FunctionType(function.__code__.replace(co_filename=__file__), function.__globals__, name)
-    copy.__module__, copy.__qualname__ = __name__, name
+    copy = calling_kernels(function)
+    copy.__code__ = copy.__code__.replace(co_filename=__file__)
+    copy.__module__, copy.__qualname__, copy.__name__ = __name__, name, name
     return copy
 
 
@@ -386,7 +387,8 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
 def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
     """Compile `observe` and `label` with the engine's signatures; `effects`: whether effects may act on bodies.
 
-    The generated module copies their code: through wrappers that call them all code would be compiled twice.
+    The generated module copies their code: through wrappers that call them all code would be compiled twice. What they call is
+    compiled as part of them only: machine code of each helper would take half the time.
     """
     text, chosen = (
         HEAD.format(labeller.name) + OWN,

@@ -218,6 +218,14 @@ def as_kernel(kernel: Any) -> Any:
     if kernel in _bare or function is kernel or not kernel._can_compile:  # the compiler is off, or types are declared
         return _bare.get(kernel, kernel)
     _bare[kernel] = kernel  # what it calls may call it
+    copy = calling_kernels(function)
+    options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
+    _bare[kernel] = numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
+    return _bare[kernel]
+
+
+def calling_kernels(function: FunctionType) -> FunctionType:
+    """Return a copy of a Python function that calls, instead of compiled functions, their `as_kernel`."""
 
     def inner(value: Any) -> Any:
         return as_kernel(value) if isinstance(value, Dispatcher) else value
@@ -226,9 +234,7 @@ def as_kernel(kernel: Any) -> Any:
     cells = tuple(CellType(inner(cell.cell_contents)) for cell in function.__closure__ or ())
     copy = FunctionType(function.__code__, function.__globals__ | called, function.__name__, function.__defaults__, cells)
     copy.__qualname__ = function.__qualname__
-    options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
-    _bare[kernel] = numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(copy)
-    return _bare[kernel]
+    return copy
 
 
 class _Folding(ast.NodeTransformer):
