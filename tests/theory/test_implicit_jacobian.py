@@ -19,7 +19,17 @@ from thirdbody.kernels.implicit.pairs import pairs_part
 from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update_tangents, update_trial
 from thirdbody.kernels.implicit.spots_part import spots_part
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext, IslandTables, island_at, make_scratch
+from thirdbody.kernels.implicit.workspace import (
+    FREEDOMS,
+    ISLANDS,
+    KINDS,
+    ImplicitContext,
+    IslandTables,
+    island_at,
+    make_scratch,
+    pair_spaces_of,
+    spaces_of,
+)
 from thirdbody.kernels.minima import RoughPlates
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.rolling_kinematics import MOMENTS, TWIST
@@ -74,7 +84,10 @@ def evaluate(context, tables, y, r, J):
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
     scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), context.max_per_body)
-    island, motion = plain(island_at, made)(0, context, tables, scratch), Motion(DT, 0.0, 0.0)
+    given = scratch._asdict()
+    scratch = scratch._replace(spaces=spaces_of(given), pair_spaces=pair_spaces_of(given))
+    island, motion = plain(island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
+    scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
     scratch.before[:] = context.initial_overlaps[: context.max_per_body]
     m = plain(evaluate_island, made)(0.0, motion, context, island, scratch)

@@ -40,28 +40,26 @@ FIELDS = 80  # of a tile, more than any of its tables has
 
 
 Rows = namedtuple("Rows", "spots_part own partner S")
-Scratch = namedtuple("Scratch", "inputs outputs geometry")
-Space = namedtuple("Space", "tile slots correction")
-Active = namedtuple("Active", "start")
+Space = namedtuple("Space", "inputs outputs geometry start slots correction")
 
 
 @njit
-def limited(context, active, space):
-    return correction_limits.limit_slip_reversal(context, active, 1, 1.0, space)
+def limited(context, space):
+    return correction_limits.limit_slip_reversal(context, 1, 1.0, space)
 
 
 def fraction(relief, limit=0.0, spots_part=1):
     """Fraction of a correction that is left by one spot at the limit of friction (N), at which it slips along x."""
-    tile = Scratch(*np.zeros((3, FIELDS * TILE)))
+    correction = np.array([-BACK, *(0.0,) * 6])
+    tile = Space(*np.zeros((3, FIELDS * TILE)), np.zeros(step_start.WIDTH), np.zeros(1, int), correction)
     tile.inputs[law_input.OVERLAP * TILE], tile.inputs[law_input.SLIP_X * TILE] = OVERLAP, SLIP
     tile.outputs[law_output.FRICTION_LIMIT * TILE] = tile.outputs[law_output.TANGENTIAL_X * TILE] = limit
     tile.geometry[geometry.RELIEF * TILE] = relief
     for column in (geometry.NORMAL + 2, geometry.AXIS, geometry.CROSS_AXIS + 1):
         tile.geometry[column * TILE] = 1.0
-    start = np.zeros(step_start.WIDTH)
-    start[step_start.ARM] = 1e-6
+    tile.start[step_start.ARM] = 1e-6
     context = Rows(spots_part, np.zeros(1, int), np.full(1, -1), np.zeros((1, sphere.WIDTH)))
-    return limited(context, Active(start), Space(tile, np.zeros(1, int), np.array([-BACK, *(0.0,) * 6])))
+    return limited(context, tile)
 
 
 def test_a_spot_at_the_limit_shortens_a_correction_that_reverses_its_slip():

@@ -96,13 +96,13 @@ class Packer:
 class Unpacked(types.Type):  # type: ignore[misc]
     """Numba's type of packed arguments that are read by name: a pointer, from which a field is loaded where it is used.
 
-    A named tuple of sixty tables would be four hundred arguments of each function that takes it.
-    Unless `changing`, words must not change while a compiled function may read them: they
-    are loaded as invariant.
+    A named tuple of sixty tables would be four hundred arguments of each function that takes it. `names`: the named tuple that
+    these arguments are in Python. Unless `changing`, words must not change while a compiled function may read them: they are
+    loaded as invariant.
     """
 
-    def __init__(self, name: str, kinds: Kinds, changing: bool) -> None:
-        super().__init__(name=f"{'changing' if changing else 'unpacked'} {name}")
+    def __init__(self, kinds: Kinds, names: type, changing: bool = False) -> None:
+        super().__init__(name=f"{'changing' if changing else 'unpacked'} {names.__name__}")
         self.kinds, self.words, self.changing = kinds, first_words(kinds), changing
 
 
@@ -129,9 +129,8 @@ def _load_field(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
     return _table(context, builder, kind.kinds[name], *numbers) if len(numbers) > 1 else numbers[0]
 
 
-def make_unpacker(kinds: Kinds, names: type, changing: bool = False) -> Any:
-    """Return a function for kernels that makes the fields of packed arguments readable by name, as in the named tuple `names`."""
-    unpacked = Unpacked(names.__name__, kinds, changing)
+def make_unpacker(unpacked: Unpacked) -> Any:
+    """Return a function for kernels that makes the fields of packed arguments readable by name."""
 
     @_intrinsic
     def function(typing: Any, rows: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from thirdbody.jit.arguments import Kinds, make_unpacker
+from thirdbody.jit.arguments import Kinds, Unpacked, make_unpacker
 
 
 class ContactStep(NamedTuple):
@@ -155,7 +155,7 @@ KINDS: Kinds = {
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
 """All arguments of a step; the step loop and its passes unpack it from an array (`jit.arguments`)."""
 
-context_of = make_unpacker(KINDS, Context)
+context_of = make_unpacker(Unpacked(KINDS, Context))
 """Unpack the array."""
 
 _F = types.float64

@@ -20,14 +20,14 @@ from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
 from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.implicit.work import contact_difference, contact_energy, dashpot_loss, opening_loss
-from thirdbody.kernels.implicit.workspace import pair_tile, tile_count
+from thirdbody.kernels.implicit.workspace import body_at, pair_at, pair_tile, tile_count
 from thirdbody.kernels.measures import measure_contact, measure_opened
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.tables import body, body_extra, contact_state, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
-from thirdbody.kernels.vectors import image
+from thirdbody.kernels.vectors import box_of, image
 
 
 @njit(**BARE)
@@ -46,7 +46,7 @@ def pair_overlap(k, context, box):
 def ends_of(k, context, island):
     """Return the spheres of candidate k, owner and partner, and the positions of their bodies in the island."""
     i, j = context.own[k], context.partner[k]
-    return i, j, island.position[context.body[i]], island.position[context.body[j]]
+    return i, j, island.all.position[context.body[i]], island.all.position[context.body[j]]
 
 
 @njit(**BARE)
@@ -70,9 +70,9 @@ def pair_wrench(q, k, context, tile):
 
 
 @njit(**BARE)
-def pair_opening_work(k, context, motion, box):
+def pair_opening_work(k, context, motion):
     """Return the slip work [J] of the tangential spring of candidate k, which opens within the step (`opening_work`)."""
-    S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
+    S, H, i, j, box = context.S, context.H, context.own[k], context.partner[k], box_of(context.D)
     overlap, (n_x, n_y, n_z) = pair_overlap(k, context, box)
     columns, r, s = (np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)), S[i, sphere.RADIUS], S[j, sphere.RADIUS]
     v = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z))
@@ -90,11 +90,11 @@ def pair_opening_work(k, context, motion, box):
 @njit(**BARE_CHUNK)
 def pair_work_errors(context, island, m, motion, scratch):
     """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
-    for a in range(island.bodies.shape[0]):
+    for a in range(island.n):
         scratch.errors[a, 0], scratch.errors[a, 1] = 0.0, 0.0
     p = np.int64(0)
-    for e in range(island.pairs.shape[0]):
-        k = island.pairs[e]
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
         _, _, a, b = ends_of(k, context, island)
         error, stored = 0.0, 0.0
         if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
@@ -103,7 +103,7 @@ def pair_work_errors(context, island, m, motion, scratch):
             stored = contact_energy(q, tile)
             p += 1
         elif is_closed(k, context.H):
-            error = abs(pair_opening_work(k, context, motion, island.box))
+            error = abs(pair_opening_work(k, context, motion))
         for c in (a, b):
             scratch.errors[c, 0] += error
             scratch.errors[c, 1] += stored
@@ -112,7 +112,7 @@ def pair_work_errors(context, island, m, motion, scratch):
 @njit(**BARE)
 def work_on(a, force, torque, context, island, scratch):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, arm = scratch.coordinates[a, 0], 1.0 / island.starts[a, step_start.ARM]
+    y, arm = scratch.coordinates[a, 0], 1.0 / scratch.starts[a, step_start.ARM]
     return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
 
 
@@ -176,7 +176,7 @@ def accept_closed(p, k, context, island, motion, scratch, smooth):
     Its tile has the friction loss that is booked. `smooth`: see `is_smooth`.
     """
     (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, scratch)
-    q, b_i, b_j, O = p % TILE, island.bodies[a], island.bodies[b], tile.outputs  # noqa: E741
+    q, b_i, b_j, O = p % TILE, body_at(a, island), body_at(b, island), tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
     (mean_a, mean_b), weight = works_of_old(k, context, island, scratch), 0.5 if smooth else 0.0
     end_a, end_b = works_on(a, b, (f, torque, back), context, island, scratch)
@@ -207,30 +207,30 @@ def accept_opened(k, smooth, context, island, motion, scratch):
     weight = 0.5 if smooth else 0.0
     mean_a, mean_b = weight * mean_a, weight * mean_b
     gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
-    dragged = pair_opening_work(k, context, motion, island.box) if smooth and context.force >= 0 else 0.0
+    dragged = pair_opening_work(k, context, motion) if smooth and context.force >= 0 else 0.0
     friction = max(reset_history(k, context) + dragged, 0.0)
     if context.measured > 0:
         measure_opened(k, friction, context)
     lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
-    add_losses(island.bodies[a], friction, damped, lost + mean_a, context)
-    add_losses(island.bodies[b], friction, damped, lost + mean_b, context)
+    add_losses(body_at(a, island), friction, damped, lost + mean_a, context)
+    add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
 
 
 @njit(**BARE)
-def is_smooth(context, island):
+def is_smooth(island, scratch):
     """Return whether forces jump on no body: what is dissipated is the work of their mean (`work.weight_of_old`)."""
     smooth = True
-    for a in range(island.bodies.shape[0]):
-        smooth = smooth and island.starts[a, step_start.OLD_WEIGHT] > 0.0
+    for a in range(island.n):
+        smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
     return smooth
 
 
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
-    smooth, p = is_smooth(context, island), np.int64(0)
-    for e in range(island.pairs.shape[0]):
-        k = island.pairs[e]
+    smooth, p = is_smooth(island, scratch), np.int64(0)
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
         if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
             p += 1
         elif is_closed(k, context.H):
@@ -255,5 +255,5 @@ def remember_pair(q, k, context, island, tile):
     _, _, a, b = ends_of(k, context, island)
     energy = contact_energy(q, tile)
     for c in (a, b):
-        T = context.memory[island.bodies[c]]
+        T = context.memory[body_at(c, island)]
         T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy)

@@ -48,16 +48,16 @@ def unbooked_energy(q, k, context, O):  # noqa: E741
 
 
 @njit(**BARE)
-def commit(context, active, m, motion, space):
+def commit(context, b, m, motion, space):
     """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
 
     Bodies exchange the work of the mean force of a step, which friction dissipates (`books`). Where forces
     jump (`work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
     work. Returns the energy [J] that the dashpots dissipate (`work.dashpot_loss`).
     """
-    b, tile, sums, H = active.number, space.tile, space.sums, context.H
+    tile, sums, H = space, space.sums, context.H
     O = tile.outputs  # noqa: E741
-    smooth, first, damped = active.start[step_start.OLD_WEIGHT] > 0.0, context.edges[b], 0.0
+    smooth, first, damped = space.start[step_start.OLD_WEIGHT] > 0.0, context.edges[b], 0.0
     of_mean = smooth and context.force >= 0
     force_and_torques(m, tile)
     if is_rough(context):
@@ -74,7 +74,7 @@ def commit(context, active, m, motion, space):
     for e in range(first, last_candidate(b, context)):
         k = context.incidence[e] >> 1
         if q < m and space.slots[q] == k:
-            store_contact(q, k, context, active, motion, space)
+            store_contact(q, k, context, b, motion, space)
             q += 1
         elif is_closed(k, H):
             damped += opening_loss(k, space.before[k - first], smooth, context)
@@ -88,9 +88,9 @@ def commit(context, active, m, motion, space):
 
 
 @njit(**BARE)
-def store_contact(q, k, context, active, motion, space):
+def store_contact(q, k, context, b, motion, space):
     """Store the record of contact q, candidate k; add its work and slip to the body, its force to the sums."""
-    b, tile, sums, B = active.number, space.tile, space.sums, context.B
+    tile, sums, B = space, space.sums, context.B
     write_record(q, k, context, motion, tile)
     if context.measured > 0:
         measure_contact(q, k, motion.dt, context, tile)
@@ -126,10 +126,10 @@ def add_impulses(A, sums, old, dt):
 
 
 @njit(**BARE)
-def body_works(context, active, y, dt):
+def body_works(context, b, dt, space):
     """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; and its kinetic energy before and
     after."""
-    b, Z, T, B, E = active.number, active.start, active.memory, context.B, context.E
+    Z, T, B, E, y = space.start, context.memory[b], context.B, context.E, space.y
     inertial, arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
     mass, now, last = B[b, body.MASS], Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
@@ -152,15 +152,15 @@ def body_works(context, active, y, dt):
 
 
 @njit(**BARE)
-def curved_drag(active, motion, ratio, sums):
+def curved_drag(context, b, motion, sums):
     """Return the work [J] that the curve of the plate's force over the drag adds to that of its mean in a step; keep its change.
 
     On rough plates the force of a rolling body turns with the slope below it within few steps, and the work of the mean of both
     ends is off by tenths of a per cent. The parabola through the last three forces has the integral (Adams and Moulton, third
     order) of the mean minus ratio/(6 (1 + ratio)) times the change of the force beyond `ratio` times that of the last step, which
-    was shorter by `ratio` (0: there was none, `step_ratio`).
+    was shorter by that ratio (0: there was none, `step_ratio`).
     """
-    A, T, work = active.totals, active.memory, 0.0
+    A, T, work, ratio = context.totals[b], context.memory[b], 0.0, step_ratio(context.memory[b], context.settings, motion.dt)
     for k in range(2):
         change = -sums[0, contact_sums.UPPER_FORCE + k] - A[run_totals.UPPER_FORCE + k]
         beyond = change - ratio * T[step_memory.LAST_FORCE + k]
@@ -170,7 +170,7 @@ def curved_drag(active, motion, ratio, sums):
 
 
 @njit(**BARE)
-def update_ledger(context, active, motion, works, common, space):
+def update_ledger(context, b, motion, works, common, space):
     """Add the accepted step to the energy totals of the body.
 
     `works`: energy that its contacts store more than before, and that their dashpots dissipate [J].
@@ -182,17 +182,17 @@ def update_ledger(context, active, motion, works, common, space):
     a `common` plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no
     kinetic energy.
     """
-    p, Z, T, A, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
+    p, Z, T, A, P, y, dt = context.patch[b], space.start, context.memory[b], context.totals[b], context.P, space.y, motion.dt
     sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     gained, of_dashpots = works
-    contacts, effects, pushed, before, after = body_works(context, active, y, dt)
+    contacts, effects, pushed, before, after = body_works(context, b, dt, space)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
     plate = (1.0 - old) * drag - old * (A[run_totals.UPPER_FORCE] * motion.v_x + A[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
     if has_heights(context.lower) or has_heights(context.upper):
-        plate += curved_drag(active, motion, step_ratio(T, context.settings, dt), sums)
+        plate += curved_drag(context, b, motion, sums)
     A[run_totals.DRAG_WORK] += plate
     lift, patch_velocity = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
     damped, lost = of_dashpots, plate - drag
@@ -243,15 +243,15 @@ def lengthen_path(s, dt, context):
 
 
 @njit(**BARE)
-def remember_step(context, active, y, dt):
+def remember_step(context, b, dt, space):
     """Store the data of an accepted step that the next one needs.
 
     Where forces jump (`weight_of_old`) the change of velocity is that of an impulse: the next step starts anew, too. With it BDF2
     would create energy: a fifth of what a ball has that a plate sets rolling (`meets_again` with `coulomb`).
     """
-    b, Z, T, B, velocity = active.number, active.start, active.memory, context.B, context.P[active.patch, patch.VELOCITY]
+    Z, T, B, velocity = space.start, context.memory[b], context.B, context.P[context.patch[b], patch.VELOCITY]
     for k in range(FREEDOMS):
-        T[step_memory.LAST_COORDINATES + k] = y[k]
+        T[step_memory.LAST_COORDINATES + k] = space.y[k]
     for k in range(3):
         momentum = context.E[b, body_extra.ANGULAR_MOMENTUM + k]
         T[step_memory.LAST_DV + k] = B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k]
@@ -265,12 +265,12 @@ def remember_step(context, active, y, dt):
 
 
 @njit(**BARE)
-def reject_step(context, active, y):
-    """Restore the body and its patch to the start of the step; `y`: scratch (7,)."""
-    b, p, Z, B, P = active.number, active.patch, active.start, context.B, context.P
+def reject_step(context, b, space):
+    """Restore the body and its patch to the start of the step."""
+    p, Z, B, P, y = context.patch[b], space.start, context.B, context.P, space.y
     for k in range(FREEDOMS):
         y[k] = 0.0
-    set_configuration(context, active, y, 1.0)
+    set_configuration(context, b, y, 1.0, space)
     for k in range(3):
         B[b, body.VELOCITY + k] = Z[step_start.VELOCITY + k]
         B[b, body.SPIN + k] = Z[step_start.SPIN + k]
@@ -285,14 +285,14 @@ def reject_step(context, active, y):
 
 
 @njit(**BARE)
-def accept_step(context, active, m, motion, common, space):
+def accept_step(context, b, m, motion, common, space):
     """Accept the step of the body to `space.y`: store history, records, energy and step data; `common`: see `update_ledger`."""
-    b, Z, T, B, E, dt = active.number, active.start, active.memory, context.B, context.E, motion.dt
+    Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
     diagnostics = space.diagnostics
     for k in range(contact_sums.WIDTH):
         space.sums[0, k] = 0.0
-    Z[step_start.OLD_WEIGHT] = weight_of_old(context, m, dt, active, space)
-    damped = commit(context, active, m, motion, space)
+    Z[step_start.OLD_WEIGHT] = weight_of_old(context, b, m, dt, space)
+    damped = commit(context, b, m, motion, space)
     E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2] = momentum_of(
         b, context
     )
@@ -300,12 +300,12 @@ def accept_step(context, active, m, motion, common, space):
         B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
         B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
     stored = elastic_energy(b, context)
-    update_ledger(context, active, motion, (stored - T[step_memory.STORED], damped), common, space)
-    remember_step(context, active, space.y, dt)
+    update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
+    remember_step(context, b, dt, space)
     if is_rough(context):
         update_by(context.accept_surfaces, context.edges[b], context.edges[b + 1], context)
     T[step_memory.STORED] = stored
-    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space))
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
         T[step_memory.CONTACT_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
         T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]

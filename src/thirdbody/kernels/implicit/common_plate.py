@@ -39,7 +39,7 @@ from thirdbody.kernels.implicit.workspace import (
     FREEDOMS,
     MOTION,
     START,
-    active_at,
+    body_at,
     call_part,
     context_of,
     island_at,
@@ -55,56 +55,50 @@ _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.
 
 
 @njit(**BARE)
-def plate_reaction(context, active, m, space):
+def plate_reaction(context, b, m, space):
     """Return the upward force [N] of the body on the plate, by a spring or directly by its contacts."""
-    p, P = active.patch, context.P
+    p, P = context.patch[b], context.P
     if P[p, patch.SPRING] != 0.0:
-        return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - active.start[step_start.PLATE_HEIGHT])
+        return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
     push = 0.0
     for q in range(m):
         k = space.slots[q]
         if is_upper(context.partner[k]):
-            push -= contact_force(q, space.tile)[2]
+            push -= contact_force(q, space)[2]
             if is_rough(context):
-                push -= gradient_force(k, space.tile.outputs[law_output.STORED_NORMAL * TILE + q], context)[2]
+                push -= gradient_force(k, space.outputs[law_output.STORED_NORMAL * TILE + q], context)[2]
     return push
 
 
 @njit(**BARE)
-def copy_start(context, b, first_iteration, space):
-    """Copy the overlaps at the start of the step to or from the table of all bodies: save them in the first iteration."""
+def begin_body(context, b, displacement, motion, space):
+    """Set the start of the step of a body, and predict its end for the rise of the plate."""
     low, high = context.edges[b], context.edges[b + 1]
-    if first_iteration:
-        initial_overlaps(b, context, space.before)
-        for e in range(low, high):
-            context.initial_overlaps[e] = space.before[e - low]
-    else:
-        for e in range(low, high):
-            space.before[e - low] = context.initial_overlaps[e]
-        for k in range(FREEDOMS):
-            space.y[k] = context.ends[b, k]
+    measure_arm(context, b, space)
+    save_start(context, b, space)
+    initial_overlaps(b, context, space.before)
+    begin_step(context, b, motion, space)
+    predict(context, b, motion.dt, displacement, space)
+    for e in range(low, high):
+        context.initial_overlaps[e] = space.before[e - low]
 
 
 @njit(**BARE)
-def begin_body(context, active, first_iteration, displacement, motion, space):
-    """Set the start of the step of a body, or the end of the last iteration, and the plate's rise in its coordinates."""
-    y, P, Z = space.y, context.P, active.start
-    if first_iteration:
-        measure_arm(context, active)
-        save_start(context, active)
-    copy_start(context, active.number, first_iteration, space)
-    if first_iteration:
-        begin_step(context, active, motion)
-        predict(context, active, motion.dt, displacement, y)
-    if P[active.patch, patch.SPRING] == 0.0:
-        y[6] = displacement
-    Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = P[P.shape[0] - 1, patch.HEIGHT] + displacement, displacement
+def load_body(context, b, space):
+    """Load the start of the step of a body, and its coordinates at the end of the last iteration."""
+    low, high = context.edges[b], context.edges[b + 1]
+    for e in range(low, high):
+        space.before[e - low] = context.initial_overlaps[e]
+    for k in range(step_start.WIDTH):
+        space.start[k] = context.starts[b, k]
+    for k in range(FREEDOMS):
+        space.y[k] = context.ends[b, k]
 
 
 @njit(**BARE)
-def write_outcome(context, active, outcome, iterations, landing, y):
-    """Write what Newton's method has found for a body: its coordinates, outcome and iterations, and whether it lands."""
-    T, solution = active.memory, context.solutions[active.number]
+def write_outcome(context, b, outcome, iterations, landing, space):
+    """Write start and end of the step of a body, and what Newton's method has found: outcome, iterations, whether it lands."""
+    T, solution = context.memory[b], context.solutions[b]
     T[step_memory.TRIES] += 1.0
     T[step_memory.ITERATIONS] += iterations
     solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
@@ -112,7 +106,9 @@ def write_outcome(context, active, outcome, iterations, landing, y):
     solution[body_solution.LANDS] = 1.0 if landing else 0.0
     solution[body_solution.ITERATIONS] = iterations
     for k in range(FREEDOMS):
-        context.ends[active.number, k] = y[k]
+        context.ends[b, k] = space.y[k]
+    for k in range(step_start.WIDTH):
+        context.starts[b, k] = space.start[k]
 
 
 @njit(**BARE)
@@ -121,7 +117,7 @@ def separate_plate(a, spring, island, scratch):
 
     `spring`: stiffness of the spring of its patch [N/m]; 0: the plate itself touches the body.
     """
-    J, column, band, w = scratch.jacobian[a], scratch.coordinates[a, 2], scratch.band, island.half_width
+    J, column, band, w = space_at(a, scratch).jacobian, space_at(a, scratch).residual, scratch.band, island.half_width
     for k in range(FREEDOMS):
         column[k] = 0.0 if spring != 0.0 or k == 6 else J[FREEDOMS * k + 6]
     if spring != 0.0:
@@ -136,7 +132,7 @@ def separate_plate(a, spring, island, scratch):
 @njit(**BARE)
 def body_stiffness(a, spring, scratch):
     """Return d(plate_reaction)/d(rise of the plate) [N/m] of the body at position a, whose coordinates follow."""
-    J, x = scratch.jacobian[a], scratch.coordinates[a, 3]
+    J, x = space_at(a, scratch).jacobian, space_at(a, scratch).correction
     if spring != 0.0:
         return spring * (x[6] - 1.0)
     own = J[48]
@@ -148,65 +144,71 @@ def body_stiffness(a, spring, scratch):
 @njit(**BARE)
 def write_stiffness(m, motion, context, island, scratch):
     """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies."""
-    bodies, P = island.bodies, context.P
     assemble(m, True, motion, context, island, scratch)
-    for a in range(bodies.shape[0]):
-        separate_plate(a, P[context.patch[bodies[a]], patch.SPRING], island, scratch)
+    for a in range(island.n):
+        separate_plate(a, context.P[context.patch[body_at(a, island)], patch.SPRING], island, scratch)
     regular = factorise_jacobian(True, island, scratch)
     if regular:
         solve_correction(True, island, scratch)
-    for a in range(bodies.shape[0]):
-        slope = body_stiffness(a, P[context.patch[bodies[a]], patch.SPRING], scratch) if regular else 0.0
-        context.solutions[bodies[a], body_solution.SLOPE] = slope
+    for a in range(island.n):
+        b = body_at(a, island)
+        slope = body_stiffness(a, context.P[context.patch[b], patch.SPRING], scratch) if regular else 0.0
+        context.solutions[b, body_solution.SLOPE] = slope
 
 
 @njit(**BARE_CHUNK)
-def solve_one(h, first_iteration, displacement, motion, packed, tables, packed_scratch):
-    """Solve the step of island h for a given rise of the plate."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    bodies, alone = island.bodies, island.bodies.shape[0] == 1
-    for a in range(bodies.shape[0]):
-        begin_body(context, active_at(a, context, island), first_iteration, displacement, motion, space_at(a, scratch))
-    if first_iteration and island.pairs.shape[0] > 0:
-        call_part(context.pairs_part, START, 0, 0, motion, island)
-    outcome, m, iterations = solve_island(h, motion, packed, tables, packed_scratch)
+def solve_one(first_iteration, displacement, motion, context, island, scratch):
+    """Solve the step of an island for a given rise of the plate."""
+    P = context.P
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        if first_iteration:
+            begin_body(context, b, displacement, motion, space)
+        else:
+            load_body(context, b, space)
+        if P[context.patch[b], patch.SPRING] == 0.0:
+            space.y[6] = displacement
+        space.start[step_start.PLATE_HEIGHT] = P[P.shape[0] - 1, patch.HEIGHT] + displacement
+        space.start[step_start.PLATE_DISPLACEMENT] = displacement
+    if first_iteration and island.n_pairs > 0:
+        call_part(context.pairs_part, START, 0, 0, motion, context, island, scratch)
+    outcome, m, iterations = solve_island(motion, context, island, scratch)
     # the friction work of a body that meets only plates is not estimated: it has no step of its own
-    error, rotation, landing = assess_island(
-        h, m, outcome == Outcome.SOLVED and not alone, motion, packed, tables, packed_scratch
-    )
-    for a in range(bodies.shape[0]):
-        active, space = active_at(a, context, island), space_at(a, scratch)
-        write_outcome(context, active, outcome, iterations, landing, space.y)
+    of_work = outcome == Outcome.SOLVED and island.n > 1
+    error, rotation, landing = assess_island(m, of_work, motion, context, island, scratch)
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        write_outcome(context, b, outcome, iterations, landing, space)
         if outcome == Outcome.SOLVED:
-            solution = context.solutions[bodies[a]]
+            solution = context.solutions[b]
             solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
-            solution[body_solution.PUSH] = plate_reaction(context, active, scratch.counts[a], space)
+            solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
     if outcome == Outcome.SOLVED:
         write_stiffness(m, motion, context, island, scratch)
 
 
 @njit(**BARE_CHUNK)
-def accept_one(h, motion, ended, packed, tables, packed_scratch):
-    """Accept the step of island h; `ended`: its end [s], whether exactly then, how often cut.
+def accept_one(motion, ended, context, island, scratch):
+    """Accept the step of an island; `ended`: its end [s], whether exactly then, how often cut.
 
     Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
     """
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     end, whole, cuts = ended
-    for a in range(island.bodies.shape[0]):
-        copy_start(context, island.bodies[a], False, space_at(a, scratch))
+    for a in range(island.n):
+        space = space_at(a, scratch)
+        load_body(context, body_at(a, island), space)
         for k in range(FREEDOMS):
-            scratch.coordinates[a, 3, k] = 0.0
+            space.correction[k] = 0.0
     m = evaluate(0.0, motion, context, island, scratch)
-    accept_island(h, m, motion, True, packed, tables, packed_scratch)
-    for a in range(island.bodies.shape[0]):
-        active = active_at(a, context, island)
-        advance_clock(active.totals, motion, end, whole)
-        count_step(active.memory, active.totals, motion.dt, cuts)
-        code, slot = guard_code(active.number, context, scratch.diagnostics[a])
-        active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = code, slot
+    accept_island(m, motion, True, context, island, scratch)
+    for a in range(island.n):
+        b = body_at(a, island)
+        advance_clock(context.totals[b], motion, end, whole)
+        count_step(context.memory[b], context.totals[b], motion.dt, cuts)
+        code, slot = guard_code(context, b, space_at(a, scratch))
+        context.memory[b, step_memory.CODE], context.memory[b, step_memory.SLOT] = code, slot
     if context.labels != 0:
-        label_island(h, packed, tables, packed_scratch)
+        label_island(context, island, scratch)
 
 
 @entry(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
@@ -216,27 +218,29 @@ def solve_at(first, last, first_iteration, displacement, motion, packed, tables,
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions`.
     """
-    islands = islands_of(tables)
+    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
     for p in range(first, last):
-        solve_one(islands.order[p], first_iteration, displacement, motion, packed, tables, packed_scratch)
+        solve_one(first_iteration, displacement, motion, context, island_at(islands.order[p], islands), scratch)
 
 
 @entry(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
-    islands = islands_of(tables)
+    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
     for p in range(first, last):
-        accept_one(islands.order[p], motion, ended, packed, tables, packed_scratch)
+        accept_one(motion, ended, context, island_at(islands.order[p], islands), scratch)
 
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
-    context, scratch, islands = context_of(packed), scratch_of(packed_scratch), islands_of(tables)
+    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
     for p in range(first, last):
-        island = island_at(islands.order[p], packed, tables, packed_scratch)
-        for a in range(island.bodies.shape[0]):
-            reject_step(context, active_at(a, context, island), space_at(a, scratch).y)
+        island = island_at(islands.order[p], islands)
+        for a in range(island.n):
+            b, space = body_at(a, island), space_at(a, scratch)
+            load_body(context, b, space)
+            reject_step(context, b, space)
 
 
 # -- control of the common step; T: memory of the plate, a row of `step_memory` like that of a body --

@@ -176,9 +176,9 @@ def bdf2_weights(T, V, dt):
 
 
 @njit(**BARE)
-def begin_step(context, active, motion):
+def begin_step(context, b, motion, space):
     """Set the weights of a step, what holds a body without inertia, and its patch along x and y."""
-    p, Z, T, V, P, dt = active.patch, active.start, active.memory, context.settings, context.P, motion.dt
+    p, Z, T, V, P, dt = context.patch[b], space.start, context.memory[b], context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
     Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION] = 0.0, 1.0
@@ -187,7 +187,7 @@ def begin_step(context, active, motion):
         distance = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt
         # at any speed of drag inertia resists no more than the spring (PULL) in the longest step, and more in shorter ones
         if distance > 0.0:
-            mass = context.B[active.number, body.MASS]
+            mass = context.B[b, body.MASS]
             Z[step_start.MASS_FRACTION] = min(
                 1.0, Z[step_start.TETHER_STIFFNESS] * (longest_drag(context, T) * dt / distance) ** 2 / mass
             )
@@ -218,15 +218,15 @@ def step_ratio(T, V, dt):
 
 
 @njit(**BARE)
-def travel_error(context, active, dt):
+def travel_error(context, b, dt, space):
     """Return the largest displacement of a sphere relative to a plate in the step over what is allowed, squared (`TRAVEL`)."""
-    p, Z, S, P, largest = active.patch, active.start, context.S, context.P, 0.0
+    p, Z, S, P, largest = context.patch[b], space.start, context.S, context.P, 0.0
     if not (has_heights(context.lower) or has_heights(context.upper)):
         return 0.0
     up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
     up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
     up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
-    for i in range(context.start[active.number], context.start[active.number + 1]):
+    for i in range(context.start[b], context.start[b + 1]):
         x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
         square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
         largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
@@ -234,25 +234,27 @@ def travel_error(context, active, dt):
 
 
 @njit(**BARE)
-def local_error(context, active, dt, diagnostics):
+def local_error(context, b, dt, space):
     """Return the local error of the step of a body and its patch over the tolerance (`error_of_change`)."""
-    b, Z, T, V, B = active.number, active.start, active.memory, context.settings, context.B
+    Z, T, V, B = space.start, context.memory[b], context.settings, context.B
     ratio = step_ratio(T, V, dt)
     move, rotation = 0.0, 0.0
     for k in range(3):
         move += (B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k] - ratio * T[step_memory.LAST_DV + k]) ** 2
         rotation += (B[b, body.SPIN + k] - Z[step_start.SPIN + k] - ratio * T[step_memory.LAST_DW + k]) ** 2
-    velocity_change = context.P[active.patch, patch.VELOCITY] - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
+    patch_velocity = context.P[context.patch[b], patch.VELOCITY]
+    velocity_change = patch_velocity - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
-    radius = max(diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
+    radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     error = error_of_change(change, radius, T, V, dt)
-    return max(error, travel_error(context, active, dt)) if plates.is_rough(context) else error
+    return max(error, travel_error(context, b, dt, space)) if plates.is_rough(context) else error
 
 
 @njit(**BARE)
-def rotation_of(y, Z):
+def rotation_of(space):
     """Return the rotation in the step [rad]."""
-    return math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / Z[step_start.ARM]
+    y = space.y
+    return math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM]
 
 
 @njit(**BARE)
@@ -264,12 +266,12 @@ def initial_overlaps(b, context, before):
 
 
 @njit(**BARE)
-def predict(context, active, dt, displacement, y):
-    """Predict the coordinates y with the acceleration of the last step, and a prescribed patch by `displacement` [m].
+def predict(context, b, dt, displacement, space):
+    """Predict the coordinates with the acceleration of the last step, and a prescribed patch by `displacement` [m].
 
     From there `local_error` measures; after a start the velocity is constant.
     """
-    Z, T = active.start, active.memory
+    Z, T, y = space.start, context.memory[b], space.y
     ratio, scale, before = step_ratio(T, context.settings, dt), dt / Z[step_start.NOW], Z[step_start.BEFORE] / Z[step_start.NOW]
     for k in range(3):
         v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
@@ -278,7 +280,7 @@ def predict(context, active, dt, displacement, y):
         y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
     patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
     predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
-    y[6] = predicted if context.P[active.patch, patch.FREE] != 0.0 else displacement
+    y[6] = predicted if context.P[context.patch[b], patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
@@ -328,9 +330,9 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 
 @njit(**BARE)
-def guard_code(b, context, diagnostics):
+def guard_code(context, b, space):
     """Return (code, candidate) of the guard that body b violates after a step."""
-    D = context.D
+    D, diagnostics = context.D, space.diagnostics
     bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
     if bad > 0:
         return np.int64(Stop.BAD_BODY), -1.0
@@ -342,7 +344,7 @@ def guard_code(b, context, diagnostics):
 
 
 @njit(**BARE)
-def finish_step(context, active, step, ended, diagnostics):
+def finish_step(context, b, step, ended, space):
     """Advance the clock, counters and step length of the body after an accepted step.
 
     `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
@@ -350,11 +352,11 @@ def finish_step(context, active, step, ended, diagnostics):
     """
     motion, error, easy, cuts, limit = step
     end, whole, at_breakpoint = ended
-    T = active.memory
-    advance_clock(active.totals, motion, end, whole)
+    T = context.memory[b]
+    advance_clock(context.totals[b], motion, end, whole)
     if at_breakpoint:
         T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
-    count_step(T, active.totals, motion.dt, cuts)
+    count_step(T, context.totals[b], motion.dt, cuts)
     T[step_memory.LIMITED + limit] += 1.0
     set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
-    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(active.number, context, diagnostics)
+    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(context, b, space)

@@ -36,12 +36,12 @@ def displacement(x, arm, r, upper):
 
 
 @njit(**BARE)
-def limit_overlap_change(context, active, expected_overlap, space):
+def limit_overlap_change(context, b, expected_overlap, space):
     """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m].
 
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
-    b, x, S, arm = active.number, space.correction, context.S, 1.0 / active.start[step_start.ARM]
+    x, S, arm = space.correction, context.S, 1.0 / space.start[step_start.ARM]
     arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rotation = arc * arm
     fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
@@ -69,14 +69,14 @@ def limit_overlap_change(context, active, expected_overlap, space):
 
 
 @njit(**BARE)
-def limit_slip_reversal(context, active, m, fraction, space):
+def limit_slip_reversal(context, m, fraction, space):
     """Return the fraction, at most `fraction`, of the correction that reverses no slip.
 
     Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
     jumps over it.
     """
-    I, O, G = space.tile.inputs, space.tile.outputs, space.tile.geometry  # noqa: E741
-    arm = 1.0 / active.start[step_start.ARM]
+    I, O, G = space.inputs, space.outputs, space.geometry  # noqa: E741
+    arm = 1.0 / space.start[step_start.ARM]
     for q in range(m):
         limit = O[law_output.FRICTION_LIMIT * TILE + q]
         t_x = O[law_output.TANGENTIAL_X * TILE + q]
@@ -99,8 +99,8 @@ def limit_slip_reversal(context, active, m, fraction, space):
 
 
 @njit(**BARE)
-def limit_correction(context, active, m, space):
+def limit_correction(context, b, m, space):
     """Return the fraction of `space.correction` that is tried first."""
     expected_overlap = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
-    fraction = limit_overlap_change(context, active, expected_overlap, space)
-    return limit_slip_reversal(context, active, m, fraction, space)
+    fraction = limit_overlap_change(context, b, expected_overlap, space)
+    return limit_slip_reversal(context, m, fraction, space)

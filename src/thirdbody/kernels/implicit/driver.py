@@ -43,7 +43,7 @@ from thirdbody.kernels.implicit.workspace import (
     ADVANCE,
     ERRORS,
     START,
-    active_at,
+    body_at,
     call_part,
     context_of,
     island_at,
@@ -59,13 +59,13 @@ observe_at = function_at(OBSERVE)
 
 
 @njit(**BARE)
-def prescribed_displacement(context, active, dt):
+def prescribed_displacement(context, b, dt, space):
     """Return the prescribed rise [m] of the body's patch, 0 if it is free; store the plate's height."""
     p, Z, P, t, schedule, first = (
-        active.patch,
-        active.start,
+        context.patch[b],
+        space.start,
         context.P,
-        active.totals[run_totals.TIME],
+        context.totals[b, run_totals.TIME],
         context.schedule,
         context.first,
     )
@@ -78,9 +78,9 @@ def prescribed_displacement(context, active, dt):
 
 
 @njit(**BARE)
-def set_load(context, active, dt):
+def set_load(context, b, dt):
     """Set the scheduled load [N] of the body's patch at the end of a step that crosses no breakpoint."""
-    p, P, t, schedule, first = active.patch, context.P, active.totals[run_totals.TIME], context.schedule, context.first
+    p, P, t, schedule, first = context.patch[b], context.P, context.totals[b, run_totals.TIME], context.schedule, context.first
     if first[LOAD + 1] > first[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
         P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
 
@@ -88,26 +88,27 @@ def set_load(context, active, dt):
 @njit(**BARE)
 def save_starts(motion, context, island, scratch):
     """Save the state of all bodies and the overlaps of their candidates at the start of a step."""
-    for a in range(island.bodies.shape[0]):
-        save_start(context, active_at(a, context, island))
-        initial_overlaps(island.bodies[a], context, scratch.before[a])
-    if island.pairs.shape[0] > 0:
-        call_part(context.pairs_part, START, 0, 0, motion, island)
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        save_start(context, b, space)
+        initial_overlaps(b, context, space.before)
+    if island.n_pairs > 0:
+        call_part(context.pairs_part, START, 0, 0, motion, context, island, scratch)
 
 
 @njit(**BARE)
 def common_length(context, island, time, end):
     """Return the shortest length [s] of the next step that a body needs, and its cause; all bodies then request the same."""
     shortest, cause, requested, limit = np.inf, np.int64(0), np.inf, 0.0
-    for a in range(island.bodies.shape[0]):
-        T = context.memory[island.bodies[a]]
+    for a in range(island.n):
+        T = context.memory[body_at(a, island)]
         dt, why = next_length(T, time, context, end)
         if dt < shortest:
             shortest, cause = dt, why
         if T[step_memory.NEXT_DT] < requested:
             requested, limit = T[step_memory.NEXT_DT], T[step_memory.LIMIT]
-    for a in range(island.bodies.shape[0]):
-        T = context.memory[island.bodies[a]]
+    for a in range(island.n):
+        T = context.memory[body_at(a, island)]
         T[step_memory.NEXT_DT], T[step_memory.LIMIT] = requested, limit
     return shortest, cause
 
@@ -115,36 +116,32 @@ def common_length(context, island, time, end):
 @njit(**BARE)
 def begin_steps(motion, context, island, scratch):
     """Set the weights of a step of all bodies, and predict its end."""
-    for a in range(island.bodies.shape[0]):
-        active = active_at(a, context, island)
-        begin_step(context, active, motion)
-        set_load(context, active, motion.dt)
-        predict(context, active, motion.dt, prescribed_displacement(context, active, motion.dt), space_at(a, scratch).y)
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        begin_step(context, b, motion, space)
+        set_load(context, b, motion.dt)
+        predict(context, b, motion.dt, prescribed_displacement(context, b, motion.dt, space), space)
 
 
 @njit(**BARE_CHUNK)
-def assess_island(h, m, converged, motion, packed, tables, packed_scratch):
+def assess_island(m, converged, motion, context, island, scratch):
     """Return the largest error of a body over the tolerance, the largest rotation of a body or turn of a normal, and whether a
     contact of the island closed within the step.
 
     The error is that of the motion and, with inertia, that of the friction work.
     """
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
     error, rotation, landing, V, m = 0.0, 0.0, False, context.settings, max(m, 0)
-    pairs = island.pairs.shape[0] > 0
+    pairs = island.n_pairs > 0
     if pairs:
-        call_part(context.pairs_part, ERRORS, 0, m, motion, island)
+        call_part(context.pairs_part, ERRORS, 0, m, motion, context, island, scratch)
         rotation, landing = scratch.answer[0], scratch.answer[1] != 0.0
     of_work = converged and V[step_settings.INERTIAL] != 0.0 and motion.dt > MIN_CUT * V[step_settings.SHORTEST]
-    for a in range(island.bodies.shape[0]):
-        active, space, n = active_at(a, context, island), space_at(a, scratch), max(scratch.counts[a], 0)
-        landing = landing or lands(context, active.number, n, space)
-        error, rotation = (
-            max(error, local_error(context, active, motion.dt, space.diagnostics)),
-            max(rotation, rotation_of(space.y, active.start)),
-        )
+    for a in range(island.n):
+        b, space, n = body_at(a, island), space_at(a, scratch), max(scratch.counts[a], 0)
+        landing = landing or lands(context, b, n, space)
+        error, rotation = max(error, local_error(context, b, motion.dt, space)), max(rotation, rotation_of(space))
         if of_work and context.force >= 0:
-            lost, scale = work_error_of_plates(context, active, n, motion, space), energy_scale(context, active, n, space)
+            lost, scale = work_error_of_plates(context, b, n, motion, space), energy_scale(context, b, n, space)
             if pairs:
                 lost, scale = lost + scratch.errors[a, 0], scale + FLOOR * scratch.errors[a, 1]
             error = max(error, lost / max(V[step_settings.WORK] * scale, 1e-300))
@@ -152,40 +149,37 @@ def assess_island(h, m, converged, motion, packed, tables, packed_scratch):
 
 
 @njit(**BARE_CHUNK)
-def accept_island(h, m, motion, common, packed, tables, packed_scratch):
+def accept_island(m, motion, common, context, island, scratch):
     """Accept the step of all bodies and of the m contacts between them; `common`: see `accept_step.update_ledger`."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    for a in range(island.bodies.shape[0]):
-        accept_step(context, active_at(a, context, island), scratch.counts[a], motion, common, space_at(a, scratch))
-    if island.pairs.shape[0] > 0:
-        call_part(context.pairs_part, ACCEPT, 0, m, motion, island)
+    for a in range(island.n):
+        accept_step(context, body_at(a, island), scratch.counts[a], motion, common, space_at(a, scratch))
+    if island.n_pairs > 0:
+        call_part(context.pairs_part, ACCEPT, 0, m, motion, context, island, scratch)
 
 
 @njit(**BARE_CHUNK)
-def label_island(h, packed, tables, packed_scratch):
+def label_island(context, island, scratch):
     """Update the labeller's memory of all bodies after their step."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    islands = islands_of(tables)
     observed = Observed(
-        context.own, context.partner, islands.all_edges, islands.all_incidence, context.B, context.E,
+        context.own, context.partner, island.all.all_edges, island.all.all_incidence, context.B, context.E,
         context.orientations, context.H, context.R, context.M, context.drag, context.n_history, context.width,
     )  # fmt: skip
-    for a in range(island.bodies.shape[0]):
-        b, A = island.bodies[a], context.totals[island.bodies[a]]
+    for a in range(island.n):
+        b, A = body_at(a, island), context.totals[body_at(a, island)]
         update_body_memory(b, observed, A, observe_at(context.observe), scratch.observed, scratch.rows)
         A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
 @njit(**BARE_CHUNK)
-def step(h, until, packed, tables, packed_scratch):
-    """Make one step of island h, shortened until it is accepted; set the codes of its bodies if they have to stop."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    V, bodies, time = context.settings, island.bodies, context.totals[island.bodies[0], run_totals.TIME]
+def step(until, context, island, scratch):
+    """Make one step of an island, shortened until it is accepted; set the codes of its bodies if they have to stop."""
+    V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
     end = next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
-        for a in range(bodies.shape[0]):
-            context.totals[bodies[a], run_totals.TIME], context.memory[bodies[a], step_memory.LAST_DT] = end, 0.0
+        for a in range(island.n):
+            b = body_at(a, island)
+            context.totals[b, run_totals.TIME], context.memory[b, step_memory.LAST_DT] = end, 0.0
         return
     save_starts(Motion(0.0, 0.0, 0.0), context, island, scratch)
     (dt, limit), cuts = common_length(context, island, time, end), 0
@@ -195,51 +189,51 @@ def step(h, until, packed, tables, packed_scratch):
         v_x, v_y = plate_velocity(time, context, dt)
         motion = Motion(dt, v_x, v_y)
         begin_steps(motion, context, island, scratch)
-        outcome, m, iterations = solve_island(h, motion, packed, tables, packed_scratch)
-        for a in range(bodies.shape[0]):
-            context.memory[bodies[a], step_memory.TRIES] += 1.0
-            context.memory[bodies[a], step_memory.ITERATIONS] += iterations
+        outcome, m, iterations = solve_island(motion, context, island, scratch)
+        for a in range(island.n):
+            b = body_at(a, island)
+            context.memory[b, step_memory.TRIES] += 1.0
+            context.memory[b, step_memory.ITERATIONS] += iterations
         converged = outcome == Outcome.SOLVED
-        error, rotation, landing = assess_island(h, m, converged, motion, packed, tables, packed_scratch)
+        error, rotation, landing = assess_island(m, converged, motion, context, island, scratch)
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
         limit = why_cut(landing, converged, error, rotation)
         dt *= reduction_factor(converged, error, rotation)
         if outcome == Outcome.CROWDED or dt < V[step_settings.SHORTEST]:
-            for a in range(bodies.shape[0]):
+            for a in range(island.n):
                 code = Stop.CROWDED if outcome == Outcome.CROWDED else Stop.UNSOLVED
-                context.memory[bodies[a], step_memory.CODE] = np.int64(code)
-                reject_step(context, active_at(a, context, island), space_at(a, scratch).y)
+                context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
+                reject_step(context, body_at(a, island), space_at(a, scratch))
             return
-    accept_island(h, m, motion, False, packed, tables, packed_scratch)
+    accept_island(m, motion, False, context, island, scratch)
     ended = end, whole, whole and is_breakpoint(time, context, end)
-    for a in range(bodies.shape[0]):
+    for a in range(island.n):
         accepted = motion, error, iterations <= EASY, cuts, limit
-        finish_step(context, active_at(a, context, island), accepted, ended, scratch.diagnostics[a])
+        finish_step(context, body_at(a, island), accepted, ended, space_at(a, scratch))
     if context.labels != 0:
-        label_island(h, packed, tables, packed_scratch)
+        label_island(context, island, scratch)
 
 
 @njit(**BARE)
 def is_going(context, island, until):
     """Return whether the island has not reached the time `until` [s], and no body of it has stopped."""
-    for a in range(island.bodies.shape[0]):
-        if context.memory[island.bodies[a], step_memory.CODE] != Stop.NONE.value:
+    for a in range(island.n):
+        if context.memory[body_at(a, island), step_memory.CODE] != Stop.NONE.value:
             return False
-    return context.totals[island.bodies[0], run_totals.TIME] < until
+    return context.totals[body_at(0, island), run_totals.TIME] < until
 
 
 @njit(**BARE_CHUNK)
-def advance_island(h, until, tries, packed, tables, packed_scratch):
-    """Advance island h, unless a guard has stopped a body of it, to a time [s], by at most `tries` trial steps."""
-    context, island = context_of(packed), island_at(h, packed, tables, packed_scratch)
-    T = context.memory[island.bodies[0]]
+def advance_island(until, tries, context, island, scratch):
+    """Advance an island, unless a guard has stopped a body of it, to a time [s], by at most `tries` trial steps."""
+    T = context.memory[body_at(0, island)]
     last = T[step_memory.TRIES] + tries
-    for a in range(island.bodies.shape[0]):
-        measure_arm(context, active_at(a, context, island))
+    for a in range(island.n):
+        measure_arm(context, body_at(a, island), space_at(a, scratch))
     while is_going(context, island, until) and T[step_memory.TRIES] < last:
-        step(h, until, packed, tables, packed_scratch)
+        step(until, context, island, scratch)
 
 
 @entry(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
@@ -249,6 +243,6 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     An island stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
     `memory` (step_memory.CODE) and stays at the end of its last step. Threads may advance different islands at once.
     """
-    islands = islands_of(tables)
+    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
     for p in range(first, last):
-        advance_island(islands.order[p], until, tries, packed, tables, packed_scratch)
+        advance_island(until, tries, context, island_at(islands.order[p], islands), scratch)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.arguments import PACKED, first_words, function_at, make_unpacker
+from thirdbody.jit.arguments import PACKED, Unpacked, first_words, function_at, make_unpacker
 from thirdbody.jit.options import BARE, DIRECT, entry
 from thirdbody.kernels.bodies import place_as_it_is
 from thirdbody.kernels.implicit.control import Stop
@@ -25,7 +25,7 @@ H_ADDRESS, R_ADDRESS, S_ADDRESS = (_WORDS[name] for name in ("H", "R", "S"))
 """Words of the packed arguments that hold the addresses of the tables that exist for one body at a time."""
 
 
-changing_context_of = make_unpacker(KINDS, ImplicitContext, changing=True)
+changing_context_of = make_unpacker(Unpacked(KINDS, ImplicitContext, changing=True))
 
 advance_at = function_at(ADVANCE)
 

@@ -12,7 +12,7 @@ from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, add_curved, add_p
 from thirdbody.kernels.implicit.linear import row_length
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, active_at, call_part, space_at
+from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, body_at, call_part, space_at
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments
 from thirdbody.kernels.tables import body, patch
@@ -40,11 +40,11 @@ def plane_contact(q, b, dt, context, space):
     """Return contact q of body b, with a plane, as a `Contact` of the equations of this body alone."""
     k = space.slots[q]
     sides = (
-        owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.tile.geometry),
+        owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry),
         plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
     )
     before = space.before[k - context.edges[b]]
-    return contact_of(q, before, dt, sides, (PLANE, NOWHERE, PLANE), context, space.tile)
+    return contact_of(q, before, dt, sides, (PLANE, NOWHERE, PLANE), context, space)
 
 
 @njit(**BARE)
@@ -53,27 +53,27 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 
     A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
-    active, space, dt = active_at(a, context, island), space_at(a, scratch), motion.dt
-    p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
-    give_springs(m, context, tile)
+    b, space, dt = body_at(a, island), space_at(a, scratch), motion.dt
+    p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
+    give_springs(m, context, space)
     if context.spots_part != 0:
-        call_part(context.spots_part, RELIEVE, a, m, motion, island)
-    tangents_at(context.tangents)(tile.inputs, tile.tangents, padded(m, context.n_history), context.pairs)
+        call_part(context.spots_part, RELIEVE, a, m, motion, context, island, scratch)
+    tangents_at(context.tangents)(space.inputs, space.tangents, padded(m, context.n_history), context.pairs)
     if context.spots_part != 0:
-        call_part(context.spots_part, RESTORE, a, m, motion, island)
+        call_part(context.spots_part, RESTORE, a, m, motion, context, island, scratch)
     for i in range(FREEDOMS * FREEDOMS):
         J[i] = 0.0
     if plates.is_rough(context):
-        call_part(context.rough_part, TANGENTS, a, m, motion, island)
+        call_part(context.rough_part, TANGENTS, a, m, motion, context, island, scratch)
     elif has_moments(context):
         for q in range(m):
-            add_curved(plane_contact(q, active.number, dt, context, space), J, np.int64(FREEDOMS), np.int64(0))
+            add_curved(plane_contact(q, b, dt, context, space), J, np.int64(FREEDOMS), np.int64(0))
     else:
         for q in range(m):
-            add_planar(plane_contact(q, active.number, dt, context, space), J)
+            add_planar(plane_contact(q, b, dt, context, space), J)
     if context.spots_part != 0:
-        call_part(context.spots_part, TANGENTS, a, m, motion, island)
-    subtract_inertia(context, active, dt, J)
+        call_part(context.spots_part, TANGENTS, a, m, motion, context, island, scratch)
+    subtract_inertia(context, b, dt, space)
     if P[p, patch.FREE] == 0.0 and not coupled:
         for k in range(6):
             J[42 + k], J[FREEDOMS * k + 6] = 0.0, 0.0
@@ -85,9 +85,9 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 
 
 @njit(**BARE)
-def subtract_inertia(context, active, dt, J):
+def subtract_inertia(context, b, dt, space):
     """Subtract inertia and spring of the body; scale rotations and torques with its arm."""
-    b, Z, B = active.number, active.start, context.B
+    Z, B, J = space.start, context.B, space.jacobian
     arm = 1.0 / Z[step_start.ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
     rate = Z[step_start.NOW] / dt
@@ -119,7 +119,7 @@ def assemble(m, coupled, motion, context, island, scratch):
 
     `coupled`: see `assemble_body`; then also that of one body is a band.
     """
-    n, w, J = island.bodies.shape[0], island.half_width, scratch.band
+    n, w, J = island.n, island.half_width, scratch.band
     for a in range(n):
         assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
     if n == 1 and not coupled:
@@ -132,4 +132,4 @@ def assemble(m, coupled, motion, context, island, scratch):
             for j in range(FREEDOMS):
                 J[first + 3 * w * i + j] = scratch.jacobian[a, FREEDOMS * i + j]
     if m > 0:
-        call_part(context.pairs_part, TANGENTS, np.int64(0), m, motion, island)
+        call_part(context.pairs_part, TANGENTS, 0, m, motion, context, island, scratch)

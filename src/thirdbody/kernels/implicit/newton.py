@@ -18,17 +18,7 @@ from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.linear import factorise, substitute
 from thirdbody.kernels.implicit.residual import active_contacts, residual, set_configuration
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import (
-    FREEDOMS,
-    GATHER,
-    LIMIT,
-    active_at,
-    call_part,
-    context_of,
-    island_at,
-    scratch_of,
-    space_at,
-)
+from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, LIMIT, body_at, call_part, space_at
 from thirdbody.kernels.plates import has_effect_columns
 from thirdbody.kernels.tables import body, body_extra, height_field, patch
 
@@ -97,9 +87,9 @@ def effect_size(b, E):
 
 
 @njit(**BARE)
-def force_scale(context, active, y, dt, diagnostics):
+def force_scale(context, b, dt, space):
     """Return the sum of all acting forces [N], the scale of the residual."""
-    b, p, P = active.number, active.patch, context.P
+    p, P, y, diagnostics = context.patch[b], context.P, space.trial, space.diagnostics
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     square = 1.0 / (dt * dt)
     # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
@@ -108,7 +98,7 @@ def force_scale(context, active, y, dt, diagnostics):
         + P[p, patch.MASS] * abs(y[6]) * square
         + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
     )
-    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - active.start[step_start.PLATE_HEIGHT])
+    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
     forces = diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
     return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_number
 
@@ -120,19 +110,19 @@ def steepest(field):
 
 
 @njit(**BARE)
-def rounding_force(context, active, alone, diagnostics):
+def rounding_force(context, b, alone, space):
     """Return the residual [N] caused by rounding of coordinates: overlaps are small differences of them.
 
     Contacts with planes feel heights only, those with rough plates the place by the slope, those between bodies all coordinates.
     """
-    b, B = active.number, context.B
+    B, diagnostics = context.B, space.diagnostics
     far = abs(B[b, body.POSITION + 2])
     if not alone:
         far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
     elif plates.is_rough(context):
         slope = max(steepest(context.lower), steepest(context.upper))
         far = max(far, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
-    far = max(far + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
+    far = max(far + space.start[step_start.ARM], abs(context.P[context.patch[b], patch.HEIGHT]))
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
     # Hertz: dN/dd = 1.5 N/d
@@ -140,7 +130,7 @@ def rounding_force(context, active, alone, diagnostics):
 
 
 @njit(**BARE)
-def is_balanced(context, active, dt, fraction, minimum, space):
+def is_balanced(context, b, dt, fraction, minimum, space):
     """Return whether the residual on a body without inertia is at most `fraction` of its own forces; True with inertia.
 
     Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
@@ -148,11 +138,11 @@ def is_balanced(context, active, dt, fraction, minimum, space):
     """
     if context.settings[step_settings.INERTIAL] != 0.0:
         return True
-    b, Z, square = active.number, active.start, 0.0
+    Z, square = space.start, 0.0
     for k in range(6):
         square += space.residual[k] * space.residual[k]
     resistance = Z[step_start.TETHER_STIFFNESS] + Z[step_start.MASS_FRACTION] * context.B[b, body.MASS] / (dt * dt)
-    stored = resistance * active.memory[step_memory.CONTACT_RADIUS]
+    stored = resistance * context.memory[b, step_memory.CONTACT_RADIUS]
     forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E) + stored
     return math.sqrt(square) <= max(fraction * forces, minimum)
 
@@ -169,21 +159,21 @@ def is_settled(context, now, scale, space):
 @njit(**BARE)
 def evaluate(part, motion, context, island, scratch):
     """Evaluate the residuals with `part` of the correction; return the number of contacts between bodies, -1 if crowded."""
-    n = island.bodies.shape[0]
+    n = island.n
     for a in range(n):
         space = space_at(a, scratch)
         for k in range(FREEDOMS):
             space.trial[k] = space.y[k] + part * space.correction[k]
-        set_configuration(context, active_at(a, context, island), space.trial, motion.dt)
+        set_configuration(context, body_at(a, island), space.trial, motion.dt, space)
     for a in range(n):
         space = space_at(a, scratch)
-        scratch.counts[a] = active_contacts(a, space.trial, motion, context, island, scratch)
+        scratch.counts[a] = active_contacts(a, motion, context, island, scratch)
         if scratch.counts[a] < 0:
             return np.int64(-1)
-        residual(a, scratch.counts[a], space.trial, motion, context, island, scratch)
-    if island.pairs.shape[0] == 0:
+        residual(a, scratch.counts[a], motion, context, island, scratch)
+    if island.n_pairs == 0:
         return np.int64(0)
-    call_part(context.pairs_part, GATHER, 0, 0, motion, island)
+    call_part(context.pairs_part, GATHER, 0, 0, motion, context, island, scratch)
     return np.int64(scratch.answer[0])
 
 
@@ -193,18 +183,18 @@ def measure(first, dt, context, island, scratch):
 
     `first`: these are the first ones of the step, whose forces are the scale.
     """
-    square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.bodies.shape[0] == 1
-    for a in range(island.bodies.shape[0]):
-        active, space = active_at(a, context, island), space_at(a, scratch)
-        now, scale = euclidean_norm(space.residual), force_scale(context, active, space.trial, dt, space.diagnostics)
-        minimum = rounding_force(context, active, alone, space.diagnostics)
+    square, smallest, solved, nearly, alone = 0.0, 1e300, True, True, island.n == 1
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        now, scale = euclidean_norm(space.residual), force_scale(context, b, dt, space)
+        minimum = rounding_force(context, b, alone, space)
         enough = max(CONVERGED * scale, minimum)
         scratch.scales[a, 0] = scale
         if first:
             scratch.scales[a, 1] = 1.0 if alone else 1.0 / max(scale, 1e-300)
-        if not (now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space)):
+        if not (now <= enough and is_balanced(context, b, dt, CONVERGED, minimum, space)):
             solved = False
-        if not (now <= max(ACCEPTED * scale, minimum) and is_balanced(context, active, dt, ACCEPTED, minimum, space)):
+        if not (now <= max(ACCEPTED * scale, minimum) and is_balanced(context, b, dt, ACCEPTED, minimum, space)):
             nearly = False
         square += (now * scratch.scales[a, 1]) ** 2
         smallest = min(smallest, enough * scratch.scales[a, 1])
@@ -216,8 +206,8 @@ def effects_on(context, island):
     """Return a number that changes with force or torque of the effects on a body."""
     total, E = 0.0, context.E
     if has_effect_columns(E):
-        for a in range(island.bodies.shape[0]):
-            b = island.bodies[a]
+        for a in range(island.n):
+            b = body_at(a, island)
             for k in range(3):
                 total += (k + 1) * (E[b, body_extra.EFFECT_FORCE + k] + E[b, body_extra.EFFECT_TORQUE + k])
     return total
@@ -226,7 +216,7 @@ def effects_on(context, island):
 @njit(**BARE)
 def factorise_jacobian(coupled, island, scratch):
     """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `jacobian.assemble`."""
-    n, w = island.bodies.shape[0], island.half_width
+    n, w = island.n, island.half_width
     if n == 1 and not coupled:
         return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
     return factorise(scratch.band, scratch.pivots, FREEDOMS * n, w, 3 * w, w)
@@ -235,7 +225,7 @@ def factorise_jacobian(coupled, island, scratch):
 @njit(**BARE)
 def solve_correction(coupled, island, scratch):
     """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
-    n, w, x = island.bodies.shape[0], island.half_width, scratch.solution
+    n, w, x = island.n, island.half_width, scratch.solution
     for a in range(n):
         for k in range(FREEDOMS):
             x[FREEDOMS * a + k] = scratch.coordinates[a, 2, k]
@@ -251,7 +241,7 @@ def solve_correction(coupled, island, scratch):
 @njit(**BARE)
 def all_settled(context, island, scratch):
     """Return whether the corrections of all bodies are negligible."""
-    for a in range(island.bodies.shape[0]):
+    for a in range(island.n):
         space = space_at(a, scratch)
         if not is_settled(context, euclidean_norm(space.residual), scratch.scales[a, 0], space):
             return False
@@ -262,28 +252,27 @@ def all_settled(context, island, scratch):
 def limited_part(m, motion, context, island, scratch):
     """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
-    for a in range(island.bodies.shape[0]):
-        part = limit_correction(context, active_at(a, context, island), scratch.counts[a], space_at(a, scratch))
+    for a in range(island.n):
+        part = limit_correction(context, body_at(a, island), scratch.counts[a], space_at(a, scratch))
         fraction = min(fraction, part)
-    if island.pairs.shape[0] == 0:
+    if island.n_pairs == 0:
         return fraction
     scratch.answer[0] = fraction
-    call_part(context.pairs_part, LIMIT, 0, m, motion, island)
+    call_part(context.pairs_part, LIMIT, 0, m, motion, context, island, scratch)
     return scratch.answer[0]
 
 
 @njit(**BARE_CHUNK)
-def solve_island(h, motion, packed, tables, packed_scratch):
-    """Solve for the coordinates of all bodies of island h, from a guess; return outcome, contacts between bodies, iterations.
+def solve_island(motion, context, island, scratch):
+    """Solve for the coordinates of all bodies of an island, from a guess; return outcome, contacts between bodies, iterations.
 
     Where the residual contracts, the factors of the last Jacobian tell whether the next correction is negligible; where it is
     expected to be the last one, they also give it.
     """
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    patience = ALONE if island.bodies.shape[0] == 1 else TOGETHER
+    patience = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
     first = True
-    for a in range(island.bodies.shape[0]):
+    for a in range(island.n):
         for k in range(FREEDOMS):
             scratch.coordinates[a, 3, k] = 0.0
     while True:
@@ -305,7 +294,7 @@ def solve_island(h, motion, packed, tables, packed_scratch):
                 halvings, part = halvings + 1, whole
                 continue
         better = better or halvings > patience.halvings
-        for a in range(island.bodies.shape[0]):
+        for a in range(island.n):
             for k in range(FREEDOMS):
                 scratch.coordinates[a, 0, k] = scratch.coordinates[a, 1, k]
         if solved:

@@ -35,24 +35,24 @@ from thirdbody.kernels.implicit.workspace import (
     PART,
     START,
     TANGENTS,
-    context_of,
     island_at,
+    pair_at,
     pair_tile,
-    scratch_of,
     tile_count,
 )
 from thirdbody.kernels.rolling_kinematics import gather_rolling
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
+from thirdbody.kernels.vectors import box_of
 
 
 @njit(**BARE_CHUNK)
 def gather_pairs(context, island, motion, scratch):
     """Gather the contacts of the island between bodies into tiles; return their number."""
-    m = np.int64(0)
-    for e in range(island.pairs.shape[0]):
-        k = island.pairs[e]
-        if pair_overlap(k, context, island.box)[0] + island.box.reach > 0.0:
+    m, box = np.int64(0), box_of(context.D)
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
+        if pair_overlap(k, context, box)[0] + box.reach > 0.0:
             scratch.pair_slots[m // TILE, m % TILE] = k
             m += 1
     for t in range((m + TILE - 1) // TILE):
@@ -60,21 +60,21 @@ def gather_pairs(context, island, motion, scratch):
         for e in range(n, n + SPARE):
             slots[e] = slots[n - 1]  # read ahead
         gather_pair_contacts(n, slots, context, tile)
-        pair_geometry(n, motion.dt, island.box, tile)
+        pair_geometry(n, motion.dt, box, tile)
         transport_frames(n, motion.dt, tile)
         slip_increment(n, motion.dt, tile)
         for q in range(n):
-            finish_gathering(q, slots[q], context, island, motion, tile)
+            finish_gathering(q, slots[q], motion, context, island, scratch, tile)
     return m
 
 
 @njit(**BARE)
-def finish_gathering(q, k, context, island, motion, tile):
+def finish_gathering(q, k, motion, context, island, scratch, tile):
     """Gather the rotation of contact q, candidate k, and scale its slip where it closes within the step."""
     _, _, a, b = ends_of(k, context, island)
     if context.rolling > 0:
         gather_rolling(q, k, context, motion, tile)
-    now = island.starts[a, step_start.NOW] + island.starts[b, step_start.NOW]
+    now = scratch.starts[a, step_start.NOW] + scratch.starts[b, step_start.NOW]
     at, before = (law_input.HISTORY + context.n_history) * TILE + q, context.initial_overlaps[k]
     tile.inputs[at + rolling_input.INVERSE_DT * TILE] = 0.5 * now / motion.dt
     tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
@@ -91,8 +91,8 @@ def add_pair_forces(context, island, m, scratch):
             _, _, a, b = ends_of(slots[q], context, island)
             f, torque, back = pair_wrench(q, slots[q], context, tile)
             r_a, r_b = scratch.coordinates[a, 2], scratch.coordinates[b, 2]
-            arm_a = 1.0 / island.starts[a, step_start.ARM]
-            arm_b = 1.0 / island.starts[b, step_start.ARM]
+            arm_a = 1.0 / scratch.starts[a, step_start.ARM]
+            arm_b = 1.0 / scratch.starts[b, step_start.ARM]
             for d in range(3):
                 r_a[d] += f[d]
                 r_b[d] -= f[d]
@@ -118,7 +118,7 @@ def observe_pair(q, k, context, tile, diagnostics):
 @njit(**BARE)
 def moved(a, point, context, island, scratch):
     """Return the displacement (3,) [m] by the correction of a point of the body at position a."""
-    x, arm = scratch.coordinates[a, 3], 1.0 / island.starts[a, step_start.ARM]
+    x, arm = scratch.coordinates[a, 3], 1.0 / scratch.starts[a, step_start.ARM]
     return (
         x[0] + (x[4] * point[2] - x[5] * point[1]) * arm,
         x[1] + (x[5] * point[0] - x[3] * point[2]) * arm,
@@ -141,11 +141,11 @@ def arm_of(i, S):
 @njit(**BARE_CHUNK)
 def limit_pair_overlaps(context, island, fraction, scratch):
     """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far (`newton`)."""
-    expected = context.settings[step_settings.EXPECTED_OVERLAP]
-    for e in range(island.pairs.shape[0]):
-        k = island.pairs[e]
+    expected, box = context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
         i, j, a, b = ends_of(k, context, island)
-        overlap, n = pair_overlap(k, context, island.box)
+        overlap, n = pair_overlap(k, context, box)
         relative = minus(
             moved(a, arm_of(i, context.S), context, island, scratch), moved(b, arm_of(j, context.S), context, island, scratch)
         )
@@ -218,9 +218,9 @@ def add_tangents(m, dt, context, island, scratch):
             k, G = slots[q], tile.geometry
             i, j, a, b = ends_of(k, context, island)
             sides = (
-                owner_side(q, i, FREEDOMS * a, 1.0 / island.starts[a, step_start.ARM], S, G),
+                owner_side(q, i, FREEDOMS * a, 1.0 / scratch.starts[a, step_start.ARM], S, G),
                 Side(
-                    FREEDOMS * b, -1, 1.0 / island.starts[b, step_start.ARM], arm_of(j, S), partner_point(q, j, S, G),
+                    FREEDOMS * b, -1, 1.0 / scratch.starts[b, step_start.ARM], arm_of(j, S), partner_point(q, j, S, G),
                     G[q + geometry.PARTNER_ARM * TILE],
                 ),
             )  # fmt: skip
@@ -230,13 +230,14 @@ def add_tangents(m, dt, context, island, scratch):
 
 
 @entry(PART, **POINTED, **NO_COUNTS)
-def pairs_part(stage, h, _, m, motion, packed, tables, packed_scratch):
+def pairs_part(stage, h, _, m, motion, context, islands, scratch):
     """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
+    island = island_at(h, islands)
     if stage == START:
-        for e in range(island.pairs.shape[0]):
-            k = island.pairs[e]
-            context.initial_overlaps[k] = pair_overlap(k, context, island.box)[0] + island.box.reach
+        box = box_of(context.D)
+        for e in range(island.n_pairs):
+            k = pair_at(e, island)
+            context.initial_overlaps[k] = pair_overlap(k, context, box)[0] + box.reach
     elif stage == GATHER:
         m = gather_pairs(context, island, motion, scratch)
         add_pair_forces(context, island, m, scratch)

@@ -25,7 +25,7 @@ from thirdbody.kernels.implicit.workspace import (
     PULL,
     RELIEVE,
     RESTORE,
-    active_at,
+    body_at,
     call_part,
     last_candidate,
     sort_candidates,
@@ -45,19 +45,19 @@ MAX_ROTATION = 0.05
 
 
 @njit(**BARE)
-def measure_arm(context, active):
+def measure_arm(context, b, space):
     """Store the distance of the farthest point of the body from its centre of mass: it holds for all its steps."""
-    b, radius, offsets = active.number, 0.0, context.offsets
+    radius, offsets = 0.0, context.offsets
     for s in range(context.start[b], context.start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
         radius = max(radius, math.sqrt(square) + context.S[s, sphere.RADIUS])
-    active.start[step_start.ARM] = radius
+    space.start[step_start.ARM] = radius
 
 
 @njit(**BARE_CHUNK)
-def save_start(context, active):
+def save_start(context, b, space):
     """Save the state of the body and its patch at the start of a step."""
-    b, p, Z, B, P, E = active.number, active.patch, active.start, context.B, context.P, context.E
+    p, Z, B, P, E = context.patch[b], space.start, context.B, context.P, context.E
     if plates.is_rough(context):
         sort_candidates(b, context)
     for k in range(3):
@@ -74,9 +74,9 @@ def save_start(context, active):
 
 
 @njit(**BARE)
-def set_configuration(context, active, y, dt):
+def set_configuration(context, b, y, dt, space):
     """Move the body, its spheres and its patch to the end of the step, with mean and end velocities."""
-    b, p, Z, T, B, P = active.number, active.patch, active.start, active.memory, context.B, context.P
+    p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P
     inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
     for k in range(3):
@@ -133,12 +133,12 @@ def momentum_of(b, context):
 
 
 @njit(**BARE)
-def active_contacts(a, y, motion, context, island, scratch):
-    """Gather the contacts of the body at position a, at its coordinates y, with plates; return their number, -1: too many."""
-    active, space = active_at(a, context, island), space_at(a, scratch)
-    b, tile, slots = active.number, space.tile, space.slots
+def active_contacts(a, motion, context, island, scratch):
+    """Gather the contacts with plates of the body at position a, in the trial; return their number, -1: too many."""
+    b, space = body_at(a, island), space_at(a, scratch)
+    tile, slots = space, space.slots
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
-    patch_velocity = context.P[active.patch, patch.VELOCITY] - y[6] / motion.dt
+    patch_velocity = context.P[context.patch[b], patch.VELOCITY] - space.trial[6] / motion.dt
     m = np.int64(0)
     if plates.is_rough(context):
         update_surfaces(context.edges[b], context.edges[b + 1], context)
@@ -160,11 +160,11 @@ def active_contacts(a, y, motion, context, island, scratch):
         if context.rolling > 0:
             gather_rolling(q, slots[q], context, motion, tile)
         at, before = (law_input.HISTORY + context.n_history) * TILE + q, space.before[slots[q] - context.edges[b]]
-        tile.inputs[at + rolling_input.INVERSE_DT * TILE] = active.start[step_start.NOW] / motion.dt
+        tile.inputs[at + rolling_input.INVERSE_DT * TILE] = space.start[step_start.NOW] / motion.dt
         tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
         scale_slip(q, before, context, tile.inputs)
     if context.spots_part != 0:
-        call_part(context.spots_part, GATHER, a, m, motion, island)
+        call_part(context.spots_part, GATHER, a, m, motion, context, island, scratch)
     return m
 
 
@@ -244,18 +244,18 @@ def contact_moment(q, context, tile):
 
 
 @njit(**BARE)
-def residual(a, m, y, motion, context, island, scratch):
-    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, at the coordinates y.
+def residual(a, m, motion, context, island, scratch):
+    """Write the residual (7,) [N] of the body at position a and its patch with m contacts with plates, in the trial.
 
     Sums and maxima over the contacts are written to its `diagnostics`.
     """
-    active, space = active_at(a, context, island), space_at(a, scratch)
-    b, tile, r, diagnostics = active.number, space.tile, space.residual, space.diagnostics
+    b, space = body_at(a, island), space_at(a, scratch)
+    tile, r, diagnostics = space, space.residual, space.diagnostics
     if context.spots_part != 0:
-        call_part(context.spots_part, RELIEVE, a, m, motion, island)
+        call_part(context.spots_part, RELIEVE, a, m, motion, context, island, scratch)
     law_at(context.law)(tile.inputs, tile.outputs, padded(m, context.n_history), context.pairs)
     if context.spots_part != 0:
-        call_part(context.spots_part, RESTORE, a, m, motion, island)
+        call_part(context.spots_part, RESTORE, a, m, motion, context, island, scratch)
     for k in range(FREEDOMS):
         r[k] = 0.0
     for k in range(step_contacts.WIDTH):
@@ -281,14 +281,14 @@ def residual(a, m, y, motion, context, island, scratch):
             add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
         observe_contact(q, context, space)
     if context.spots_part != 0:
-        call_part(context.spots_part, PULL, a, m, motion, island)
+        call_part(context.spots_part, PULL, a, m, motion, context, island, scratch)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
     if context.has_effects != 0:
-        add_effects(context, active, motion.dt, r)
-    add_inertial_forces(context, active, y, motion.dt, r)
+        add_effects(context, b, motion.dt, r)
+    add_inertial_forces(context, b, motion.dt, space)
     for k in range(3):
-        r[3 + k] /= active.start[step_start.ARM]
+        r[3 + k] /= space.start[step_start.ARM]
 
 
 @njit(**BARE)
@@ -320,7 +320,7 @@ def add_gradient_force(k, energy, context, r):
 @njit(**BARE)
 def observe_contact(q, context, space):
     """Add contact q to the sums and maxima in `space.diagnostics`."""
-    I, O, k, diagnostics = space.tile.inputs, space.tile.outputs, space.slots[q], space.diagnostics  # noqa: E741
+    I, O, k, diagnostics = space.inputs, space.outputs, space.slots[q], space.diagnostics  # noqa: E741
     overlap, radius = I[law_input.OVERLAP * TILE + q], context.S[context.own[k], sphere.RADIUS]
     diagnostics[step_contacts.NORMAL_FORCE] += abs(O[law_output.NORMAL_FORCE * TILE + q])
     diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
@@ -330,24 +330,25 @@ def observe_contact(q, context, space):
 
 
 @njit(**BARE)
-def add_effects(context, active, dt, r):
+def add_effects(context, b, dt, r):
     """Add force and torque of body effects at the end of the step to r."""
-    b, E = active.number, context.E
-    effects_at(context.effects)(context.B, E, b, b + 1, active.totals[run_totals.TIME] + dt, dt, context.effect_parameters)
+    E = context.E
+    effects_at(context.effects)(context.B, E, b, b + 1, context.totals[b, run_totals.TIME] + dt, dt, context.effect_parameters)
     for k in range(3):
         r[k] += E[b, body_extra.EFFECT_FORCE + k]
         r[3 + k] += E[b, body_extra.EFFECT_TORQUE + k]
 
 
 @njit(**BARE)
-def add_inertial_forces(context, active, y, dt, r):
-    """Subtract inertial forces from r; add load, dashpot, spring and inertia of the patch.
+def add_inertial_forces(context, b, dt, space):
+    """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch.
 
     Without inertia (`step_settings.INERTIAL` = 0) every step begins at rest. A weak spring to the start position (PULL) then
     makes the position of a body that slides on all its contacts unique, and a fraction of the mass (MASS_SHARE) limits jumps
     within a step.
     """
-    b, p, Z, T, B, P = active.number, active.patch, active.start, active.memory, context.B, context.P
+    p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P
+    y, r = space.trial, space.residual
     inertial = context.settings[step_settings.INERTIAL]
     now = Z[step_start.NOW] / dt
     last = inertial * Z[step_start.BEFORE] / dt

@@ -18,7 +18,7 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.contact import PLANE, add_curved, add_planar, contact_of, cross, owner_side, plate_side
-from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, context_of, island_at, scratch_of, space_at
+from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, body_at, island_at, space_at
 from thirdbody.kernels.minima import (
     UPDATE,
     end_minimum,
@@ -224,10 +224,9 @@ def tensor_at(k, t, Q):
 
 
 @entry(PART, **POINTED, **NO_COUNTS)
-def rough_part(_, h, a, m, motion, packed, tables, packed_scratch):
+def rough_part(_, h, a, m, motion, context, islands, scratch):
     """Add the m contacts of the body at position a of island h, some of them with rough plates, to its Jacobian."""
-    context, island, scratch = context_of(packed), island_at(h, packed, tables, packed_scratch), scratch_of(packed_scratch)
-    b, space, Q = island.bodies[a], space_at(a, scratch), context.Q
+    b, space, Q = body_at(a, island_at(h, islands)), space_at(a, scratch), context.Q
     update_by(context.surface_tangents, context.edges[b], context.edges[b + 1], context)
     for q in range(m):
         k = space.slots[q]
@@ -236,10 +235,10 @@ def rough_part(_, h, a, m, motion, packed, tables, packed_scratch):
             tensor_at(k, surface_contact.GRADIENT_CHANGE, Q),
         )  # fmt: skip
         sides = (
-            owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.tile.geometry),
+            owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry),
             plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
         )
-        contact = contact_of(q, space.before[k - context.edges[b]], motion.dt, sides, shape, context, space.tile)
+        contact = contact_of(q, space.before[k - context.edges[b]], motion.dt, sides, shape, context, space)
         if has_moments(context) or shape[0] != PLANE:
             add_curved(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
         else:

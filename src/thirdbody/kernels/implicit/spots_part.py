@@ -14,18 +14,7 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
 from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_point, frame_of
-from thirdbody.kernels.implicit.workspace import (
-    FREEDOMS,
-    GATHER,
-    PART,
-    PULL,
-    RELIEVE,
-    RESTORE,
-    TANGENTS,
-    context_of,
-    scratch_of,
-    space_at,
-)
+from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, PART, PULL, RELIEVE, RESTORE, TANGENTS, space_at
 from thirdbody.kernels.plates import is_lower, is_upper
 from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
@@ -38,7 +27,7 @@ ACCURACY = 1e-9
 @njit(**BARE)
 def stiffness_of(q, context, space):
     """Return the stiffness of spot q [N/m], from Hertz' force and its relieved overlap."""
-    G = space.tile.geometry
+    G = space.geometry
     depth = plates.overlap(space.slots[q], context) - G[q + geometry.RELIEF * TILE]
     return 1.5 * G[q + geometry.SPOT_FORCE * TILE] / depth if depth > 0.0 else 0.0
 
@@ -46,7 +35,7 @@ def stiffness_of(q, context, space):
 @njit(**BARE)
 def strain_of(q, context, space):
     """Return the change of the overlap of contact q with the seven coordinates, rotations in rad (`jacobian.add_contact`)."""
-    k, G = space.slots[q], space.tile.geometry
+    k, G = space.slots[q], space.geometry
     n = frame_of(q, G)[0]
     x, y, z = cross(contact_point(q, context.own[k], context.S, G), n)
     return -n[0], -n[1], -n[2], -x, -y, -z, n[2] if is_upper(context.partner[k]) else 0.0
@@ -77,7 +66,7 @@ def reduced(x, factor, p, K):
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
     """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
-    K, at = space.tile.tangents, contact_tangent.RELIEVED * TILE
+    K, at = space.tangents, contact_tangent.RELIEVED * TILE
     for q in range(m):
         strain = strain_of(q, context, space)
         for c in range(FREEDOMS):
@@ -101,15 +90,15 @@ def relieved_strains(m, context, space):
 @njit(**BARE_CHUNK)
 def add_interaction(m, context, space):
     """Add what the interaction of the m spots in the tile changes to the Jacobian."""
-    J, K = space.jacobian, space.tile.tangents
+    J, K = space.jacobian, space.tangents
     relieved_strains(m, context, space)
     for q in range(m):
-        (n, e, g), k = frame_of(q, space.tile.geometry), space.slots[q]
+        (n, e, g), k = frame_of(q, space.geometry), space.slots[q]
         w, t_1, t_2 = stiffness_of(q, context, space), K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
         f = (
             w * n[0] + t_1 * e[0] + t_2 * g[0], w * n[1] + t_1 * e[1] + t_2 * g[1], w * n[2] + t_1 * e[2] + t_2 * g[2],
         )  # fmt: skip
-        torque, strain = cross(contact_point(q, context.own[k], context.S, space.tile.geometry), f), strain_of(q, context, space)
+        torque, strain = cross(contact_point(q, context.own[k], context.S, space.geometry), f), strain_of(q, context, space)
         for c in range(FREEDOMS):
             change = K[(contact_tangent.RELIEVED + c) * TILE + q] - strain[c]
             for d in range(3):
@@ -122,7 +111,7 @@ def add_interaction(m, context, space):
 @njit(**BARE)
 def add_spot_pull(q, context, space):
     """Add the force along the plate on the spot of contact q (`close_spots`), at the centre of its sphere, to the residual."""
-    i, S, G, r = context.own[space.slots[q]], context.S, space.tile.geometry, space.residual
+    i, S, G, r = context.own[space.slots[q]], context.S, space.geometry, space.residual
     f_x, f_y = G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE]
     x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
     r[0] += f_x
@@ -133,17 +122,17 @@ def add_spot_pull(q, context, space):
 
 
 @entry(PART, **POINTED, **NO_COUNTS)
-def spots_part(stage, _, a, m, motion, packed, tables, packed_scratch):
+def spots_part(stage, _, a, m, motion, context, islands, scratch):
     """Do what a stage of a step requires for the m spots of the body at position a of an island."""
-    context, space = context_of(packed), space_at(a, scratch_of(packed_scratch))
+    space = space_at(a, scratch)
     if stage == GATHER:
-        solve_body(m, space.slots, context, spots_of(space.tile))
+        solve_body(m, space.slots, context, spots_of(space))
     elif stage == RELIEVE:
-        relieve(m, space.tile)
+        relieve(m, space)
     elif stage == RESTORE:
-        restore(m, space.tile)
+        restore(m, space)
     elif stage == PULL:
-        add_interaction_energy(m, space.tile)
+        add_interaction_energy(m, space)
         for q in range(m):
             add_spot_pull(q, context, space)
     elif stage == TANGENTS:

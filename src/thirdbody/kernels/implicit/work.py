@@ -133,17 +133,17 @@ CALM = 0.01
 
 
 @njit(**BARE)
-def weight_of_old(context, m, dt, active, space):
+def weight_of_old(context, b, m, dt, space):
     """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
 
     The work is that of the plate, of friction and of dashpots. Forces jump with the velocity at a breakpoint of the motion if the
     dashpots of the m contacts dissipate more than CALM of the work of the tangential forces.
     """
-    if active.memory[step_memory.LAST_DT] > 0.0:
+    if context.memory[b, step_memory.LAST_DT] > 0.0:
         return 0.5
-    I, O, work_done, damped = space.tile.inputs, space.tile.outputs, 0.0, 0.0  # noqa: E741
+    I, O, work_done, damped = space.inputs, space.outputs, 0.0, 0.0  # noqa: E741
     for q in range(m):
-        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[active.number]], dt, context, space.tile)
+        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[b]], dt, context, space)
         work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
@@ -194,7 +194,7 @@ def work_difference(m, context, first, space):
     """Return the estimated error [J] of the friction work, summed over m contacts; `first`: the body's first candidate."""
     total = 0.0
     for q in range(m):
-        total += contact_difference(q, space.before[space.slots[q] - first], context, space.tile)
+        total += contact_difference(q, space.before[space.slots[q] - first], context, space)
     return total
 
 
@@ -242,24 +242,24 @@ def kinetic_energies(b, B, arm):
 
 
 @njit(**BARE)
-def energy_scale(context, active, m, space):
+def energy_scale(context, b, m, space):
     """Return the scale of energy [J] for errors of the friction work of a body.
 
     It is its friction work so far, plus its kinetic energy of translation, which impacts dissipate, plus FLOOR times that of
     rotation, which friction alone dissipates, and the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY
     [J]).
     """
-    b, B = active.number, context.B
-    stored = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    B = context.B
+    stored = max(context.memory[b, step_memory.MAX_ENERGY], energy_of_contacts(m, space))
     friction = friction_work_of(b, B, context.E, context.loss_column)
-    translation, rotation = kinetic_energies(b, B, active.start[step_start.ARM])
+    translation, rotation = kinetic_energies(b, B, space.start[step_start.ARM])
     return friction + translation + FLOOR * (stored + rotation)
 
 
 @njit(**BARE)
-def work_error_of_plates(context, active, m, motion, space):
+def work_error_of_plates(context, b, m, motion, space):
     """Return the error [J] of the friction work of the contacts of a body with plates."""
-    b, first = active.number, context.edges[active.number]
+    first = context.edges[b]
     error, q = work_difference(m, context, first, space), np.int64(0)
     for e in range(first, last_candidate(b, context)):
         k = context.incidence[e] >> 1

@@ -1,8 +1,8 @@
 """Arguments of the implicit kernels that travel together, and their scratch.
 
 An island is a set of bodies that could meet each other before the next search, or one body alone. Its bodies share their steps,
-and its equations are solved together. Tables of the run, of the islands, and scratch are packed into one array each
-(`jit.arguments`): a function that is not inlined takes these three, and unpacks what it needs.
+and its equations are solved together. Tables of the run, of the islands, scratch of a thread, and that of one body are each a
+pointer to packed arguments (`jit.arguments`), of which kernels read what they need.
 """
 
 from collections import namedtuple
@@ -11,17 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.arguments import PACKED, Kinds, function_at, make_unpacker
+from thirdbody.jit.arguments import PACKED, Kinds, Packer, Unpacked, function_at, make_unpacker
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import arguments, plates
-from thirdbody.kernels.arguments import Motion, Tile
+from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
 from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import observed_body, surface_contact
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
-from thirdbody.kernels.vectors import box_of
 
 Array = np.ndarray
 
@@ -47,7 +46,7 @@ KINDS: Kinds = {
     **{name: arguments.KINDS[name] for name in SHARED},
     # settings of the step control; totals and memory of each body
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
-    # of bodies under a common plate (`common_plate`), else empty; in the order of `Islands.bodies`: starts
+    # of bodies under a common plate (`common_plate`), else empty
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE,
     # overlap plus reach of each candidate at the start of the step [m]: of pairs, and of all under a common plate
     "initial_overlaps": _ROW,
@@ -66,7 +65,8 @@ KINDS: Kinds = {
 ImplicitContext = namedtuple("ImplicitContext", tuple(KINDS))  # type: ignore[misc]
 """All tables and numbers of a run; kernels unpack it from an array."""
 
-context_of = make_unpacker(KINDS, ImplicitContext)
+CONTEXT = Unpacked(KINDS, ImplicitContext)
+context_of = make_unpacker(CONTEXT)
 """context_of(packed): the `ImplicitContext` in an array of int64."""
 
 ISLANDS: Kinds = {
@@ -84,26 +84,44 @@ ISLANDS: Kinds = {
 IslandTables = namedtuple("IslandTables", tuple(ISLANDS))  # type: ignore[misc]
 """Tables of the islands; kernels unpack it from an array."""
 
-islands_of = make_unpacker(ISLANDS, IslandTables)
+ISLAND_TABLES = Unpacked(ISLANDS, IslandTables)
+islands_of = make_unpacker(ISLAND_TABLES)
 """islands_of(packed): the `IslandTables` in an array of int64."""
 
+SPACE: Kinds = {
+    # tile (`arguments.Tile`), and candidates of the contacts in it
+    "inputs": _ROW, "outputs": _ROW, "tangents": _ROW, "geometry": _ROW, "slots": _I1,
+    # overlaps plus reach of all its candidates at the start of the step [m]
+    "before": _ROW,
+    # coordinates (7,) of the iteration and of the trial, residual [N] and correction; derivative of the residual (49,) [N/m], or
+    # its factors
+    "y": _ROW, "trial": _ROW, "residual": _ROW, "correction": _ROW, "jacobian": _ROW,
+    # `step_contacts`, `contact_sums` (1, n), `step_start`
+    "diagnostics": _ROW, "sums": _TABLE, "start": _ROW,
+}  # fmt: skip
+"""Types of the scratch of one body, by name; of contacts between bodies there is a tile with candidates only."""
+
+Space = namedtuple("Space", tuple(SPACE))  # type: ignore[misc]
+"""Scratch of one body of an island, usable as a `Tile`; kernels unpack it from an array."""
+
+space_of = make_unpacker(Unpacked(SPACE, Space))
+
 SCRATCH: Kinds = {
-    # of each body: its tile, candidates of the contacts in it, overlaps plus reach of all its candidates at the start of the step
+    # packed `Space` of each body, and of each tile of contacts between bodies, whose candidates are padded
+    "spaces": types.Array(_I, 2, "C"), "pair_spaces": types.Array(_I, 2, "C"),
+    # their tables, row by row (`SPACE`)
     **dict.fromkeys(("inputs", "outputs", "tangents", "geometry"), _TABLE), "slots": types.Array(_I, 2, "C"), "before": _TABLE,
-    # rows y, trial, residual and correction (4, 7); derivative of the residual (49,) [N/m], or its factors; rows exchanged
-    "coordinates": _STACK, "jacobian": _TABLE, "pivots": _I1,
-    # `step_contacts`, `contact_sums`, `step_start`
-    "diagnostics": _TABLE, "sums": _STACK, "starts": _TABLE,
-    # number of contacts with plates; sum of all acting forces [N], and one over that sum at the start of the iteration; error of
-    # the friction work of its contacts with others, and the energy that these can store [J]
+    "coordinates": _STACK, "jacobian": _TABLE, "diagnostics": _TABLE, "sums": _STACK, "starts": _TABLE,
+    **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE),
+    "pair_slots": types.Array(_I, 2, "C"),
+    # of each body: number of contacts with plates; sum of all acting forces [N], and one over that sum at the start of the
+    # iteration; error of the friction work of its contacts with others, and the energy that these can store [J]
     "counts": _I1, "scales": _TABLE, "errors": _TABLE,
     # the labeller's row of a body, and rows of its contacts
     "observed": _ROW, "rows": _TABLE,
-    # of each tile of contacts between bodies; candidates of the contacts in it, padded
-    **dict.fromkeys(("pair_inputs", "pair_outputs", "pair_tangents", "pair_geometry"), _TABLE),
-    "pair_slots": types.Array(_I, 2, "C"),
-    # Jacobian of several bodies: row i has the columns from i - w to i + 2 w, side by side; right-hand side, then the solution
-    "band": _ROW, "solution": _ROW,
+    # Jacobian of several bodies: row i has the columns from i - w to i + 2 w, side by side; rows exchanged; right-hand side, then
+    # the solution
+    "band": _ROW, "pivots": _I1, "solution": _ROW,
     # what a part returns (`PART`)
     "answer": _ROW,
 }  # fmt: skip
@@ -112,11 +130,12 @@ SCRATCH: Kinds = {
 Scratch = namedtuple("Scratch", tuple(SCRATCH))  # type: ignore[misc]
 """Scratch for one island at a time."""
 
-scratch_of = make_unpacker(SCRATCH, Scratch)
+THREAD = Unpacked(SCRATCH, Scratch)
+scratch_of = make_unpacker(THREAD)
 """scratch_of(packed): the `Scratch` in an array of int64."""
 
-PART = types.void(_I, _I, _I, _I, MOTION, PACKED, PACKED, PACKED)
-"""part(stage, island, position of the body in it, number of contacts, motion, packed context, islands, scratch)"""
+PART = types.void(_I, _I, _I, _I, MOTION, CONTEXT, ISLAND_TABLES, THREAD)
+"""part(stage, island, position of the body in it, number of contacts, motion, context, islands, scratch)"""
 
 part_at = function_at(PART)
 
@@ -141,107 +160,91 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
     shapes = {
         "before": (bodies, row), "coordinates": (bodies, 4, FREEDOMS), "jacobian": (bodies, FREEDOMS * FREEDOMS),
         "diagnostics": (bodies, step_contacts.WIDTH), "sums": (bodies, 1, contact_sums.WIDTH),
-        "starts": (bodies, step_start.WIDTH),
-        "scales": (bodies, 2), "errors": (bodies, 2), "observed": (observed_body.WIDTH,), "rows": (row, context.width),
+        "starts": (bodies, step_start.WIDTH), "scales": (bodies, 2), "errors": (bodies, 2),
+        "observed": (observed_body.WIDTH,), "rows": (row, context.width),
         "band": (band,), "solution": (FREEDOMS * bodies,), "answer": (4,),
     }  # fmt: skip
     whole = {"slots": (bodies, TILE), "pivots": (FREEDOMS * bodies,), "counts": (bodies,), "pair_slots": (tiles, TILE + SPARE)}
     tables |= {name: np.zeros(shape) for name, shape in shapes.items()}
     tables |= {name: np.zeros(shape, np.int64) for name, shape in whole.items()}
-    return Scratch(**tables)
+    packed = {"spaces": spaces_of(tables), "pair_spaces": pair_spaces_of(tables)}
+    return Scratch(**tables, **{name: np.array([Packer(SPACE)(space) for space in spaces]) for name, spaces in packed.items()})
 
 
-class ActiveBody(NamedTuple):
-    """A body of the island that is advanced."""
-
-    number: int
-    patch: int
-    """Its patch of the upper plate."""
-    start: Array
-    """`step_start`: state at the start of the step."""
-    memory: Array
-    """Its row of `step_memory`."""
-    totals: Array
-    """Its row of `run_totals`."""
+def spaces_of(tables: dict[str, Array]) -> list[Any]:
+    """Return the `Space` of each body in tables of `SCRATCH`."""
+    rows = [tables[name] for name in ("inputs", "outputs", "tangents", "geometry", "slots", "before")]
+    others = [tables[name] for name in ("jacobian", "diagnostics", "sums", "starts")]
+    return [
+        Space(*(table[a] for table in rows), *tables["coordinates"][a], *(table[a] for table in others))
+        for a in range(len(tables["slots"]))
+    ]
 
 
-class Workspace(NamedTuple):
-    """Scratch of one body of an island (`SCRATCH`)."""
-
-    tile: Tile
-    slots: Array
-    before: Array
-    y: Array
-    trial: Array
-    residual: Array
-    correction: Array
-    jacobian: Array
-    diagnostics: Array
-    sums: Array
+def pair_spaces_of(tables: dict[str, Array]) -> list[Any]:
+    """Return the `Space` of each tile of contacts between bodies in tables of `SCRATCH`."""
+    rows = [tables[f"pair_{name}"] for name in ("inputs", "outputs", "tangents", "geometry", "slots")]
+    none = np.zeros(0)
+    return [
+        Space(*(table[t] for table in rows), *[none] * 7, np.zeros((0, contact_sums.WIDTH)), none)
+        for t in range(len(tables["pair_slots"]))
+    ]
 
 
 class Island(NamedTuple):
     """The island that is advanced."""
 
     number: int
-    bodies: Array
-    """Its bodies."""
-    pairs: Array
-    """Candidates between them."""
-    position: Array
-    """Position of each body of the run in its island."""
+    low: int
+    """Where its bodies begin in the table of all."""
+    n: int
+    """Number of its bodies."""
+    first_pair: int
+    """Where the candidates between its bodies begin in the table of all."""
+    n_pairs: int
+    """Number of these candidates."""
     half_width: int
     """Half width of the band of its Jacobian."""
-    starts: Array
-    """`step_start` of its bodies."""
-    box: NamedTuple
-    """Periodic lengths (`kernels.arguments.Box`)."""
-    packed: Array
-    tables: Array
-    scratch: Array
-    """What a part takes: packed context, islands and scratch."""
+    all: Any
+    """`IslandTables`"""
 
 
 @njit(**BARE)
-def island_at(h, packed, tables, scratch):
+def island_at(h, islands):
     """Return island h."""
-    context, islands, low = context_of(packed), islands_of(tables), islands_of(tables).body_edges[h]
-    high = islands.body_edges[h + 1]
-    starts = context.starts[low:high] if context.starts.shape[0] > 0 else scratch_of(scratch).starts[: high - low]
-    return Island(
-        h, islands.bodies[low:high], islands.pairs[islands.pair_edges[h] : islands.pair_edges[h + 1]], islands.position,
-        FREEDOMS * (islands.widths[h] + 1) - 1, starts, box_of(context.D), packed, tables, scratch,
-    )  # fmt: skip
+    low, first = islands.body_edges[h], islands.pair_edges[h]
+    n, n_pairs = islands.body_edges[h + 1] - low, islands.pair_edges[h + 1] - first
+    return Island(h, low, n, first, n_pairs, FREEDOMS * (islands.widths[h] + 1) - 1, islands)
 
 
 @njit(**BARE)
-def active_at(a, context, island):
+def body_at(a, island):
     """Return the body at position a of the island."""
-    b = island.bodies[a]
-    return ActiveBody(b, context.patch[b], island.starts[a], context.memory[b], context.totals[b])
+    return island.all.bodies[island.low + a]
+
+
+@njit(**BARE)
+def pair_at(e, island):
+    """Return candidate e between bodies of the island."""
+    return island.all.pairs[island.first_pair + e]
 
 
 @njit(**BARE)
 def space_at(a, scratch):
     """Return the scratch of the body at position a of the island."""
-    tile, rows = Tile(scratch.inputs[a], scratch.outputs[a], scratch.tangents[a], scratch.geometry[a]), scratch.coordinates[a]
-    return Workspace(
-        tile, scratch.slots[a], scratch.before[a], rows[0], rows[1], rows[2], rows[3], scratch.jacobian[a],
-        scratch.diagnostics[a], scratch.sums[a],
-    )  # fmt: skip
-
-
-@njit(**BARE)
-def call_part(part, stage, a, m, motion, island):
-    """Call a part of a step for the body at position a of the island, or for all."""
-    h = np.int64(island.number)
-    part_at(part)(stage, h, np.int64(a), np.int64(m), motion, island.packed, island.tables, island.scratch)
+    return space_of(scratch.spaces[a])
 
 
 @njit(**BARE)
 def pair_tile(t, scratch):
     """Return tile t of the contacts between bodies."""
-    return Tile(scratch.pair_inputs[t], scratch.pair_outputs[t], scratch.pair_tangents[t], scratch.pair_geometry[t])
+    return space_of(scratch.pair_spaces[t])
+
+
+@njit(**BARE)
+def call_part(part, stage, a, m, motion, context, island, scratch):
+    """Call a part of a step for the body at position a of the island, or for all."""
+    part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
 
 
 @njit(**BARE)
