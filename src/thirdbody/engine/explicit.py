@@ -20,11 +20,12 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import allowed_threads, helpers, words_of
 from thirdbody.kernels import bodies as body_pass
-from thirdbody.kernels.arguments import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
+from thirdbody.kernels.arguments import EFFECTS, KINDS, LAW, OBSERVE, OBSERVE_BODIES, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.explicit.tables import body_force, chunk_motion, contact_sums, drift_scratch
+from thirdbody.kernels.labels import observe_bodies
 from thirdbody.kernels.tables import LOWER, UPPER, domain, loaded_contact, run_totals
 from thirdbody.laws.contract import Material
 
@@ -74,6 +75,7 @@ class Explicit:
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
+        self.observe_bodies = address(observe_bodies, OBSERVE_BODIES) if physics.labels else 0
         self.packer, self.measures = Packer(KINDS), arguments_of(state)
         self.announced = np.zeros(step_loop.ANNOUNCED)
         self.independent = _independent(state)
@@ -201,16 +203,15 @@ class Explicit:
         s, slots, physics = self.state, self.state.slots, self.state.physics
         outer, rows, shifts = self._force_rows(threads)
         given = Context(  # type: ignore[call-arg]
-            slots.own, slots.partner, self.kinds, outer, slots.edges, slots.incidence, slots.near, slots.beginning,
-            slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest, slots.needs, shifts, s.body, s.start, s.offsets,
-            s.X0, s.patch, s.S, s.B, s.E, s.orientations, self.forces, s.P, slots.Q, slots.H, slots.F, slots.R, s.M,
+            slots.own, slots.partner, slots.edges, slots.incidence, s.B, s.E, s.orientations, slots.H, slots.R, s.M, self.drag,
+            len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+            self.kinds, outer, slots.near, slots.beginning, slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest,
+            slots.needs, shifts, s.body, s.start, s.offsets, s.X0, s.patch, s.S, self.forces, s.P, slots.Q, slots.F,
             physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
-            s.lower_surface, s.upper_surface, s.schedule, s.first, self.drag, self.scratch, self.marks, self.rows, self.moved,
-            self.team, self.announced,
-            len(physics.history), *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
-            physics.loss_column, loaded_contact.MEMORY + physics.contact_memory, int(physics.jumps), int(physics.has_effects),
-            physics.stride, int(physics.labels), self.law, self.effects, self.observe, s.update_surfaces, self.work,
-            **self.measures,
+            s.lower_surface, s.upper_surface, s.schedule, s.first, self.scratch, self.marks, self.rows, self.moved,
+            self.team, self.announced, *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
+            physics.loss_column, int(physics.jumps), int(physics.has_effects), physics.stride, int(physics.labels), self.law,
+            self.effects, self.observe, self.observe_bodies, self.work, s.update_surfaces, **self.measures,
         )  # fmt: skip
         return self.packer(given)
 

@@ -32,11 +32,12 @@ from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute, parts_of
-from thirdbody.kernels.arguments import EFFECTS, LAW, OBSERVE
+from thirdbody.kernels.arguments import EFFECTS, LAW, OBSERVE, OBSERVE_BODIES
 from thirdbody.kernels.implicit import driver
 from thirdbody.kernels.implicit.control import StepLimit, Stop
 from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
+from thirdbody.kernels.labels import observe_bodies
 from thirdbody.kernels.tables import loaded_contact, patch, run_totals
 from thirdbody.laws.contract import Material
 
@@ -100,6 +101,7 @@ class Implicit:
         self._law, self._effects, self._observe = (
             address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
         )  # fmt: skip
+        self._observe_bodies = address(observe_bodies, OBSERVE_BODIES) if physics.labels else 0
         self._tangent, self._pack, self._parts = address(tangents, LAW), Packer(KINDS), part_addresses(state)
         self.islands: Islands
         self._pack_islands, self.scratch_of_threads = Packer(ISLANDS), ThreadScratch()
@@ -132,7 +134,7 @@ class Implicit:
         if self.meeting:
             self.meeting.start()
         else:
-            self.connect(single_bodies(state.n_bodies, self.edges, self.incidence))
+            self.connect(single_bodies(state.n_bodies))
 
     def connect(self, islands: Islands) -> None:
         """Take these islands as those that are advanced."""
@@ -251,7 +253,7 @@ class Implicit:
         if self.plate:
             self.plate.advance_to(until, lambda: None, lambda: None)
             return
-        islands = single_bodies(bodies, self.edges, self.incidence)
+        islands = single_bodies(bodies)
         own, meeting = self.islands, self.meeting
         try:
             self.islands, self.meeting = islands, None
@@ -277,14 +279,16 @@ class Implicit:
         begin, size = physics.field
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
-                own=slots.own, partner=slots.partner, kind=slots.kind, edges=self.edges, incidence=self.incidence,
+                own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
+                plate_edges=self.edges, plate_incidence=self.incidence,
                 body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
                 **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
                 effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
                 n_history=len(physics.history), field_begin=begin, field_size=size, rolling=physics.rolling,
                 force=force, moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots,
                 loss_column=physics.loss_column, width=loaded_contact.MEMORY + physics.contact_memory,
-                has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe, patch=s.patch,
+                has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe,
+                observe_bodies=self._observe_bodies, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
                 max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,

@@ -52,13 +52,12 @@ class Islands:
         return int(self.sizes[going & late[self.tables.bodies[first]]].sum())
 
 
-def single_bodies(n: int, edges: Any, incidence: Any) -> Islands:
-    """Return n islands of one body; `edges`, `incidence`: of the candidates of each body."""
+def single_bodies(n: int) -> Islands:
+    """Return n islands of one body."""
     each, none = np.arange(n), np.zeros(0, np.int64)
     tables = IslandTables(  # type: ignore[call-arg]
         bodies=each, body_edges=np.arange(n + 1), position=np.zeros(n, np.int64), pairs=none,
-        pair_edges=np.zeros(n + 1, np.int64),
-        widths=np.zeros(n, np.int64), order=each, all_edges=edges, all_incidence=incidence,
+        pair_edges=np.zeros(n + 1, np.int64), widths=np.zeros(n, np.int64), order=each,
     )  # fmt: skip
     return Islands(tables, np.ones(n, np.int64), each, [])
 
@@ -92,7 +91,6 @@ def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
     order = np.argsort(-costs, kind="stable")
     tables = IslandTables(  # type: ignore[call-arg]
         bodies=bodies, body_edges=body_edges, position=position, pairs=pairs, pair_edges=pair_edges, widths=widths, order=order,
-        all_edges=slots.edges, all_incidence=slots.incidence,
     )  # fmt: skip
     return Islands(tables, sizes, number, _pieces(costs[order], threads))
 

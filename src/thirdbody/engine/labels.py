@@ -1,16 +1,17 @@
 """Labels of all bodies at a synchronised instant."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates, Numbers
 from thirdbody.engine.contact_rows import AllRows
 from thirdbody.engine.state import Array, State
-from thirdbody.jit.arguments import address
+from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute
-from thirdbody.kernels.arguments import LABEL, OBSERVE
-from thirdbody.kernels.labels import Observed, label_bodies
+from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVED, Observed
+from thirdbody.kernels.labels import label_bodies
 from thirdbody.kernels.tables import loaded_contact, observed_body
 
 
@@ -51,16 +52,16 @@ def _closed_candidates(slots: Candidates, on: Numbers, bodies: slice) -> tuple[N
     )  # fmt: skip
 
 
-def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Numbers, ...], rows: tuple[Array, Array]) -> Observed:
+def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Numbers, ...], rows: tuple[Array, Array]) -> Any:
     """Return the tables of the bodies of a batch; `candidates`: own, partner, edges and incidence; `rows`: their H and R."""
     (own, partner, edges, incidence), (H, R), physics = candidates, rows, state.physics
-    return Observed(
+    return Observed(  # type: ignore[call-arg]
         own, partner, edges, incidence, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R,
         state.M[bodies].copy(), drag, len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
     )  # fmt: skip
 
 
-def _label(labeller: tuple[int, int], observed: Observed, totals: Array, out: Array) -> None:
+def _label(labeller: tuple[int, int], observed: Any, totals: Array, out: Array) -> None:
     """Write the labels of the bodies of a batch; `totals`: of the run."""
     table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
-    label_bodies(observed, totals, *labeller, out, np.empty(observed_body.WIDTH), table)
+    label_bodies(Packer(OBSERVED)(observed), totals, *labeller, out, np.empty(observed_body.WIDTH), table)

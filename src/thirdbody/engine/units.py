@@ -27,7 +27,7 @@ UNITS: dict[str, tuple[str, ...]] = {
     "ensemble": ("implicit.ensemble",),
     "rough": ("implicit.rough",),
     "spots": ("implicit.spots_part",),
-    "passes": ("labels", "explicit.passes"),  # together, as they have functions in common
+    "passes": ("explicit.passes",),
     "step": ("explicit.step_loop",),
     "stability": ("explicit.critical_time_step",),
     "search": ("neighbour_search", "bodies:place_all"),
@@ -36,7 +36,7 @@ UNITS: dict[str, tuple[str, ...]] = {
 """Units of compilation, the longest first: modules of `kernels` with all their entries, or single ones. Named, not imported: a
 process imports what it compiles."""
 
-EXPLICIT = ("passes", "step", "stability", "search")
+EXPLICIT = ("passes", "step", "stability", "search", "labels")
 """Units of the explicit integrator, the longest first."""
 
 COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1

@@ -143,6 +143,16 @@ def make_unpacker(unpacked: Unpacked) -> Any:
     return function
 
 
+def make_view(unpacked: Unpacked) -> Any:
+    """Return a function for kernels that takes packed arguments for others that begin with the same fields."""
+
+    @_intrinsic
+    def function(typing: Any, given: Any) -> Any:
+        return unpacked(given), lambda context, builder, sig, args: args[0]
+
+    return function
+
+
 def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -> Any:
     """Return the table at an address, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)

@@ -194,14 +194,14 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         b, value, kind = self.builder, self.loadvar(expr.value.name), self.typeof(expr.value.name)
         if expr.op == "getiter" and isinstance(kind, types.RangeType) and isinstance(b.extract_value(value, 2), llvm.Constant):
             start, stop, step = (b.extract_value(value, k) for k in range(3))
-            place = cgutils.alloca_once(b, start.type)
-            b.store(start, place)
-            return self._struct(resty, (place, stop, step, llvm.Constant(place.type, None)))
+            pointer = cgutils.alloca_once(b, start.type)
+            b.store(start, pointer)
+            return self._struct(resty, (pointer, stop, step, llvm.Constant(pointer.type, None)))
         if expr.op == "iternext" and isinstance(kind, types.RangeIteratorType):
-            place, stop, step, count = (b.extract_value(value, k) for k in range(4))
+            pointer, stop, step, count = (b.extract_value(value, k) for k in range(4))
             if isinstance(count, llvm.Constant) and isinstance(step, llvm.Constant):
-                now = b.load(place)
-                b.store(b.add(now, step), place)
+                now = b.load(pointer)
+                b.store(b.add(now, step), pointer)
                 return self._struct(resty, (now, b.icmp_signed("<" if step.constant > 0 else ">", now, stop)))
         if isinstance(kind, types.Pair):
             return b.extract_value(value, 0 if expr.op == "pair_first" else 1)

@@ -8,8 +8,10 @@ compiled by numba's own, longer pipeline.
 """
 
 import operator
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -23,8 +25,8 @@ TESTED = ("0.68.",)
 """Prefixes of the versions of numba whose internals are known."""
 
 UNTYPED = (
-    "TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune", "GenericRewrites",
-    "ReconstructSSA",
+    "TranslateByteCode", "FixupArgs", "IRProcessing", "NumbersOfModules", "RewriteSemanticConstants", "DeadBranchPrune",
+    "GenericRewrites", "ReconstructSSA",
 )  # fmt: skip
 TYPED = ("NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "AnnotateTypes", "NativeLowering", "NoPythonBackend")
 PLAIN = {operator.add, operator.sub, operator.mul, operator.truediv, operator.lt, operator.le, operator.gt, operator.ge}
@@ -64,16 +66,16 @@ def _get_function_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
 
 def _list_variables(self: Any, value: Any) -> list[Any]:
     """Return the variables in a part of an instruction, as `Inst._rec_list_vars`, in less than half the time."""
-    found: list[Any] = []
+    variables: list[Any] = []
     for one in value.values() if type(value) is dict else value if type(value) in (list, tuple) else (value,):
         kind = type(one)
         if kind is ir.Var:
-            found.append(one)
+            variables.append(one)
         elif kind in (dict, list, tuple):
-            found += _list_variables(self, one)
+            variables += _list_variables(self, one)
         elif isinstance(one, ir.Inst):
-            found += one.list_vars()
-    return found
+            variables += one.list_vars()
+    return variables
 
 
 SHORTER: tuple[tuple[Any, str, Any], ...] = (
@@ -122,6 +124,54 @@ class _Unbound:
 
     def set_env(self, name: str, environment: Any) -> None:
         """Do nothing: the library that links this code allocates its own environment."""
+
+
+@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
+class NumbersOfModules(compiler_machinery.FunctionPass):  # type: ignore[misc]
+    """Replaces the numbers of modules and tables, and sums and products of them, by their values before types are inferred."""
+
+    _name = "numbers_of_modules"  # type: ignore[assignment]
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """Replace them in a function."""
+        definitions, blocks = state.func_ir._definitions, state.func_ir.blocks
+        uses = Counter(var.name for block in blocks.values() for one in block.body for var in one.list_vars())
+        for block in blocks.values():
+            known: dict[str, Any] = {}
+            for one in block.find_insts(ir.Assign):
+                name, value = one.target.name, _number(one.value, known)
+                if value is None or len(definitions[name]) > 1:
+                    continue
+                known[name] = value
+                if type(value) in (int, float) and isinstance(one.value, ir.Expr):
+                    for used in one.value.list_vars():
+                        uses[used.name] -= 1
+                    one.value = ir.Const(value, one.loc)
+                    definitions[name] = [one.value]
+            block.body = [
+                one
+                for one in block.body
+                if not (isinstance(one, ir.Assign) and one.target.name in known and uses[one.target.name] == 1)
+            ]
+        return True
+
+
+def _number(value: Any, known: dict[str, Any]) -> Any:
+    """Return the module, or the number, that a value is known to be; None of others."""
+    if isinstance(value, ir.Global | ir.Const | ir.FreeVar):
+        return value.value if type(value.value) is int or isinstance(value.value, ModuleType) else None
+    if not isinstance(value, ir.Expr):
+        return None
+    if value.op == "getattr" and isinstance(known.get(value.value.name), ModuleType):
+        number = getattr(known[value.value.name], value.attr, None)
+        return number if type(number) in (int, float) else None
+    if value.op == "binop" and value.fn in (operator.add, operator.mul):
+        left, right = known.get(value.lhs.name), known.get(value.rhs.name)
+        return value.fn(left, right) if type(left) is int and type(right) is int else None
+    return None
 
 
 class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
@@ -175,7 +225,7 @@ class Own(compiler.CompilerBase):  # type: ignore[misc]
         manager = compiler_machinery.PassManager("own")
         for module, names in ((untyped_passes, UNTYPED), (typed_passes, TYPED)):
             for name in names:
-                own = ShortLowering if name == "NativeLowering" else None
+                own = {"NativeLowering": ShortLowering, "NumbersOfModules": NumbersOfModules}.get(name)
                 manager.add_pass(own or getattr(module, name, None) or getattr(compiler, name), name)
         manager.finalize()
         return [manager]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from thirdbody.jit.arguments import Kinds, Unpacked, make_unpacker
+from thirdbody.jit.arguments import Kinds, Unpacked, make_unpacker, make_view
 
 
 class ContactStep(NamedTuple):
@@ -125,28 +125,39 @@ MEASURE = types.void(types.NamedUniTuple(types.float64, len(ContactStep._fields)
 """measure(what the contact did, row of the pair, histories, candidate, first column of the measures, parameters)"""
 
 _S2 = types.Array(types.int32, 2, "C")
+
+OBSERVED: Kinds = {
+    **dict.fromkeys(("own", "partner", "edges", "incidence"), _S1),
+    **dict.fromkeys(("B", "E", "orientations", "H", "R", "M"), _TABLE), "drag": _ROW, "n_history": _I, "width": _I,
+}  # fmt: skip
+"""Types of what a labeller sees of bodies and candidates: the first arguments of the steps of both integrators."""
+
+Observed = namedtuple("Observed", tuple(OBSERVED))  # type: ignore[misc]
+
 KINDS: Kinds = {
+    **OBSERVED,
     # candidates and their schedule (`engine.state`)
-    **dict.fromkeys(("own", "partner", "kind", "outer", "edges", "incidence", "near", "beginning"), _S1),
+    **dict.fromkeys(("kind", "outer", "near", "beginning"), _S1),
     "remote_body": _S1, "remote_row": _S1, "closed": types.Array(types.int8, 1, "C"),
     "cuts": _S2, "lowest": _S1, "needs": _S1, "force_rows": _S1,
     # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
-    **dict.fromkeys(("S", "B", "E", "orientations", "forces", "P", "Q", "H", "F", "R", "M"), _TABLE),
+    **dict.fromkeys(("S", "forces", "P", "Q", "F"), _TABLE),
     "pairs": _ROW, "interaction": _ROW,
     "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "ledgers": _TABLE, "sums": _TABLE, "moves": _TABLE,
     # surfaces of the plates (`kernels.height_field`), empty where they are flat
     "lower": _ROW, "upper": _ROW,
     # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
     "schedule": _TABLE, "first": _I1,
-    "drag": _ROW, "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
+    "scratch": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # the threads of this run (`jit.threads`), and the pass that they work on: its number, then the fields of `Step`
     "team": _I1, "announced": _ROW,
     # numbers, and addresses of functions
-    **dict.fromkeys(("n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
-    **dict.fromkeys(("stored", "dashpots", "loss_column", "width", "jumps"), _I),
-    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "update_surfaces", "work"), _I),
+    **dict.fromkeys(("field_begin", "field_size", "rolling", "force", "moment", "twist"), _I),
+    **dict.fromkeys(("stored", "dashpots", "loss_column", "jumps"), _I),
+    **dict.fromkeys(("has_effects", "stride", "labels", "law", "effects", "observe", "observe_bodies", "work"), _I),
+    "update_surfaces": _I,
     # measures: columns of a contact (0: none), address, parameters
     "measured": _I, "measure": _I, "measure_parameters": _ROW,
 }  # fmt: skip
@@ -160,6 +171,13 @@ context_of = make_unpacker(Unpacked(KINDS, Context))
 
 _F = types.float64
 STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F, _F), Step)
+OBSERVED_TYPE = Unpacked(OBSERVED, Observed)
+observed_of, as_observed = make_unpacker(OBSERVED_TYPE), make_view(OBSERVED_TYPE)
+"""observed_of(packed): the `Observed` in an array of int64; as_observed(context): that in the arguments of a step."""
+
+OBSERVE_BODIES = types.void(_I, _I, OBSERVED_TYPE, _ROW, _I, _ROW, _TABLE)
+"""observe_bodies(first, last, observed, totals, address of the labeller's function, scratch: row of a body, its contacts)"""
+
 WORK = types.void(_I, _I, _I, _I, STEP, _I1)
 """work(pass, part, first group, last group + 1, step, the packed `Context`)"""
 

@@ -1,15 +1,13 @@
 """Labels: input of a labeller, rows of the loaded contacts of a body, motion of body and plates; and the labels of all bodies."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.arguments import function_at
-from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, entry
+from thirdbody.jit.arguments import PACKED, function_at
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS, POINTED, entry
 from thirdbody.jit.simd import put
-from thirdbody.kernels.arguments import LABEL, OBSERVE
-from thirdbody.kernels.bodies import BODIES, rotate_behind
+from thirdbody.kernels.arguments import LABEL, OBSERVE, OBSERVE_BODIES, observed_of
+from thirdbody.kernels.bodies import rotate_behind
 from thirdbody.kernels.memory import labeller_column
 from thirdbody.kernels.plates import BASINS, has_effect_columns, is_lower, is_plate, is_sphere, is_touching, order_on_sphere
 from thirdbody.kernels.tables import (
@@ -24,24 +22,6 @@ from thirdbody.kernels.tables import (
     record,
     run_totals,
 )
-
-
-class Observed(NamedTuple):
-    """Tables of bodies and candidates that a labeller sees: fields of a `arguments.Context`, which serves as well."""
-
-    own: np.ndarray
-    partner: np.ndarray
-    edges: np.ndarray
-    incidence: np.ndarray
-    B: np.ndarray
-    E: np.ndarray
-    orientations: np.ndarray
-    H: np.ndarray
-    R: np.ndarray
-    M: np.ndarray
-    drag: np.ndarray
-    n_history: int
-    width: int
 
 
 @njit(**BARE)
@@ -115,35 +95,30 @@ def body_contacts(b, context, C):
     return n
 
 
-@njit(**BARE)
-def update_body_memory(b, context, A, observe, observed, C):
-    """Update the labeller's memory of body b and of its contacts by an observation. `observed` and C are scratch."""
-    result = body_contacts(b, context, C)
-    body_row(b, context, A, observed)
-    observe(C[:result], result, observed, context.M[b])
-    n = 0
-    for e in range(context.edges[b], context.edges[b + 1]):
-        k = context.incidence[e] >> 1
-        if is_touching(k, context.H, context.R):
-            to = memory_column(context.incidence[e] & 1, context)
-            for m in range(context.width - loaded_contact.MEMORY):
-                context.H[k, to + m] = C[n, loaded_contact.MEMORY + m]
-            n += 1
+observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
 
 
-@njit(**BARE)
-def update_memory(c, context, observe, observed, C):
-    """Update the labeller's memory of the bodies of chunk c. `observed` and C are scratch."""
-    for b in range(c * BODIES, min((c + 1) * BODIES, context.B.shape[0])):
-        update_body_memory(b, context, context.A, observe, observed, C)
+@entry(OBSERVE_BODIES, **POINTED, **NO_COUNTS)
+def observe_bodies(first, last, context, A, observe, observed, C):
+    """Update the labeller's memory of the bodies first to last - 1 and of their contacts by an observation.
+
+    `observed` and C are scratch.
+    """
+    for b in range(first, last):
+        n = body_contacts(b, context, C)
+        body_row(b, context, A, observed)
+        observe_at(observe)(C[:n], n, observed, context.M[b])
+        n = 0
+        for e in range(context.edges[b], context.edges[b + 1]):
+            k = context.incidence[e] >> 1
+            if is_touching(k, context.H, context.R):
+                to = memory_column(context.incidence[e] & 1, context)
+                for m in range(context.width - loaded_contact.MEMORY):
+                    context.H[k, to + m] = C[n, loaded_contact.MEMORY + m]
+                n += 1
 
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1 = types.Array(types.int32, 1, "C")
-OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 6 + (_F1, types.int64, types.int64), Observed)
-LABEL_BODIES = types.void(OBSERVED, _F1, types.int64, types.int64, _F2, _F1, _F2)
-
-observe_at, label_at = function_at(OBSERVE), function_at(LABEL)
 
 
 @njit(**BARE)
@@ -161,13 +136,14 @@ def compact_loaded(C, n):
     return m
 
 
-@entry(LABEL_BODIES, nogil=True, **DIRECT, **NO_COUNTS)
-def label_bodies(context, A, observe, label, out, observed, table):
+@entry(types.void(PACKED, _F1, types.int64, types.int64, _F2, _F1, _F2), nogil=True, **DIRECT, **NO_COUNTS)
+def label_bodies(packed, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
-    `context`: with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions. Scratch:
-    `observed` (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
+    `packed`: an `Observed` with a copy of the labeller's memory; `observe`, `label`: addresses of the labeller's functions.
+    Scratch: `observed` (observed_body.WIDTH,) and `table` (largest number of contacts of a body, width).
     """
+    context = observed_of(packed)
     for b in range(context.B.shape[0]):
         n = body_contacts(b, context, table)
         body_row(b, context, A, observed)

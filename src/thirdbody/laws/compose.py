@@ -345,8 +345,7 @@ def effects(B, E, first, last, time, dt, parameters):
 
 OWN = """
 
-def own(function, name):
-    # as one of this module to numba's cache, which goes by file and name
+def own(function, name):  # as one of this module to numba's cache, which goes by file and name
     copy = calling_kernels(function)
     copy.__code__ = copy.__code__.replace(co_filename=__file__)
     copy.__module__, copy.__qualname__, copy.__name__ = __name__, name, name
@@ -387,8 +386,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
 def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
     """Compile `observe` and `label` with the engine's signatures; `effects`: whether effects may act on bodies.
 
-    The generated module copies their code: through wrappers that call them all code would be compiled twice. What they call is
-    compiled as part of them only: machine code of each helper would take half the time.
+    The generated module copies their code: wrappers would compile all twice. What they call is compiled within it only.
     """
     text, chosen = (
         HEAD.format(labeller.name) + OWN,

@@ -8,17 +8,27 @@ from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
-from thirdbody.kernels.arguments import EARLY, EFFECTS, LATE, LAW, OBSERVATION, OBSERVE, SWEEP, WORK, context_of
+from thirdbody.kernels.arguments import (
+    EARLY,
+    EFFECTS,
+    LATE,
+    LAW,
+    OBSERVATION,
+    OBSERVE_BODIES,
+    SWEEP,
+    WORK,
+    as_observed,
+    context_of,
+)
 from thirdbody.kernels.bodies import BODIES, WITH_PLATE, WITH_SPHERE, reset_plate_forces
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.kick import gather_forces
 from thirdbody.kernels.explicit.tiles import reset_forces, shift_of
-from thirdbody.kernels.labels import update_memory
 from thirdbody.kernels.plates import is_rough
 from thirdbody.kernels.tables import body_extra
 
-law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
+law_at, effects_at, observe_bodies_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE_BODIES)
 
 
 @njit(**BARE)
@@ -50,28 +60,24 @@ def drift_groups(task, group, alone, part, context, step):
                     reset_plate_forces(cuts[WITH_PLATE, c], cuts[WITH_PLATE, c + 1], context.own, context.body, E)
 
 
-@njit(**BARE)
-def observe_group(group, part, context, observe):
-    """Let the labeller observe the bodies of a group."""
-    for c in range(group * GROUP, end_of(group, context)):
-        update_memory(c, context, observe, context.scratch[part], context.rows[part])
-
-
 @entry(WORK, **POINTED, **NO_COUNTS)
 def work(task, part, begin, end, step, packed):
     """Run one pass of a step over groups begin to end; one call for all, since calling through a pointer costs 1.4 us."""
     context = context_of(packed)
-    law, effects, observe = law_at(context.law), effects_at(context.effects), observe_at(context.observe)
+    law, effects = law_at(context.law), effects_at(context.effects)
     for group in range(begin, end):
         alone = context.lowest[group] >= begin
+        first, last = group * GROUP * BODIES, min((group + 1) * GROUP * BODIES, context.B.shape[0])
         drift_groups(task, group, alone, part, context, step)
         if task == SWEEP:
-            last = min((group + 1) * GROUP * BODIES, context.B.shape[0])
-            reset_forces(group * GROUP * BODIES, last, shift_of(group, context), context)
+            reset_forces(first, last, shift_of(group, context), context)
             for side in range(WITH_PLATE, WITH_SPHERE + 1):
                 contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(group * GROUP, end_of(group, context)):
                 gather_forces(c, context, step, effects)
         if task == OBSERVATION:
-            observe_group(group, part, context, observe)
+            scratch, rows = context.scratch[part], context.rows[part]
+            observe_bodies_at(context.observe_bodies)(
+                first, last, as_observed(context), context.A, context.observe, scratch, rows
+            )

@@ -110,18 +110,18 @@ def pair_work_errors(context, island, m, motion, scratch):
 
 
 @njit(**BARE)
-def work_on(a, force, torque, context, island, scratch):
+def work_on(a, force, torque, scratch):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
     y, arm = scratch.coordinates[a, 0], 1.0 / scratch.starts[a, step_start.ARM]
     return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
 
 
 @njit(**BARE)
-def works_on(a, b, wrench, context, island, scratch):
+def works_on(a, b, wrench, scratch):
     """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
     f, torque, back = wrench
-    work_a = work_on(a, f, torque, context, island, scratch)
-    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, context, island, scratch)
+    work_a = work_on(a, f, torque, scratch)
+    return work_a, work_on(b, (-f[0], -f[1], -f[2]), back, scratch)
 
 
 @njit(**BARE)
@@ -142,7 +142,7 @@ def works_of_old(k, context, island, scratch):
             twist = R[k, record.TWIST_MOMENT]
             m_x, m_y, m_z = m_x + twist * n_x, m_y + twist * n_y, m_z + twist * n_z
         x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
-    return works_on(a, b, (f, (x, y, z), (u, v, w)), context, island, scratch)
+    return works_on(a, b, (f, (x, y, z), (u, v, w)), scratch)
 
 
 @njit(**BARE)
@@ -173,13 +173,13 @@ def stored_energy(k, context):
 def accept_closed(p, k, context, island, motion, scratch, smooth):
     """Book contact p, candidate k, on both bodies, and write its record; its history is stored afterwards.
 
-    Its tile has the friction loss that is booked. `smooth`: see `is_smooth`.
+    Its tile has the friction loss that is booked. `smooth`: see `accept_pairs`.
     """
     (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, scratch)
     q, b_i, b_j, O = p % TILE, body_at(a, island), body_at(b, island), tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
     (mean_a, mean_b), weight = works_of_old(k, context, island, scratch), 0.5 if smooth else 0.0
-    end_a, end_b = works_on(a, b, (f, torque, back), context, island, scratch)
+    end_a, end_b = works_on(a, b, (f, torque, back), scratch)
     mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
     part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
     damped = dashpot_loss(q, k, context.initial_overlaps[k], smooth, motion.dt, context, tile)
@@ -216,19 +216,12 @@ def accept_opened(k, smooth, context, island, motion, scratch):
     add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
 
 
-@njit(**BARE)
-def is_smooth(island, scratch):
-    """Return whether forces jump on no body: what is dissipated is the work of their mean (`work.weight_of_old`)."""
-    smooth = True
-    for a in range(island.n):
-        smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
-    return smooth
-
-
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
-    smooth, p = is_smooth(island, scratch), np.int64(0)
+    smooth, p = True, np.int64(0)
+    for a in range(island.n):  # forces jump on no body: what is dissipated is the work of their mean (`work.weight_of_old`)
+        smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
     for e in range(island.n_pairs):
         k = pair_at(e, island)
         if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
@@ -246,14 +239,7 @@ def accept_pairs(context, island, m, motion, scratch):
             accept_closed(t * TILE + q, slots[q], context, island, motion, scratch, smooth)
         store_history(n, slots, context, tile)
         for q in range(n):
-            remember_pair(q, slots[q], context, island, tile)
-
-
-@njit(**BARE)
-def remember_pair(q, k, context, island, tile):
-    """Let both bodies remember the energy that contact q can store."""
-    _, _, a, b = ends_of(k, context, island)
-    energy = contact_energy(q, tile)
-    for c in (a, b):
-        T = context.memory[body_at(c, island)]
-        T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy)
+            _, _, a, b = ends_of(slots[q], context, island)
+            for c in (a, b):
+                T = context.memory[body_at(c, island)]
+                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], contact_energy(q, tile))

@@ -57,7 +57,7 @@ def commit(context, b, m, motion, space):
     """
     tile, sums, H = space, space.sums, context.H
     O = tile.outputs  # noqa: E741
-    smooth, first, damped = space.start[step_start.OLD_WEIGHT] > 0.0, context.edges[b], 0.0
+    smooth, first, damped = space.start[step_start.OLD_WEIGHT] > 0.0, context.plate_edges[b], 0.0
     of_mean = smooth and context.force >= 0
     force_and_torques(m, tile)
     if is_rough(context):
@@ -72,7 +72,7 @@ def commit(context, b, m, motion, space):
     store_history(m, space.slots, context, tile)
     q = np.int64(0)
     for e in range(first, last_candidate(b, context)):
-        k = context.incidence[e] >> 1
+        k = context.plate_incidence[e] >> 1
         if q < m and space.slots[q] == k:
             store_contact(q, k, context, b, motion, space)
             q += 1
@@ -102,27 +102,6 @@ def store_contact(q, k, context, b, motion, space):
     side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
     for d in range(3):
         sums[0, side + d] += tile.geometry[q + (geometry.FORCE + d) * TILE]
-
-
-@njit(**BARE)
-def elastic_energy(b, context):
-    """Return the elastic energy [J] of the contacts of body b."""
-    total, R = 0.0, context.R
-    for e in range(context.edges[b], last_candidate(b, context)):
-        k = context.incidence[e] >> 1
-        if is_closed(k, context.H):
-            total += R[k, record.STORED_NORMAL] + R[k, record.STORED_TANGENTIAL]
-    return total
-
-
-@njit(**BARE)
-def add_impulses(A, sums, old, dt):
-    """Add the impulses on both plates, with weight `old` of the last forces; store the new forces."""
-    for k in range(3):
-        upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
-        A[run_totals.UPPER_IMPULSE + k] += dt * (old * A[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
-        A[run_totals.LOWER_IMPULSE + k] += dt * (old * A[run_totals.LOWER_FORCE + k] + (1.0 - old) * lower)
-        A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = upper, lower
 
 
 @njit(**BARE)
@@ -183,10 +162,9 @@ def update_ledger(context, b, motion, works, common, space):
     kinetic energy.
     """
     p, Z, T, A, P, y, dt = context.patch[b], space.start, context.memory[b], context.totals[b], context.P, space.y, motion.dt
-    sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
+    sums, inertial, (gained, of_dashpots) = space.sums, context.settings[step_settings.INERTIAL], works
     now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
-    gained, of_dashpots = works
     contacts, effects, pushed, before, after = body_works(context, b, dt, space)
     drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
     old = Z[step_start.OLD_WEIGHT]
@@ -226,20 +204,11 @@ def update_ledger(context, b, motion, works, common, space):
     A[run_totals.EFFECT_WORK] += effects
     A[run_totals.PLATE_WORK] += plate
     A[run_totals.PLATE_WORK_SIZE] += abs(plate)
-    add_impulses(A, sums, old, dt)
-
-
-@njit(**BARE)
-def lengthen_path(s, dt, context):
-    """Add the step to the path of sphere s."""
-    S, row = context.S, context.paths[s]
-    u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]
-    chord = dt * math.sqrt(u_x * u_x + u_y * u_y + u_z * u_z)
-    row[sphere_path.LENGTH] += chord
     for k in range(3):
-        now, moved, strayed = S[s, sphere.POSITION + k], dt * S[s, sphere.MID_VELOCITY + k], STRAYED * chord
-        row[sphere_path.LOW + k] = min(row[sphere_path.LOW + k], min(now, now - moved) - strayed)
-        row[sphere_path.HIGH + k] = max(row[sphere_path.HIGH + k], max(now, now - moved) + strayed)
+        upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
+        A[run_totals.UPPER_IMPULSE + k] += dt * (old * A[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
+        A[run_totals.LOWER_IMPULSE + k] += dt * (old * A[run_totals.LOWER_FORCE + k] + (1.0 - old) * lower)
+        A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = upper, lower
 
 
 @njit(**BARE)
@@ -261,7 +230,14 @@ def remember_step(context, b, dt, space):
     jumped = Z[step_start.OLD_WEIGHT] == 0.0 and T[step_memory.JUMPED] == 0.0
     T[step_memory.JUMPED], T[step_memory.LAST_DT] = (1.0, 0.0) if jumped else (0.0, dt)
     for s in range(context.start[b], context.start[b + 1] if context.paths.shape[0] > 0 else 0):
-        lengthen_path(s, dt, context)
+        S, row = context.S, context.paths[s]
+        u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]
+        chord = dt * math.sqrt(u_x * u_x + u_y * u_y + u_z * u_z)
+        row[sphere_path.LENGTH] += chord
+        for k in range(3):
+            now, moved, strayed = S[s, sphere.POSITION + k], dt * S[s, sphere.MID_VELOCITY + k], STRAYED * chord
+            row[sphere_path.LOW + k] = min(row[sphere_path.LOW + k], min(now, now - moved) - strayed)
+            row[sphere_path.HIGH + k] = max(row[sphere_path.HIGH + k], max(now, now - moved) + strayed)
 
 
 @njit(**BARE)
@@ -281,7 +257,7 @@ def reject_step(context, b, space):
     for k in range(2):
         P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
     if is_rough(context):
-        update_surfaces(context.edges[b], context.edges[b + 1], context)
+        update_surfaces(context.plate_edges[b], context.plate_edges[b + 1], context)
 
 
 @njit(**BARE)
@@ -299,11 +275,15 @@ def accept_step(context, b, m, motion, common, space):
     for k in range(3 if has_effect_columns(E) else 0):
         B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
         B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
-    stored = elastic_energy(b, context)
+    stored, R = 0.0, context.R
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
+        if is_closed(k, context.H):
+            stored += R[k, record.STORED_NORMAL] + R[k, record.STORED_TANGENTIAL]
     update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, b, dt, space)
     if is_rough(context):
-        update_by(context.accept_surfaces, context.edges[b], context.edges[b + 1], context)
+        update_by(context.accept_surfaces, context.plate_edges[b], context.plate_edges[b + 1], context)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space))
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:

@@ -73,7 +73,7 @@ def plate_reaction(context, b, m, space):
 @njit(**BARE)
 def begin_body(context, b, displacement, motion, space):
     """Set the start of the step of a body, and predict its end for the rise of the plate."""
-    low, high = context.edges[b], context.edges[b + 1]
+    low, high = context.plate_edges[b], context.plate_edges[b + 1]
     measure_arm(context, b, space)
     save_start(context, b, space)
     initial_overlaps(b, context, space.before)
@@ -86,7 +86,7 @@ def begin_body(context, b, displacement, motion, space):
 @njit(**BARE)
 def load_body(context, b, space):
     """Load the start of the step of a body, and its coordinates at the end of the last iteration."""
-    low, high = context.edges[b], context.edges[b + 1]
+    low, high = context.plate_edges[b], context.plate_edges[b + 1]
     for e in range(low, high):
         space.before[e - low] = context.initial_overlaps[e]
     for k in range(step_start.WIDTH):

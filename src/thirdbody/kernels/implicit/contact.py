@@ -137,10 +137,14 @@ def contact_of(q, before, dt, sides, shape, context, tile):
         tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
         tile.inputs[law_input.SLIP_Y * TILE + q] / fraction,
     )
+    # rotations count from when the contact closed
+    K, at, of_twist = tile.tangents, contact_tangent.ROLLING * TILE + q, contact_tangent.TWIST * TILE + q
+    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
+    rotational = fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
     return Contact(
         sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if rolling else NOWHERE, displacement,
-        tangent_at(q, before, context, tile), rolling_tangent_at(q, fraction, tile.tangents) if rolling else PLANE,
-        twist_tangent_at(q, fraction, tile.tangents) if has_twist(context) else (0.0, 0.0), bend,
+        tangent_at(q, before, context, tile), rotational if rolling else PLANE,
+        (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), bend,
         tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
         gradient, gradient_change,
     )  # fmt: skip
@@ -174,21 +178,6 @@ def tangent_at(q, before, context, tile):
         yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     return K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd
-
-
-@njit(**BARE)
-def rolling_tangent_at(q, fraction, K):
-    """Return the tangents of the moment of contact q; `fraction`: of the rotation that counts, as the contact was closed."""
-    at = contact_tangent.ROLLING * TILE + q
-    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
-    return fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
-
-
-@njit(**BARE)
-def twist_tangent_at(q, fraction, K):
-    """Return the tangents of the moment of contact q about its normal; `fraction`: as in `rolling_tangent_at`."""
-    at = contact_tangent.TWIST * TILE + q
-    return fraction * K[at], K[at + TILE]
 
 
 @njit(**BARE)

@@ -61,7 +61,7 @@ WORDS = (
 def lands(context, b, m, space):
     """Return whether one of the m contacts of body b closed within the step."""
     for q in range(m):
-        if space.before[space.slots[q] - context.edges[b]] < 0.0:
+        if space.before[space.slots[q] - context.plate_edges[b]] < 0.0:
             return True
     return False
 
@@ -251,18 +251,11 @@ def local_error(context, b, dt, space):
 
 
 @njit(**BARE)
-def rotation_of(space):
-    """Return the rotation in the step [rad]."""
-    y = space.y
-    return math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM]
-
-
-@njit(**BARE)
 def initial_overlaps(b, context, before):
     """Write overlap plus reach [m] of body b's candidates at the start of the step; negative: out of reach."""
-    for e in range(context.edges[b], last_candidate(b, context)):
-        k = context.incidence[e] >> 1
-        before[k - context.edges[b]] = plates.overlap(k, context) + context.D[domain.REACH]
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
+        before[k - context.plate_edges[b]] = plates.overlap(k, context) + context.D[domain.REACH]
 
 
 @njit(**BARE)

@@ -8,7 +8,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.implicit.contact import dot
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, contact_point, frame_of
-from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
+from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.tables import sphere
@@ -48,8 +48,8 @@ def limit_overlap_change(context, b, expected_overlap, space):
     if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
         return fraction  # no point of the body moves farther
     max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
-    for e in range(context.edges[b], last_candidate(b, context)):
-        k = context.incidence[e] >> 1
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
         up, overlap, n = is_upper(j), plates.overlap(k, context), plates.normal(k, context)
         change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
@@ -96,11 +96,3 @@ def limit_slip_reversal(context, m, fraction, space):
         if back * fraction > margin > 0.0:
             fraction = margin / back
     return fraction
-
-
-@njit(**BARE)
-def limit_correction(context, b, m, space):
-    """Return the fraction of `space.correction` that is tried first."""
-    expected_overlap = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
-    fraction = limit_overlap_change(context, b, expected_overlap, space)
-    return limit_slip_reversal(context, m, fraction, space)

@@ -9,12 +9,14 @@ Each body of an island keeps its own BDF2 weights, so an island can form from bo
 the body that needs the shortest one.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
-from thirdbody.kernels.arguments import OBSERVE, Motion
+from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
 from thirdbody.kernels.implicit.control import (
     EASY,
@@ -31,7 +33,6 @@ from thirdbody.kernels.implicit.control import (
     plate_velocity,
     predict,
     reduction_factor,
-    rotation_of,
     why_cut,
 )
 from thirdbody.kernels.implicit.newton import Outcome, solve_island
@@ -51,11 +52,10 @@ from thirdbody.kernels.implicit.workspace import (
     scratch_of,
     space_at,
 )
-from thirdbody.kernels.labels import Observed, update_body_memory
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
 from thirdbody.kernels.tables import patch, run_totals
 
-observe_at = function_at(OBSERVE)
+observe_bodies_at = function_at(OBSERVE_BODIES)
 
 
 @njit(**BARE)
@@ -78,25 +78,6 @@ def prescribed_displacement(context, b, dt, space):
 
 
 @njit(**BARE)
-def set_load(context, b, dt):
-    """Set the scheduled load [N] of the body's patch at the end of a step that crosses no breakpoint."""
-    p, P, t, schedule, first = context.patch[b], context.P, context.totals[b, run_totals.TIME], context.schedule, context.first
-    if first[LOAD + 1] > first[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
-        P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
-
-
-@njit(**BARE)
-def save_starts(motion, context, island, scratch):
-    """Save the state of all bodies and the overlaps of their candidates at the start of a step."""
-    for a in range(island.n):
-        b, space = body_at(a, island), space_at(a, scratch)
-        save_start(context, b, space)
-        initial_overlaps(b, context, space.before)
-    if island.n_pairs > 0:
-        call_part(context.pairs_part, START, 0, 0, motion, context, island, scratch)
-
-
-@njit(**BARE)
 def common_length(context, island, time, end):
     """Return the shortest length [s] of the next step that a body needs, and its cause; all bodies then request the same."""
     shortest, cause, requested, limit = np.inf, np.int64(0), np.inf, 0.0
@@ -115,11 +96,14 @@ def common_length(context, island, time, end):
 
 @njit(**BARE)
 def begin_steps(motion, context, island, scratch):
-    """Set the weights of a step of all bodies, and predict its end."""
+    """Set the weights of a step of all bodies and the loads of their patches at its end, and predict the end."""
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
         begin_step(context, b, motion, space)
-        set_load(context, b, motion.dt)
+        P, p, t, loads = context.P, context.patch[b], context.totals[b, run_totals.TIME], context.first
+        if loads[LOAD + 1] > loads[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
+            now = segment(context.schedule, loads, np.int64(LOAD), t)  # no step crosses a breakpoint
+            P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(context.schedule, now, t + motion.dt)
         predict(context, b, motion.dt, prescribed_displacement(context, b, motion.dt, space), space)
 
 
@@ -139,7 +123,9 @@ def assess_island(m, converged, motion, context, island, scratch):
     for a in range(island.n):
         b, space, n = body_at(a, island), space_at(a, scratch), max(scratch.counts[a], 0)
         landing = landing or lands(context, b, n, space)
-        error, rotation = max(error, local_error(context, b, motion.dt, space)), max(rotation, rotation_of(space))
+        y = space.y
+        error = max(error, local_error(context, b, motion.dt, space))
+        rotation = max(rotation, math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM])
         if of_work and context.force >= 0:
             lost, scale = work_error_of_plates(context, b, n, motion, space), energy_scale(context, b, n, space)
             if pairs:
@@ -160,13 +146,10 @@ def accept_island(m, motion, common, context, island, scratch):
 @njit(**BARE_CHUNK)
 def label_island(context, island, scratch):
     """Update the labeller's memory of all bodies after their step."""
-    observed = Observed(
-        context.own, context.partner, island.all.all_edges, island.all.all_incidence, context.B, context.E,
-        context.orientations, context.H, context.R, context.M, context.drag, context.n_history, context.width,
-    )  # fmt: skip
+    observe = observe_bodies_at(context.observe_bodies)
     for a in range(island.n):
         b, A = body_at(a, island), context.totals[body_at(a, island)]
-        update_body_memory(b, observed, A, observe_at(context.observe), scratch.observed, scratch.rows)
+        observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
         A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
@@ -181,7 +164,12 @@ def step(until, context, island, scratch):
             b = body_at(a, island)
             context.totals[b, run_totals.TIME], context.memory[b, step_memory.LAST_DT] = end, 0.0
         return
-    save_starts(Motion(0.0, 0.0, 0.0), context, island, scratch)
+    for a in range(island.n):
+        b, space = body_at(a, island), space_at(a, scratch)
+        save_start(context, b, space)
+        initial_overlaps(b, context, space.before)
+    if island.n_pairs > 0:
+        call_part(context.pairs_part, START, 0, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     (dt, limit), cuts = common_length(context, island, time, end), 0
     while True:
         whole = dt >= NEARLY * (end - time)
@@ -216,26 +204,6 @@ def step(until, context, island, scratch):
         label_island(context, island, scratch)
 
 
-@njit(**BARE)
-def is_going(context, island, until):
-    """Return whether the island has not reached the time `until` [s], and no body of it has stopped."""
-    for a in range(island.n):
-        if context.memory[body_at(a, island), step_memory.CODE] != Stop.NONE.value:
-            return False
-    return context.totals[body_at(0, island), run_totals.TIME] < until
-
-
-@njit(**BARE_CHUNK)
-def advance_island(until, tries, context, island, scratch):
-    """Advance an island, unless a guard has stopped a body of it, to a time [s], by at most `tries` trial steps."""
-    T = context.memory[body_at(0, island)]
-    last = T[step_memory.TRIES] + tries
-    for a in range(island.n):
-        measure_arm(context, body_at(a, island), space_at(a, scratch))
-    while is_going(context, island, until) and T[step_memory.TRIES] < last:
-        step(until, context, island, scratch)
-
-
 @entry(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
@@ -245,4 +213,15 @@ def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """
     context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
     for p in range(first, last):
-        advance_island(until, tries, context, island_at(islands.order[p], islands), scratch)
+        island, going = island_at(islands.order[p], islands), True
+        one = body_at(0, island)
+        last_try = context.memory[one, step_memory.TRIES] + tries
+        for a in range(island.n):
+            measure_arm(context, body_at(a, island), space_at(a, scratch))
+        while True:
+            for a in range(island.n):
+                going = going and context.memory[body_at(a, island), step_memory.CODE] == Stop.NONE.value
+            going = going and context.totals[one, run_totals.TIME] < until and context.memory[one, step_memory.TRIES] < last_try
+            if not going:
+                break
+            step(until, context, island, scratch)

@@ -85,10 +85,10 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
     """
     closed, new = contacts
     context, n_closed = context_of(packed), np.int64(closed.on.shape[0])
-    begin, p, written = context.edges[span.first], np.int64(0), np.int64(0)
+    begin, p, written = context.plate_edges[span.first], np.int64(0), np.int64(0)
     for b in range(span.first, span.last):
-        k = context.edges[b]
-        first, n, after = k - begin, context.edges[b + 1] - k, p
+        k = context.plate_edges[b]
+        first, n, after = k - begin, context.plate_edges[b + 1] - k, p
         while after < n_closed and closed.on[after] < first + n:
             after += 1
         if span.low <= b < span.high and waits(b, until, context):

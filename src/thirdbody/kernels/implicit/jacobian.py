@@ -9,7 +9,6 @@ from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
 from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, add_curved, add_planar, contact_of, owner_side, plate_side
-from thirdbody.kernels.implicit.linear import row_length
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, body_at, call_part, space_at
@@ -43,7 +42,7 @@ def plane_contact(q, b, dt, context, space):
         owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry),
         plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
     )
-    before = space.before[k - context.edges[b]]
+    before = space.before[k - context.plate_edges[b]]
     return contact_of(q, before, dt, sides, (PLANE, NOWHERE, PLANE), context, space)
 
 
@@ -124,7 +123,7 @@ def assemble(m, coupled, motion, context, island, scratch):
         assemble_body(a, scratch.counts[a], coupled, motion, context, island, scratch)
     if n == 1 and not coupled:
         return
-    for e in range(FREEDOMS * n * row_length(w)):
+    for e in range(FREEDOMS * n * (3 * w + 1)):
         J[e] = 0.0
     for a in range(n):
         first = FREEDOMS * a * (3 * w + 1) + w

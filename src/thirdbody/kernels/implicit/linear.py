@@ -2,18 +2,12 @@
 
 The entry in row i and column j is A[i step + j + offset]. Seven equations of one body are dense: step 7, offset 0. Those of
 several bodies are a band: row i holds the columns from i - w to i + 2 w, side by side, of which exchanged rows need the last w;
-step 3 w, offset w. Not LAPACK, which would start threads of its own from each thread of a kernel.
+step 3 w, offset w: 3 w + 1 columns. Not LAPACK, which would start threads of its own from each thread of a kernel.
 """
 
 from numba import njit
 
 from thirdbody.jit.options import BARE
-
-
-@njit(**BARE)
-def row_length(half_width):
-    """Return the number of columns that a row of a band holds."""
-    return 3 * half_width + 1
 
 
 @njit(**BARE)

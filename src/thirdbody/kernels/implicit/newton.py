@@ -13,7 +13,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import plates
-from thirdbody.kernels.implicit.correction_limits import limit_correction
+from thirdbody.kernels.implicit.correction_limits import limit_overlap_change, limit_slip_reversal
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.linear import factorise, substitute
 from thirdbody.kernels.implicit.residual import active_contacts, residual, set_configuration
@@ -148,15 +148,6 @@ def is_balanced(context, b, dt, fraction, minimum, space):
 
 
 @njit(**BARE)
-def is_settled(context, now, scale, space):
-    """Return whether `space.correction`, of coordinates where the residual is `now` [N], is negligible."""
-    V = context.settings
-    allowed = min(SETTLED * V[step_settings.TOLERANCE], SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
-    inertial = V[step_settings.INERTIAL] != 0.0
-    return inertial and now <= SETTLED_FORCE * scale and euclidean_norm(space.correction) <= allowed
-
-
-@njit(**BARE)
 def evaluate(part, motion, context, island, scratch):
     """Evaluate the residuals with `part` of the correction; return the number of contacts between bodies, -1 if crowded."""
     n = island.n
@@ -241,11 +232,14 @@ def solve_correction(coupled, island, scratch):
 @njit(**BARE)
 def all_settled(context, island, scratch):
     """Return whether the corrections of all bodies are negligible."""
+    V = context.settings
+    settled = V[step_settings.INERTIAL] != 0.0
     for a in range(island.n):
         space = space_at(a, scratch)
-        if not is_settled(context, euclidean_norm(space.residual), scratch.scales[a, 0], space):
-            return False
-    return True
+        allowed = min(SETTLED * V[step_settings.TOLERANCE], SETTLED_RADII) * space.diagnostics[step_contacts.MAX_RADIUS]
+        balanced = euclidean_norm(space.residual) <= SETTLED_FORCE * scratch.scales[a, 0]
+        settled = settled and balanced and euclidean_norm(space.correction) <= allowed
+    return settled
 
 
 @njit(**BARE)
@@ -253,8 +247,10 @@ def limited_part(m, motion, context, island, scratch):
     """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
     for a in range(island.n):
-        part = limit_correction(context, body_at(a, island), scratch.counts[a], space_at(a, scratch))
-        fraction = min(fraction, part)
+        space = space_at(a, scratch)
+        expected = max(context.settings[step_settings.EXPECTED_OVERLAP], space.diagnostics[step_contacts.MAX_OVERLAP])
+        part = limit_overlap_change(context, body_at(a, island), expected, space)
+        fraction = min(fraction, limit_slip_reversal(context, scratch.counts[a], part, space))
     if island.n_pairs == 0:
         return fraction
     scratch.answer[0] = fraction

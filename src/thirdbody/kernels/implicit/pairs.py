@@ -116,7 +116,7 @@ def observe_pair(q, k, context, tile, diagnostics):
 
 
 @njit(**BARE)
-def moved(a, point, context, island, scratch):
+def moved(a, point, scratch):
     """Return the displacement (3,) [m] by the correction of a point of the body at position a."""
     x, arm = scratch.coordinates[a, 3], 1.0 / scratch.starts[a, step_start.ARM]
     return (
@@ -146,9 +146,7 @@ def limit_pair_overlaps(context, island, fraction, scratch):
         k = pair_at(e, island)
         i, j, a, b = ends_of(k, context, island)
         overlap, n = pair_overlap(k, context, box)
-        relative = minus(
-            moved(a, arm_of(i, context.S), context, island, scratch), moved(b, arm_of(j, context.S), context, island, scratch)
-        )
+        relative = minus(moved(a, arm_of(i, context.S), scratch), moved(b, arm_of(j, context.S), scratch))
         deepest = min(scratch.diagnostics[a, step_contacts.MAX_OVERLAP], scratch.diagnostics[b, step_contacts.MAX_OVERLAP])
         change, margin = -dot(n, relative), OVERLAP_GROWTH * max(expected, deepest) + max(-overlap, 0.0)
         if change * fraction > margin:
@@ -168,8 +166,8 @@ def limit_pair_reversal(context, island, m, fraction, scratch):
             if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
                 continue
             i, j, a, b = ends_of(slots[q], context, island)
-            one = moved(a, contact_point(q, i, context.S, G), context, island, scratch)
-            relative = minus(one, moved(b, partner_point(q, j, context.S, G), context, island, scratch))
+            one = moved(a, contact_point(q, i, context.S, G), scratch)
+            relative = minus(one, moved(b, partner_point(q, j, context.S, G), scratch))
             s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
             (_, e, g), size = frame_of(q, G), math.sqrt(s_x * s_x + s_y * s_y)
             back = -(dot(relative, e) * s_x + dot(relative, g) * s_y)

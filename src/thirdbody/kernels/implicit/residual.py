@@ -141,9 +141,9 @@ def active_contacts(a, motion, context, island, scratch):
     patch_velocity = context.P[context.patch[b], patch.VELOCITY] - space.trial[6] / motion.dt
     m = np.int64(0)
     if plates.is_rough(context):
-        update_surfaces(context.edges[b], context.edges[b + 1], context)
-    for e in range(context.edges[b], last_candidate(b, context)):
-        k = context.incidence[e] >> 1
+        update_surfaces(context.plate_edges[b], context.plate_edges[b + 1], context)
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
         if plates.overlap(k, context) + context.D[domain.REACH] <= 0.0:
             continue
         if m == TILE:
@@ -159,7 +159,7 @@ def active_contacts(a, motion, context, island, scratch):
     for q in range(m):
         if context.rolling > 0:
             gather_rolling(q, slots[q], context, motion, tile)
-        at, before = (law_input.HISTORY + context.n_history) * TILE + q, space.before[slots[q] - context.edges[b]]
+        at, before = (law_input.HISTORY + context.n_history) * TILE + q, space.before[slots[q] - context.plate_edges[b]]
         tile.inputs[at + rolling_input.INVERSE_DT * TILE] = space.start[step_start.NOW] / motion.dt
         tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
         scale_slip(q, before, context, tile.inputs)
@@ -279,13 +279,23 @@ def residual(a, m, motion, context, island, scratch):
             r[6] -= f_z
         if plates.is_rough(context):
             add_gradient_force(k, tile.outputs[law_output.STORED_NORMAL * TILE + q], context, r)
-        observe_contact(q, context, space)
+        overlap, radius = space.inputs[law_input.OVERLAP * TILE + q], context.S[context.own[k], sphere.RADIUS]
+        diagnostics[step_contacts.NORMAL_FORCE] += abs(tile.outputs[law_output.NORMAL_FORCE * TILE + q])
+        diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
+        contact_radius = tile.outputs[law_output.CONTACT_RADIUS * TILE + q]
+        diagnostics[step_contacts.MAX_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], contact_radius)
+        if overlap > diagnostics[step_contacts.MAX_RATIO] * radius:
+            diagnostics[step_contacts.MAX_RATIO], diagnostics[step_contacts.SLOT] = overlap / radius, k
     if context.spots_part != 0:
         call_part(context.spots_part, PULL, a, m, motion, context, island, scratch)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
     if context.has_effects != 0:
-        add_effects(context, b, motion.dt, r)
+        E, time = context.E, context.totals[b, run_totals.TIME] + motion.dt
+        effects_at(context.effects)(context.B, E, b, b + 1, time, motion.dt, context.effect_parameters)
+        for k in range(3):
+            r[k] += E[b, body_extra.EFFECT_FORCE + k]
+            r[3 + k] += E[b, body_extra.EFFECT_TORQUE + k]
     add_inertial_forces(context, b, motion.dt, space)
     for k in range(3):
         r[3 + k] /= space.start[step_start.ARM]
@@ -315,28 +325,6 @@ def add_gradient_force(k, energy, context, r):
     r[5] += x * f_y - y * f_x
     if is_upper(context.partner[k]):
         r[6] -= f_z
-
-
-@njit(**BARE)
-def observe_contact(q, context, space):
-    """Add contact q to the sums and maxima in `space.diagnostics`."""
-    I, O, k, diagnostics = space.inputs, space.outputs, space.slots[q], space.diagnostics  # noqa: E741
-    overlap, radius = I[law_input.OVERLAP * TILE + q], context.S[context.own[k], sphere.RADIUS]
-    diagnostics[step_contacts.NORMAL_FORCE] += abs(O[law_output.NORMAL_FORCE * TILE + q])
-    diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
-    diagnostics[step_contacts.MAX_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], O[law_output.CONTACT_RADIUS * TILE + q])
-    if overlap > diagnostics[step_contacts.MAX_RATIO] * radius:
-        diagnostics[step_contacts.MAX_RATIO], diagnostics[step_contacts.SLOT] = overlap / radius, k
-
-
-@njit(**BARE)
-def add_effects(context, b, dt, r):
-    """Add force and torque of body effects at the end of the step to r."""
-    E = context.E
-    effects_at(context.effects)(context.B, E, b, b + 1, context.totals[b, run_totals.TIME] + dt, dt, context.effect_parameters)
-    for k in range(3):
-        r[k] += E[b, body_extra.EFFECT_FORCE + k]
-        r[3 + k] += E[b, body_extra.EFFECT_TORQUE + k]
 
 
 @njit(**BARE)

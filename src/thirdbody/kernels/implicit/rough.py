@@ -227,7 +227,7 @@ def tensor_at(k, t, Q):
 def rough_part(_, h, a, m, motion, context, islands, scratch):
     """Add the m contacts of the body at position a of island h, some of them with rough plates, to its Jacobian."""
     b, space, Q = body_at(a, island_at(h, islands)), space_at(a, scratch), context.Q
-    update_by(context.surface_tangents, context.edges[b], context.edges[b + 1], context)
+    update_by(context.surface_tangents, context.plate_edges[b], context.plate_edges[b + 1], context)
     for q in range(m):
         k = space.slots[q]
         shape = (
@@ -238,7 +238,7 @@ def rough_part(_, h, a, m, motion, context, islands, scratch):
             owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry),
             plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
         )
-        contact = contact_of(q, space.before[k - context.edges[b]], motion.dt, sides, shape, context, space)
+        contact = contact_of(q, space.before[k - context.plate_edges[b]], motion.dt, sides, shape, context, space)
         if has_moments(context) or shape[0] != PLANE:
             add_curved(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
         else:

@@ -78,12 +78,6 @@ def keep_dashpot_forces(q, context, O):  # noqa: E741
 
 
 @njit(**BARE)
-def has_forces(context):
-    """Return whether the history has the forces of the dashpots at the start of the step; without inertia they begin at rest."""
-    return context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0
-
-
-@njit(**BARE)
 def dashpot_loss(q, k, before, of_mean, dt, context, tile):
     """Return the energy [J] that the dashpots of contact q, candidate k, dissipate in the step; keep their forces.
 
@@ -96,7 +90,8 @@ def dashpot_loss(q, k, before, of_mean, dt, context, tile):
         keep_dashpot_forces(q, context, O)
     if is_closed(k, context.H) and R[k, record.NORMAL_FORCE] == 0.0 and O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
         return R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q]
-    if of_mean and has_forces(context):
+    # without inertia the dashpots begin at rest
+    if of_mean and context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0:
         return loss_of_mean(q, before, context, tile)
     return loss_of_end(q, before, dt, context, tile)
 
@@ -110,7 +105,7 @@ def opening_loss(k, before, of_mean, context):
     """
     if context.R[k, record.NORMAL_FORCE] == 0.0:
         return context.R[k, record.STORED_NORMAL]
-    if not (of_mean and has_forces(context)):
+    if not (of_mean and context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0):
         return 0.0
     n, _, _ = unpack_triple(context.H[k, contact_state.LAW + context.dashpots])
     return max(-0.5 * n * max(before, 0.0), 0.0)
@@ -143,7 +138,7 @@ def weight_of_old(context, b, m, dt, space):
         return 0.5
     I, O, work_done, damped = space.inputs, space.outputs, 0.0, 0.0  # noqa: E741
     for q in range(m):
-        damped += loss_of_end(q, space.before[space.slots[q] - context.edges[b]], dt, context, space)
+        damped += loss_of_end(q, space.before[space.slots[q] - context.plate_edges[b]], dt, context, space)
         work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
@@ -190,15 +185,6 @@ def contact_energy(q, tile):
 
 
 @njit(**BARE)
-def work_difference(m, context, first, space):
-    """Return the estimated error [J] of the friction work, summed over m contacts; `first`: the body's first candidate."""
-    total = 0.0
-    for q in range(m):
-        total += contact_difference(q, space.before[space.slots[q] - first], context, space)
-    return total
-
-
-@njit(**BARE)
 def contact_difference(q, before, context, tile):
     """Return the estimated error [J] of the friction work of contact q; `before`: its overlap plus reach at the start [m].
 
@@ -232,16 +218,6 @@ def moment_work(q, context, tile):
 
 
 @njit(**BARE)
-def kinetic_energies(b, B, arm):
-    """Return the kinetic energy of translation, and roughly that of rotation [J]; `arm` [m]: radius of gyration used."""
-    translation, rotation = 0.0, 0.0
-    for k in range(3):
-        translation += B[b, body.VELOCITY + k] ** 2
-        rotation += (arm * B[b, body.SPIN + k]) ** 2
-    return 0.5 * B[b, body.MASS] * translation, 0.5 * B[b, body.MASS] * rotation
-
-
-@njit(**BARE)
 def energy_scale(context, b, m, space):
     """Return the scale of energy [J] for errors of the friction work of a body.
 
@@ -251,18 +227,21 @@ def energy_scale(context, b, m, space):
     """
     B = context.B
     stored = max(context.memory[b, step_memory.MAX_ENERGY], energy_of_contacts(m, space))
-    friction = friction_work_of(b, B, context.E, context.loss_column)
-    translation, rotation = kinetic_energies(b, B, space.start[step_start.ARM])
-    return friction + translation + FLOOR * (stored + rotation)
+    friction, square, turn = friction_work_of(b, B, context.E, context.loss_column), 0.0, 0.0
+    for k in range(3):
+        square += B[b, body.VELOCITY + k] ** 2
+        turn += (space.start[step_start.ARM] * B[b, body.SPIN + k]) ** 2
+    return friction + 0.5 * B[b, body.MASS] * square + FLOOR * (stored + 0.5 * B[b, body.MASS] * turn)
 
 
 @njit(**BARE)
 def work_error_of_plates(context, b, m, motion, space):
     """Return the error [J] of the friction work of the contacts of a body with plates."""
-    first = context.edges[b]
-    error, q = work_difference(m, context, first, space), np.int64(0)
+    first, error, q = context.plate_edges[b], 0.0, np.int64(0)
+    for p in range(m):
+        error += contact_difference(p, space.before[space.slots[p] - first], context, space)
     for e in range(first, last_candidate(b, context)):
-        k = context.incidence[e] >> 1
+        k = context.plate_incidence[e] >> 1
         if q < m and space.slots[q] == k:
             q += 1
         elif is_closed(k, context.H):

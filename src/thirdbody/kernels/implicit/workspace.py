@@ -39,11 +39,14 @@ SHARED = (
     "P", "Q", "H", "R", "M", "pairs", "interaction", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag",
     "n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column",
     "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces", "measured", "measure", "measure_parameters",
+    "observe_bodies",
 )  # fmt: skip
-"""Fields that the explicit integrator has, too. `edges`, `incidence`: here of the candidates with plates only."""
+"""Fields that the explicit integrator has, too."""
 
 KINDS: Kinds = {
-    **{name: arguments.KINDS[name] for name in SHARED},
+    **arguments.OBSERVED, **{name: arguments.KINDS[name] for name in SHARED},
+    # candidates with plates of each body, like `edges` and `incidence` of all
+    "plate_edges": _S1, "plate_incidence": _S1,
     # settings of the step control; totals and memory of each body
     "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
     # of bodies under a common plate (`common_plate`), else empty
@@ -76,8 +79,6 @@ ISLANDS: Kinds = {
     "pairs": _I1, "pair_edges": _I1, "widths": _I1,
     # islands in the order in which they are advanced
     "order": _I1,
-    # all candidates of each body (`engine.state.Candidates.edges`, `.incidence`); in the context: those with plates
-    "all_edges": _S1, "all_incidence": _S1,
 }  # fmt: skip
 """Types of the tables of the islands, by name."""
 
@@ -186,7 +187,7 @@ def pair_spaces_of(tables: dict[str, Array]) -> list[Any]:
     rows = [tables[f"pair_{name}"] for name in ("inputs", "outputs", "tangents", "geometry", "slots")]
     none = np.zeros(0)
     return [
-        Space(*(table[t] for table in rows), *[none] * 7, np.zeros((0, contact_sums.WIDTH)), none)
+        Space(*(table[t] for table in rows), *[none] * 7, np.zeros((0, contact_sums.WIDTH)), none)  # type: ignore[call-arg]
         for t in range(len(tables["pair_slots"]))
     ]
 
@@ -269,7 +270,7 @@ def can_touch(k, row, rows, Q):
 @njit(**BARE_CHUNK)
 def sort_candidates(b, context):
     """Move the candidates of body b that can touch in this step to the front, and note their number."""
-    Q, low, high = context.Q, context.edges[b], context.edges[b + 1]
+    Q, low, high = context.Q, context.plate_edges[b], context.plate_edges[b + 1]
     e, count = low, 0
     for here in (True, False):
         k = low
@@ -277,7 +278,7 @@ def sort_candidates(b, context):
             rows = rows_of_sphere(k, context)
             for row in range(rows):
                 if can_touch(k, row, rows, Q) == here:
-                    context.incidence[e] = 2 * (k + row)
+                    context.plate_incidence[e] = 2 * (k + row)
                     e += 1
             k += rows
         if here:
@@ -289,5 +290,5 @@ def sort_candidates(b, context):
 def last_candidate(b, context):
     """Return the end of the candidates of body b in `incidence` that can touch in this step."""
     if plates.is_rough(context):
-        return context.edges[b] + int(context.memory[b, step_memory.CANDIDATES])
-    return context.edges[b + 1]
+        return context.plate_edges[b] + int(context.memory[b, step_memory.CANDIDATES])
+    return context.plate_edges[b + 1]
