@@ -7,17 +7,28 @@ from typing import Any
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
 from thirdbody.jit.arguments import Packer, address
-from thirdbody.kernels.implicit import pairs, rough, spots_part
+from thirdbody.kernels.implicit import books, pairs, rough, spots_part
 from thirdbody.kernels.implicit.workspace import PART, SCRATCH, make_scratch
 from thirdbody.kernels.minima import UPDATE
 from thirdbody.kernels.tables import surface_contact
 
-PARTS = ("update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part", "rough_part", "spots_part")
+PARTS = (
+    "book_contacts",
+    "write_contacts",
+    "end_contact",
+    "update_surfaces",
+    "accept_surfaces",
+    "surface_tangents",
+    "pairs_part",
+    "rough_part",
+    "spots_part",
+)
 
 
 def part_addresses(state: State) -> dict[str, int]:
     """Return the addresses of the parts that a state needs by their names in `workspace.KINDS`; 0 for others."""
-    parts: dict[str, tuple[Any, Any]] = {}
+    parts: dict[str, tuple[Any, Any]] = {"book_contacts": (books.book_contacts, books.BOOK)}
+    parts |= {"write_contacts": (books.write_contacts, books.WRITE), "end_contact": (books.end_contact, books.END)}
     if state.world.debris_meets:
         parts["pairs_part"] = pairs.pairs_part, PART
     if state.world.rough:

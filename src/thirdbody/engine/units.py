@@ -31,6 +31,7 @@ UNITS: dict[str, tuple[str, ...]] = {
     "step": ("explicit.step_loop",),
     "stability": ("explicit.critical_time_step",),
     "search": ("neighbour_search", "bodies:place_all"),
+    "books": ("implicit.books",),
     "labels": ("labels",),
 }
 """Units of compilation, the longest first: modules of `kernels` with all their entries, or single ones. Named, not imported: a

@@ -53,9 +53,9 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
     if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
-        return "driver", "pairs", "labels"
+        return "driver", "pairs", "books", "labels"
     many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
-    return ("driver", "ensemble", "labels") if many else ("driver", "labels")
+    return ("driver", "ensemble", "books", "labels") if many else ("driver", "books", "labels")
 
 
 def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:

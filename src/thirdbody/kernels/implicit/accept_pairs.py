@@ -12,20 +12,17 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.books import book, normal_loss_of
-from thirdbody.kernels.explicit.contact_forces import write_record
+from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.explicit.tiles import BODY_FRACTION
-from thirdbody.kernels.implicit.accept_step import unbooked_energy
+from thirdbody.kernels.implicit.books import book_at, end_at, write_at
 from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
 from thirdbody.kernels.implicit.tables import step_memory, step_start
-from thirdbody.kernels.implicit.work import contact_difference, contact_energy, dashpot_loss, opening_loss
+from thirdbody.kernels.implicit.work import contact_difference, contact_energy, opening_work
 from thirdbody.kernels.implicit.workspace import body_at, pair_at, pair_tile, tile_count
-from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
-from thirdbody.kernels.tables import body, body_extra, contact_state, record, run_totals, sphere
+from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 from thirdbody.kernels.vectors import box_of, image
 
@@ -71,20 +68,11 @@ def pair_wrench(q, k, context, tile):
 
 @njit(**BARE)
 def pair_opening_work(k, context, motion):
-    """Return the slip work [J] of the tangential spring of candidate k, which opens within the step (`opening_work`)."""
-    S, H, i, j, box = context.S, context.H, context.own[k], context.partner[k], box_of(context.D)
-    overlap, (n_x, n_y, n_z) = pair_overlap(k, context, box)
-    columns, r, s = (np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)), S[i, sphere.RADIUS], S[j, sphere.RADIUS]
-    v = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z))
+    """Return the `opening_work` [J] of candidate k."""
+    S, j, contact = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
+    s, (n_x, n_y, n_z), columns = S[j, sphere.RADIUS], contact[1], (np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN))
     u = surface_velocity(j, S, columns, (s * n_x, s * n_y, s * n_z))
-    f_1, f_2 = H[k, contact_state.LAW + context.force], H[k, contact_state.LAW + context.force + 1]
-    e_x, e_y, e_z = H[k, contact_state.AXIS], H[k, contact_state.AXIS + 1], H[k, contact_state.AXIS + 2]
-    f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
-    f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
-    f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
-    before = context.initial_overlaps[k]
-    fraction = before / max(before - overlap - box.reach, 1e-300)
-    return -0.5 * fraction * motion.dt * (f_x * (v[0] - u[0]) + f_y * (v[1] - u[1]) + f_z * (v[2] - u[2]))
+    return opening_work(k, context.initial_overlaps[k], contact, u, context, motion.dt)
 
 
 @njit(**BARE_CHUNK)
@@ -170,11 +158,8 @@ def stored_energy(k, context):
 
 
 @njit(**BARE)
-def accept_closed(p, k, context, island, motion, scratch, smooth):
-    """Book contact p, candidate k, on both bodies, and write its record; its history is stored afterwards.
-
-    Its tile has the friction loss that is booked. `smooth`: see `accept_pairs`.
-    """
+def accept_closed(p, k, context, island, scratch, smooth):
+    """Add contact p, candidate k, to both bodies. `smooth`: see `accept_pairs`."""
     (_, _, a, b), tile = ends_of(k, context, island), pair_tile(p // TILE, scratch)
     q, b_i, b_j, O = p % TILE, body_at(a, island), body_at(b, island), tile.outputs  # noqa: E741
     f, torque, back = pair_wrench(q, k, context, tile)
@@ -182,8 +167,7 @@ def accept_closed(p, k, context, island, motion, scratch, smooth):
     end_a, end_b = works_on(a, b, (f, torque, back), scratch)
     mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
     part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
-    damped = dashpot_loss(q, k, context.initial_overlaps[k], smooth, motion.dt, context, tile)
-    friction = O[law_output.DISSIPATED * TILE + q]
+    friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
     gained = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q] - stored_energy(k, context)
     lost = -(mean_a + mean_b) - gained - friction - damped
     add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
@@ -195,25 +179,9 @@ def accept_closed(p, k, context, island, motion, scratch, smooth):
             context.E[owner, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
     context.B[b_i, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
     context.B[b_j, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
-    write_record(q, k, context, motion, tile)
-    if context.measured > 0:
-        measure_contact(q, k, motion.dt, context, tile)
-
-
-@njit(**BARE)
-def accept_opened(k, smooth, context, island, motion, scratch):
-    """End candidate k, which opened within the step, and book what it stored on both bodies."""
-    (_, _, a, b), (mean_a, mean_b) = ends_of(k, context, island), works_of_old(k, context, island, scratch)
-    weight = 0.5 if smooth else 0.0
-    mean_a, mean_b = weight * mean_a, weight * mean_b
-    gained, damped = -stored_energy(k, context), opening_loss(k, context.initial_overlaps[k], smooth, context)
-    dragged = pair_opening_work(k, context, motion) if smooth and context.force >= 0 else 0.0
-    friction = max(reset_history(k, context) + dragged, 0.0)
-    if context.measured > 0:
-        measure_opened(k, friction, context)
-    lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
-    add_losses(body_at(a, island), friction, damped, lost + mean_a, context)
-    add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
+    for c in (b_i, b_j):
+        T = context.memory[c]
+        T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], contact_energy(q, tile))
 
 
 @njit(**BARE_CHUNK)
@@ -222,24 +190,23 @@ def accept_pairs(context, island, m, motion, scratch):
     smooth, p = True, np.int64(0)
     for a in range(island.n):  # forces jump on no body: what is dissipated is the work of their mean (`work.weight_of_old`)
         smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
+    weight = 0.5 if smooth else 0.0
     for e in range(island.n_pairs):
         k = pair_at(e, island)
         if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
             p += 1
         elif is_closed(k, context.H):
-            accept_opened(k, smooth, context, island, motion, scratch)
+            _, _, a, b = ends_of(k, context, island)
+            mean_a, mean_b = works_of_old(k, context, island, scratch)
+            mean_a, mean_b, gained = weight * mean_a, weight * mean_b, -stored_energy(k, context)
+            dragged = pair_opening_work(k, context, motion) if smooth and context.force >= 0 else 0.0
+            friction, damped = end_at(context.end_contact)(k, context.initial_overlaps[k], dragged, smooth, context)
+            lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
+            add_losses(body_at(a, island), friction, damped, lost + mean_a, context)
+            add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
-        of_mean = smooth and context.force >= 0
-        if of_mean:
-            book(n, context, tile)
-        for q in range(0 if of_mean else n):
-            tile.outputs[law_output.DISSIPATED * TILE + q] += unbooked_energy(q, slots[q], context, tile.outputs)
+        n, tile = tile_count(t, m), pair_tile(t, scratch)
+        book_at(context.book_contacts)(n, context.initial_overlaps, np.int64(0), smooth, motion.dt, context, tile)
         for q in range(n):
-            accept_closed(t * TILE + q, slots[q], context, island, motion, scratch, smooth)
-        store_history(n, slots, context, tile)
-        for q in range(n):
-            _, _, a, b = ends_of(slots[q], context, island)
-            for c in (a, b):
-                T = context.memory[body_at(c, island)]
-                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], contact_energy(q, tile))
+            accept_closed(t * TILE + q, tile.slots[q], context, island, scratch, smooth)
+        write_at(context.write_contacts)(n, motion, context, tile)

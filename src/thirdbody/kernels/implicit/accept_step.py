@@ -6,18 +6,16 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.books import book, normal_loss_of
+from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
-from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.height_field import has_heights
+from thirdbody.kernels.implicit.books import book_at, end_at, write_at
 from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.work import dashpot_loss, energy_of_contacts, opening_loss, opening_work, weight_of_old
+from thirdbody.kernels.implicit.work import energy_of_contacts, plate_opening_work, weight_of_old
 from thirdbody.kernels.implicit.workspace import FREEDOMS, last_candidate
-from thirdbody.kernels.measures import measure_contact, measure_opened
-from thirdbody.kernels.memory import reset_history, spring_energy, store_history
 from thirdbody.kernels.minima import update_by, update_surfaces
 from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough
 from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals, sphere
@@ -31,77 +29,42 @@ STRAYED = 0.5 * math.sqrt(ROUNDED**2 - 1.0)
 
 
 @njit(**BARE)
-def unbooked_energy(q, k, context, O):  # noqa: E741
-    """Return the stored energy [J] of candidate k (contact q) to be dissipated as friction ends.
-
-    It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
-    normal force, friction ends in one step at a limit of zero. No force does work then: all stored energy is dissipated, as in a
-    contact that opens (`memory.reset_history`).
-    """
-    if (
-        O[law_output.TANGENTIAL_X * TILE + q] != 0.0
-        or O[law_output.TANGENTIAL_Y * TILE + q] != 0.0
-        or O[law_output.STORED_TANGENTIAL * TILE + q] != 0.0
-    ):
-        return 0.0
-    return max(spring_energy(k, context) - O[law_output.DISSIPATED * TILE + q], 0.0)
-
-
-@njit(**BARE)
 def commit(context, b, m, motion, space):
     """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
 
-    Bodies exchange the work of the mean force of a step, which friction dissipates (`books`). Where forces
-    jump (`work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
-    work. Returns the energy [J] that the dashpots dissipate (`work.dashpot_loss`).
+    Returns the energy [J] that the dashpots dissipate (`books`).
     """
-    tile, sums, H = space, space.sums, context.H
-    O = tile.outputs  # noqa: E741
+    O, sums, B = space.outputs, space.sums, context.B  # noqa: E741
     smooth, first, damped = space.start[step_start.OLD_WEIGHT] > 0.0, context.plate_edges[b], 0.0
-    of_mean = smooth and context.force >= 0
-    force_and_torques(m, tile)
+    force_and_torques(m, space)
     if is_rough(context):
-        add_gradient_force(m, space.slots, context, tile)
-    if of_mean:
-        book(m, context, tile)
-    for i in range(0 if of_mean else m):
-        O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, space.slots[i], context, O)
-    for i in range(m):
-        k = space.slots[i]
-        damped += dashpot_loss(i, k, space.before[k - first], smooth, motion.dt, context, tile)
-    store_history(m, space.slots, context, tile)
-    q = np.int64(0)
+        add_gradient_force(m, space.slots, context, space)
+    book_at(context.book_contacts)(m, space.before, np.int64(first), smooth, motion.dt, context, space)
+    for q in range(m):
+        damped += O[law_output.DASHPOT_POWER * TILE + q]
+    write_at(context.write_contacts)(m, motion, context, space)
+    q, friction = np.int64(0), 0.0
     for e in range(first, last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
         if q < m and space.slots[q] == k:
-            store_contact(q, k, context, b, motion, space)
+            friction = O[law_output.DISSIPATED * TILE + q]
+            if context.loss_column >= 0:
+                context.E[b, body_extra.NORMAL_LOSS] += normal_loss_of(q, context.loss_column, space)
+            B[b, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
+            side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
+            for d in range(3):
+                sums[0, side + d] += space.geometry[q + (geometry.FORCE + d) * TILE]
             q += 1
-        elif is_closed(k, H):
-            damped += opening_loss(k, space.before[k - first], smooth, context)
-            dragged = opening_work(k, space.before[k - first], context, motion) if of_mean else 0.0
-            lost = max(reset_history(k, context) + dragged, 0.0)
-            sums[0, contact_sums.FRICTION_WORK] += lost
-            context.B[b, body.FRICTION_WORK] += lost
-            if context.measured > 0:
-                measure_opened(k, lost, context)
+        elif is_closed(k, context.H):
+            before = space.before[k - first]
+            dragged = plate_opening_work(k, before, context, motion) if smooth and context.force >= 0 else 0.0
+            friction, lost = end_at(context.end_contact)(np.int64(k), before, dragged, smooth, context)
+            damped += lost
+        else:
+            continue
+        sums[0, contact_sums.FRICTION_WORK] += friction
+        B[b, body.FRICTION_WORK] += friction  # all of it: the partner is a plate
     return damped
-
-
-@njit(**BARE)
-def store_contact(q, k, context, b, motion, space):
-    """Store the record of contact q, candidate k; add its work and slip to the body, its force to the sums."""
-    tile, sums, B = space, space.sums, context.B
-    write_record(q, k, context, motion, tile)
-    if context.measured > 0:
-        measure_contact(q, k, motion.dt, context, tile)
-    sums[0, contact_sums.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]
-    B[b, body.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
-    if context.loss_column >= 0:
-        context.E[b, body_extra.NORMAL_LOSS] += normal_loss_of(q, context.loss_column, tile)
-    B[b, body.SLIP_DISTANCE] += tile.outputs[law_output.SLIP * TILE + q]
-    side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
-    for d in range(3):
-        sums[0, side + d] += tile.geometry[q + (geometry.FORCE + d) * TILE]
 
 
 @njit(**BARE)

@@ -1,8 +1,4 @@
-"""Works of the contacts of a body in an implicit step: what friction and dashpots dissipate, and the error of the friction work.
-
-A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends: for
-dashpots as for friction (`books`). Where forces jump (`weight_of_old`) and without inertia, whose steps
-all begin at rest, it is the work of the force at the end. The forces of dashpots are kept in the history, as in explicit steps.
+"""Error of the friction work of a body in an implicit step; and what of its contacts' work does not depend on acceptance.
 
 A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
 a sliding body and too small to show in the position error. Step lengths are therefore also controlled by an energy error.
@@ -15,14 +11,13 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
-from thirdbody.kernels.books import friction_work_of, has_dashpot_moments, pack_triple, unpack_triple
+from thirdbody.kernels.books import friction_work_of
 from thirdbody.kernels.implicit.residual import depth_at
-from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.plates import is_closed, surface_velocity
-from thirdbody.kernels.rolling_kinematics import has_twist
-from thirdbody.kernels.tables import body, contact_state, domain, record, sphere
-from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.tables import body, contact_state, domain, sphere
+from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
 
 
 @njit(**BARE)
@@ -40,75 +35,6 @@ def mean_velocity_factor(q, dt, before, context, I):  # noqa: E741
 def loss_of_end(q, before, dt, context, tile):
     """Return the energy [J] that the dashpots of contact q dissipate by their forces at the end of the step."""
     return tile.outputs[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before, context, tile.inputs) * dt
-
-
-@njit(**BARE)
-def loss_of_mean(q, before, context, tile):
-    """Return the energy [J] that the dashpots of contact q dissipate by the mean of their forces; at least 0.
-
-    `before`: overlap plus reach at the start of the step [m]; a contact that closes moves with its dashpots by its overlap.
-    """
-    I, O = tile.inputs, tile.outputs  # noqa: E741
-    n, x, y = unpack_triple(I[(law_input.HISTORY + context.dashpots) * TILE + q])
-    new, displaced = (law_output.HISTORY + context.n_history) * TILE + q, (law_input.HISTORY + context.n_history) * TILE + q
-    work = (n + O[new + rolling_output.VISCOUS_NORMAL * TILE]) * (max(before, 0.0) - depth_at(q, context, I))
-    work += (x + O[new + rolling_output.VISCOUS_X * TILE]) * I[law_input.SLIP_X * TILE + q]
-    work += (y + O[new + rolling_output.VISCOUS_Y * TILE]) * I[law_input.SLIP_Y * TILE + q]
-    if has_dashpot_moments(context):
-        u, v, w = unpack_triple(I[(law_input.HISTORY + context.dashpots + 1) * TILE + q])
-        work += (u + O[new + rolling_output.VISCOUS_MOMENT_X * TILE]) * I[displaced + rolling_input.ROTATION_X * TILE]
-        work += (v + O[new + rolling_output.VISCOUS_MOMENT_Y * TILE]) * I[displaced + rolling_input.ROTATION_Y * TILE]
-        if has_twist(context):
-            work += (w + O[new + rolling_output.VISCOUS_TWIST * TILE]) * I[displaced + rolling_input.TWIST * TILE]
-    return max(-0.5 * work, 0.0)
-
-
-@njit(**BARE)
-def keep_dashpot_forces(q, context, O):  # noqa: E741
-    """Write the forces and, if any, the moments of the dashpots of contact q into the history."""
-    new, to = (law_output.HISTORY + context.n_history) * TILE + q, (law_output.HISTORY + context.dashpots) * TILE + q
-    O[to] = pack_triple(
-        O[new + rolling_output.VISCOUS_NORMAL * TILE],
-        O[new + rolling_output.VISCOUS_X * TILE],
-        O[new + rolling_output.VISCOUS_Y * TILE],
-    )
-    if has_dashpot_moments(context):
-        x, y = O[new + rolling_output.VISCOUS_MOMENT_X * TILE], O[new + rolling_output.VISCOUS_MOMENT_Y * TILE]
-        O[to + TILE] = pack_triple(x, y, O[new + rolling_output.VISCOUS_TWIST * TILE] if has_twist(context) else 0.0)
-
-
-@njit(**BARE)
-def dashpot_loss(q, k, before, of_mean, dt, context, tile):
-    """Return the energy [J] that the dashpots of contact q, candidate k, dissipate in the step; keep their forces.
-
-    `before`: overlap plus reach at the start of the step [m]; `of_mean`: whether forces are continuous in the step. A contact
-    without normal force is about to open: its dashpot cancels the elastic force and dissipates what that releases. To be called
-    before the history and the record of the contact are overwritten.
-    """
-    R, O = context.R, tile.outputs  # noqa: E741
-    if context.dashpots >= 0:
-        keep_dashpot_forces(q, context, O)
-    if is_closed(k, context.H) and R[k, record.NORMAL_FORCE] == 0.0 and O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
-        return R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q]
-    # without inertia the dashpots begin at rest
-    if of_mean and context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0:
-        return loss_of_mean(q, before, context, tile)
-    return loss_of_end(q, before, dt, context, tile)
-
-
-@njit(**BARE)
-def opening_loss(k, before, of_mean, context):
-    """Return the energy [J] that the dashpots of candidate k dissipate in the step in which it opens.
-
-    Without normal force at the start of the step it is all that was stored: nothing accelerates the body, and one step can lead
-    from there to the open contact. To be called before the history is cleared.
-    """
-    if context.R[k, record.NORMAL_FORCE] == 0.0:
-        return context.R[k, record.STORED_NORMAL]
-    if not (of_mean and context.dashpots >= 0 and context.settings[step_settings.INERTIAL] != 0.0):
-        return 0.0
-    n, _, _ = unpack_triple(context.H[k, contact_state.LAW + context.dashpots])
-    return max(-0.5 * n * max(before, 0.0), 0.0)
 
 
 FLOOR = 0.02
@@ -146,25 +72,31 @@ def weight_of_old(context, b, m, dt, space):
 
 
 @njit(**BARE)
-def opening_work(k, before, context, motion):
-    """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
+def opening_work(k, before, contact, u, context, dt):
+    """Return the slip work [J] of the tangential spring of candidate k, whose force falls to zero as it opens within the step.
 
-    Its force falls to zero. `before`: overlap plus reach [m] at the start of the step; -inf where its minimum had ended by then.
+    `before`: overlap plus reach [m] at the start of the step; `contact`: overlap [m] and normal at its end; u: mean velocity of
+    the partner there [m/s].
     """
-    if before == -math.inf:
-        return 0.0
-    S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
-    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], plates.normal(k, context)
-    columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)
-    v, u = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z)), plates.velocity(j, context.P, motion)
-    x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
+    S, H, i, (overlap, (n_x, n_y, n_z)) = context.S, context.H, context.own[k], contact
+    r, columns = S[i, sphere.RADIUS], (np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN))
+    v = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z))
     f_1, f_2 = H[k, contact_state.LAW + context.force], H[k, contact_state.LAW + context.force + 1]
     e_x, e_y, e_z = H[k, contact_state.AXIS], H[k, contact_state.AXIS + 1], H[k, contact_state.AXIS + 2]
     f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
     f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
     f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
-    fraction = before / max(before - plates.overlap(k, context) - context.D[domain.REACH], 1e-300)
-    return -0.5 * fraction * motion.dt * (f_x * x + f_y * y + f_z * z)
+    fraction = before / max(before - overlap - context.D[domain.REACH], 1e-300)
+    return -0.5 * fraction * dt * (f_x * (v[0] - u[0]) + f_y * (v[1] - u[1]) + f_z * (v[2] - u[2]))
+
+
+@njit(**BARE)
+def plate_opening_work(k, before, context, motion):
+    """Return the `opening_work` [J] of candidate k, with a plate; `before`: -inf where its minimum had ended by the start."""
+    if before == -math.inf:
+        return 0.0
+    contact = plates.overlap(k, context), plates.normal(k, context)
+    return opening_work(k, before, contact, plates.velocity(context.partner[k], context.P, motion), context, motion.dt)
 
 
 @njit(**BARE)
@@ -245,5 +177,5 @@ def work_error_of_plates(context, b, m, motion, space):
         if q < m and space.slots[q] == k:
             q += 1
         elif is_closed(k, context.H):
-            error += abs(opening_work(k, space.before[k - first], context, motion))
+            error += abs(plate_opening_work(k, space.before[k - first], context, motion))
     return error

@@ -62,6 +62,8 @@ KINDS: Kinds = {
     "accept_surfaces": _I, "surface_tangents": _I,
     # addresses of the parts of a step that few scenes need (`PART`), 0 in others: contacts between bodies, curved surfaces, spots
     "pairs_part": _I, "rough_part": _I, "spots_part": _I,
+    # addresses of the books of contacts (`books`)
+    "book_contacts": _I, "write_contacts": _I, "end_contact": _I,
 }  # fmt: skip
 """Types of all arguments of an implicit step, by name."""
 
@@ -105,7 +107,8 @@ SPACE: Kinds = {
 Space = namedtuple("Space", tuple(SPACE))  # type: ignore[misc]
 """Scratch of one body of an island, usable as a `Tile`; kernels unpack it from an array."""
 
-space_of = make_unpacker(Unpacked(SPACE, Space))
+SPACE_TYPE = Unpacked(SPACE, Space)
+space_of = make_unpacker(SPACE_TYPE)
 
 SCRATCH: Kinds = {
     # packed `Space` of each body, and of each tile of contacts between bodies, whose candidates are padded
