@@ -145,8 +145,8 @@ def tables(n_plates):
     memory = np.zeros((1, step_memory.WIDTH))
     memory[0, step_memory.CANDIDATES] = n_plates
     return LAW | {
-        "kind": np.zeros(n_plates, np.int32), "edges": np.array([0, n_plates], np.int32),
-        "incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
+        "kind": np.zeros(n_plates, np.int32), "plate_edges": np.array([0, n_plates], np.int32),
+        "plate_incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
         "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
         "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
         "D": np.zeros(domain.WIDTH), "max_per_body": n_plates,
@@ -309,7 +309,8 @@ def two_bodies(rng, force, closing):
     H[0, contact_state.LAW :] = force * rng.uniform(-1.0, 1.0, HISTORY)
     given = LAW | {
         "own": np.zeros(1, np.int32), "partner": np.full(1, 3, np.int32), "kind": np.zeros(1, np.int32),
-        "edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2), "offsets": offsets,
+        "plate_edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2),
+        "offsets": offsets,
         "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
         "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "max_per_body": 1,
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "pairs_part": plain(pairs_part),
