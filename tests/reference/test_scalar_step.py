@@ -20,7 +20,7 @@ import scalar_step
 import small_scenes
 from scalar_step import Reference
 
-from thirdbody.engine import explicit, thread_tuner
+from thirdbody.engine import explicit
 from thirdbody.engine.neighbours import search
 from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
@@ -197,8 +197,8 @@ def changed(name, spoil, patch):
 def two_threads(monkeypatch):
     before = allowed_threads()
     allow_threads(2)
-    monkeypatch.setattr(thread_tuner, "STARVED", 0.0)  # on a busy machine, too,
-    monkeypatch.setattr(thread_tuner, "SHORT", 0.0)  # and one thread is not tried
+    monkeypatch.setattr(explicit, "STARVED", 0.0)  # on a busy machine, too,
+    monkeypatch.setattr(explicit, "SHORT", 0.0)  # and one thread is not tried
     yield
     allow_threads(before)
 
@@ -217,7 +217,7 @@ def test_two_threads_have_the_bits_of_one(name, two_threads):
 @SLOW
 def test_threads_may_change_during_a_run(two_threads, monkeypatch):
     turns = itertools.cycle((2, 1))
-    monkeypatch.setattr(thread_tuner.ThreadTuner, "threads", lambda *_: next(turns))
+    monkeypatch.setattr(explicit.ThreadTuner, "threads", lambda *_: next(turns))
     assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 

@@ -10,7 +10,7 @@ from slow import slow
 from thirdbody.engine import meeting
 from thirdbody.engine.accuracy import MEETING_RADII
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.expected_islands import STRIDE
+from thirdbody.engine.islands import STRIDE
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.arguments import Motion

@@ -16,7 +16,7 @@ from steel import scene_text
 
 from thirdbody.assembly.load_checks import refuse_crushing, times
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.expected_islands import expected_islands
+from thirdbody.engine.islands import expected_islands
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import sphere
 from thirdbody.laws.contract import Material
@@ -308,7 +308,7 @@ def test_adhesion_that_crushes_alone_is_told_without_a_load_below_zero():
 
 
 def test_no_more_bodies_are_expected_in_an_island_than_there_are(monkeypatch):
-    monkeypatch.setattr("thirdbody.engine.expected_islands._island_sizes", lambda _: np.array([150]))
+    monkeypatch.setattr("thirdbody.engine.islands._island_sizes", lambda _: np.array([150]))
     world, spheres = SimpleNamespace(debris_meets=True, size=(1.0, 1.0)), SimpleNamespace(radius=np.ones(150))
     found = expected_islands(SimpleNamespace(n_bodies=150, world=world, spheres=spheres, rayleigh_radius=np.ones(150)))
     assert found.mean == found.largest == 150

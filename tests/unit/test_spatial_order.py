@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import explicit
 from thirdbody.engine import remote_rows as module
+from thirdbody.engine.meeting import may_have_touched
+from thirdbody.engine.placed import FEWEST, in_columns
 from thirdbody.engine.remote_rows import remote_rows
-from thirdbody.engine.spatial_order import FEWEST, in_columns
 from thirdbody.engine.state import orientations
-from thirdbody.engine.swept_paths import may_have_touched
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.implicit.tables import sphere_path

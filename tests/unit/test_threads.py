@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.engine.thread_tuner import LONGEST, MIN_MEASUREMENT, PAUSE, SHORT, STARVED, ThreadTuner
+from thirdbody.engine.explicit import LONGEST, MIN_MEASUREMENT, PAUSE, SHORT, STARVED, ThreadTuner
 from thirdbody.jit.options import BARE
 from thirdbody.jit.threads import (
     DISMISSED,

@@ -11,7 +11,7 @@ from thirdbody.assembly.inertial_number import inertial_number, shortest_stroke
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
-from thirdbody.engine.expected_islands import LARGEST, ExpectedIslands, expected_islands
+from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
 from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
 from thirdbody.engine.state import State
 from thirdbody.engine.units import EXPLICIT

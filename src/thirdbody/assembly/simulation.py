@@ -23,8 +23,7 @@ from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refu
 from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
 from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, surface_notes, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
-from thirdbody.engine.placed import Placed
-from thirdbody.engine.spatial_order import in_columns
+from thirdbody.engine.placed import Placed, in_columns
 from thirdbody.engine.state import State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError

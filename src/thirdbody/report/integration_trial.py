@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.expected_islands import expected_islands
 from thirdbody.engine.explicit import Explicit
+from thirdbody.engine.islands import expected_islands
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.minima import MOVED, MOVED_TOUCHING, update

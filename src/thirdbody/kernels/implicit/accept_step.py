@@ -40,8 +40,8 @@ def commit(context, b, m, motion, space):
     if is_rough(context):
         add_gradient_force(m, space.slots, context, space)
     book_at(context.book_contacts)(m, space.before, np.int64(first), smooth, motion.dt, context, space)
-    for q in range(m):
-        damped += O[law_output.DASHPOT_POWER * TILE + q]
+    for p in range(m):
+        damped += O[law_output.DASHPOT_POWER * TILE + p]
     write_at(context.write_contacts)(m, motion, context, space)
     q, friction = np.int64(0), 0.0
     for e in range(first, last_candidate(b, context)):
