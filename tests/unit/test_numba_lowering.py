@@ -2,8 +2,10 @@
 
 import itertools
 import math
+from types import ModuleType
 
 import numpy as np
+import pytest
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, OPTIONS
@@ -55,3 +57,63 @@ def test_extremes_order_nan_and_signs_of_zero_as_python_does():
         for mine, true in zip(compiled(a, b), extremes(a, b), strict=True):
             same = mine == true and math.copysign(1.0, mine) == math.copysign(1.0, true)
             assert same or (math.isnan(mine) and math.isnan(true)), (a, b)
+
+
+def loops(n, step):
+    seen = 0
+    for i in range(n):
+        for k in range(i, -1, -2):
+            if k == 5:
+                continue
+            seen = 3 * seen + k
+        for k in range(n - i):
+            if k > 3:
+                break
+            seen += k * i
+    last = -1
+    for k in range(n, 3 * n, step):  # a step that is known only as it runs
+        last = k
+    for k in range(np.uint8(3), n):
+        seen += k
+    return seen, last
+
+
+def test_loops_over_ranges_run_as_in_python():
+    compiled = ours(loops)
+    for n, step in itertools.product((-3, 0, 1, 2, 7, 12), (1, 3, -1, -4)):
+        assert compiled(n, step) == loops(n, step), (n, step)
+
+
+def root(x):
+    if x < 0.0:
+        raise ValueError("negative")
+    return math.sqrt(x)
+
+
+def test_an_exception_leaves_all_functions_between():
+    inner, quiet = njit(**CHUNK)(root), njit(**CHUNK)(lambda x: 2.0 * x)
+
+    def total(x):
+        y = 0.0
+        for k in range(3):
+            y += inner(quiet(x) - k)
+        return y
+
+    compiled = ours(total)
+    assert compiled(2.0) == root(4.0) + root(3.0) + root(2.0)
+    with pytest.raises(ValueError, match="negative"):
+        compiled(0.5)
+
+
+class Table(ModuleType):
+    FIRST, SCALE, ROWS = 3, 0.5, slice(1, 3)
+
+
+def test_numbers_of_modules_are_what_they_were_when_it_was_compiled():
+    table = Table("table")
+
+    def value(a):
+        return table.FIRST * 4 + a[table.FIRST + 1] * table.SCALE + math.pi, a[table.ROWS].sum()
+
+    a = np.arange(8.0)
+    assert ours(value)(a) == (12.0 + 2.0 + math.pi, 3.0)

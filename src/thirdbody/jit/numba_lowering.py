@@ -172,7 +172,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         once = _lasting(blocks)
         assigned = [one for block in blocks.values() for one in block.find_insts(ir.Assign)]
         given = {one.target.name for one in assigned if isinstance(one.value, ir.Arg)}
-        self._borrowed = given & (self._singly_assigned_vars | once)
+        self._assigned, self._borrowed = assigned, given & (self._singly_assigned_vars | once)
         self._singly_assigned_vars |= {name for name in once if name in given or not self._counted(name)}
 
     def lower_assign(self, ty: Any, inst: Any) -> Any:
@@ -192,8 +192,10 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         if expr.op not in ("getiter", "iternext", "pair_first", "pair_second"):
             return super().lower_expr(resty, expr)
         b, value, kind = self.builder, self.loadvar(expr.value.name), self.typeof(expr.value.name)
-        if expr.op == "getiter" and isinstance(kind, types.RangeType) and isinstance(b.extract_value(value, 2), llvm.Constant):
+        if expr.op == "getiter" and isinstance(kind, types.RangeType) and kind.dtype.signed and self._remains(expr):
             start, stop, step = (b.extract_value(value, k) for k in range(3))
+            if not isinstance(step, llvm.Constant) or step.constant == 0:
+                return super().lower_expr(resty, expr)
             pointer = cgutils.alloca_once(b, start.type)
             b.store(start, pointer)
             return self._struct(resty, (pointer, stop, step, llvm.Constant(pointer.type, None)))
@@ -206,6 +208,12 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         if isinstance(kind, types.Pair):
             return b.extract_value(value, 0 if expr.op == "pair_first" else 1)
         return super().lower_expr(resty, expr)
+
+    def _remains(self, expr: Any) -> bool:
+        """Return whether the result of an expression, and its copies, remain values."""
+        names = {one.target.name for one in self._assigned if one.value is expr}
+        names |= {one.target.name for one in self._assigned if isinstance(one.value, ir.Var) and one.value.name in names}
+        return names <= self._singly_assigned_vars
 
     def _struct(self, kind: Any, members: tuple[Any, ...]) -> Any:
         """Return a structure of these members as a value of a type."""
