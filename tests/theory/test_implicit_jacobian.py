@@ -83,13 +83,13 @@ def evaluate(context, tables, y, r, J):
     """Residual and Jacobian of an island; returns its contacts."""
     n, made = len(tables.bodies), {}
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
-    scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), context.max_per_body)
+    scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
     given = scratch._asdict()
     scratch = scratch._replace(spaces=spaces_of(given), pair_spaces=pair_spaces_of(given))
     island, motion = plain(island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
     scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)
-    scratch.before[:] = context.initial_overlaps[: context.max_per_body]
+    scratch.before[:] = context.initial_overlaps
     m = plain(evaluate_island, made)(0.0, motion, context, island, scratch)
     plain(assemble, made)(m, False, motion, context, island, scratch)
     r[:] = scratch.coordinates[:, 2].ravel()
@@ -149,7 +149,7 @@ def tables(n_plates):
         "plate_incidence": 2 * np.arange(n_plates, dtype=np.int32), "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B,
         "E": E, "orientations": np.eye(1, 4), "P": P, "H": np.zeros((n_plates, contact_state.LAW + HISTORY)), "starts": Z,
         "memory": memory, "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": np.full(n_plates, 0.9 * OVERLAP),
-        "D": np.zeros(domain.WIDTH), "max_per_body": n_plates,
+        "D": np.zeros(domain.WIDTH),
     }  # fmt: skip
 
 
@@ -312,7 +312,7 @@ def two_bodies(rng, force, closing):
         "plate_edges": np.zeros(3, np.int32), "body": body_of, "start": np.array([0, 3, 6]), "patch": np.arange(2),
         "offsets": offsets,
         "S": S, "B": B, "E": E, "orientations": q.copy(), "P": P, "Q": FLAT, "H": H, "starts": Z,
-        "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)), "max_per_body": 1,
+        "memory": np.zeros((2, step_memory.WIDTH)), "totals": np.zeros((2, run_totals.WIDTH)),
         "initial_overlaps": np.array([-0.3 * OVERLAP if closing else 0.9 * OVERLAP]), "pairs_part": plain(pairs_part),
     }  # fmt: skip
     island = {

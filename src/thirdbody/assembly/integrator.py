@@ -295,7 +295,7 @@ def units_of(chosen: Plan, state: State) -> tuple[str, ...]:
         "rough": state.world.rough, "spots": len(state.physics.interaction) > 0,
     }  # fmt: skip
     own = "common_plate" if carried_together(state) else "driver"
-    return own, *(name for name, needed in parts.items() if needed), "books", "labels"
+    return own, *(name for name, needed in parts.items() if needed), "search", "books", "labels"
 
 
 def carried_together(state: State) -> bool:

@@ -291,7 +291,7 @@ class Implicit:
                 observe_bodies=self._observe_bodies, patch=s.patch,
                 settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
                 starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
-                max_per_body=self.max_per_body, labels=int(physics.labels), tangents=self._tangent,
+                labels=int(physics.labels), tangents=self._tangent,
                 paths=self.paths, **self._parts, **self._measures,
             )
         )  # fmt: skip

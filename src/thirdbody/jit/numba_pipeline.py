@@ -54,14 +54,14 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     return result[0]
 
 
-_original_call_function = types.Dispatcher.get_call_type
+_original_function_type = types.Dispatcher.get_call_type
 
 
 def _get_function_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """Return the type of a call of a compiled function, which is compiled once for all literal numbers: it is inlined anyway."""
     if isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
         args = tuple(types.unliteral(one) for one in args)
-    return _original_call_function(self, context, args, kws)
+    return _original_function_type(self, context, args, kws)
 
 
 def _list_variables(self: Any, value: Any) -> list[Any]:
@@ -220,8 +220,6 @@ class Own(compiler.CompilerBase):  # type: ignore[misc]
             return super()._compile_core()
 
     def define_pipelines(self) -> list[Any]:
-        if self.state.flags.auto_parallel.enabled:
-            return _whole(self.state)
         manager = compiler_machinery.PassManager("own")
         for module, names in ((untyped_passes, UNTYPED), (typed_passes, TYPED)):
             for name in names:

@@ -49,7 +49,7 @@ BARE: dict[str, Any] = INNER | NO_COUNTS
 
 
 class Entry:
-    """A kernel that Python calls: compiled, or loaded from the cache, at its first call or when its address is taken.
+    """A kernel that Python calls, or passes as an address: compiled, or loaded from the cache, when it is first needed.
 
     So importing a module compiles nothing. `engine.units` compiles entries beforehand, several at once.
     """
@@ -77,5 +77,5 @@ class Entry:
 
 
 def entry(signature: Any, **options: Any) -> Callable[[Callable], Entry]:
-    """Return a decorator that declares a kernel which Python calls with arguments of this signature; see `Entry`."""
+    """Return a decorator that declares a kernel with arguments of this signature; see `Entry`."""
     return lambda function: Entry(function, signature, options)

@@ -53,9 +53,9 @@ def likely_units(scene: Scene) -> tuple[str, ...]:
     if upper is None or upper.support != "load_per_particle" or solver.integrator == "explicit" or solver.time_step != "auto":
         return EXPLICIT
     if scene.contact.debris_contact == "auto" and any(hasattr(debris, "placement") for debris in scene.debris):
-        return "driver", "pairs", "books", "labels"
+        return "driver", "pairs", "search", "books", "labels"
     many = sum(getattr(debris, "count", None) or 1 for debris in scene.debris) > MANY
-    return ("driver", "ensemble", "books", "labels") if many else ("driver", "books", "labels")
+    return ("driver", "ensemble", "search", "books", "labels") if many else ("driver", "search", "books", "labels")
 
 
 def check_call(plugins: object = (), progress: object = True, **flags: object) -> None:

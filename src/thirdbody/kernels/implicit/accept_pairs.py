@@ -19,7 +19,7 @@ from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
 from thirdbody.kernels.implicit.tables import step_memory, step_start
 from thirdbody.kernels.implicit.work import contact_difference, contact_energy, opening_work
-from thirdbody.kernels.implicit.workspace import body_at, pair_at, pair_tile, tile_count
+from thirdbody.kernels.implicit.workspace import body_at, pair_at, pair_tile, space_at, tile_count
 from thirdbody.kernels.plates import is_closed, surface_velocity
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
@@ -100,8 +100,10 @@ def pair_work_errors(context, island, m, motion, scratch):
 @njit(**BARE)
 def work_on(a, force, torque, scratch):
     """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, arm = scratch.coordinates[a, 0], 1.0 / scratch.starts[a, step_start.ARM]
-    return force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * arm
+    y, per_arm = space_at(a, scratch).y, 1.0 / scratch.starts[a, step_start.ARM]
+    return (
+        force[0] * y[0] + force[1] * y[1] + force[2] * y[2] + (torque[0] * y[3] + torque[1] * y[4] + torque[2] * y[5]) * per_arm
+    )
 
 
 @njit(**BARE)

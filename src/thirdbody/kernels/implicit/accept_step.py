@@ -72,12 +72,12 @@ def body_works(context, b, dt, space):
     """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; and its kinetic energy before and
     after."""
     Z, T, B, E, y = space.start, context.memory[b], context.B, context.E, space.y
-    inertial, arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
+    inertial, per_arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
     mass, now, last = B[b, body.MASS], Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     for k in range(3):
-        theta, w = y[3 + k] * arm, B[b, body.SPIN + k]
+        theta, w = y[3 + k] * per_arm, B[b, body.SPIN + k]
         force, torque = (
             (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
         )

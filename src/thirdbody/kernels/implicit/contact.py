@@ -76,7 +76,7 @@ Vector = tuple[float, float, float]
 Tensor = tuple[float, float, float, float, float, float]
 """Symmetric: xx, yy, zz, xy, xz, yz."""
 
-NOWHERE, PLANE = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Side(NamedTuple):
@@ -143,7 +143,7 @@ def contact_of(q, before, dt, sides, shape, context, tile):
     rotational = fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
     return Contact(
         sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if rolling else NOWHERE, displacement,
-        tangent_at(q, before, context, tile), rotational if rolling else PLANE,
+        tangent_at(q, before, context, tile), rotational if rolling else ZERO_TENSOR,
         (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), bend,
         tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
         gradient, gradient_change,
@@ -165,7 +165,7 @@ def plate_side(lift):
 
 @njit(**BARE)
 def tangent_at(q, before, context, tile):
-    """Return the tangents of contact q; `before`: overlap at the start of the step [m], negative: a gap."""
+    """Return the tangents of contact q; `before`: overlap plus reach at the start of the step [m], negative: a gap."""
     K, I = tile.tangents, tile.inputs  # noqa: E741
     xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
     yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]

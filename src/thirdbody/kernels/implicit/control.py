@@ -185,7 +185,7 @@ def begin_step(context, b, motion, space):
     if V[step_settings.INERTIAL] == 0.0:
         Z[step_start.TETHER_STIFFNESS] = TETHER * T[step_memory.STIFFNESS]
         distance = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt
-        # at any speed of drag inertia resists no more than the spring (PULL) in the longest step, and more in shorter ones
+        # at any speed of drag inertia resists no more than the spring (TETHER) in the longest step, and more in shorter ones
         if distance > 0.0:
             mass = context.B[b, body.MASS]
             Z[step_start.MASS_FRACTION] = min(

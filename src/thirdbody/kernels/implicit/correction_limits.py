@@ -23,15 +23,15 @@ which a correction may reverse it."""
 
 
 @njit(**BARE)
-def displacement(x, arm, r, upper):
+def displacement(x, per_arm, r, upper):
     """Return the displacement (3,) [m] relative to its plate of a point of the body by the correction x of the coordinates.
 
-    `arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
+    `per_arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
     """
     return (
-        x[0] + (x[4] * r[2] - x[5] * r[1]) * arm,
-        x[1] + (x[5] * r[0] - x[3] * r[2]) * arm,
-        x[2] + (x[3] * r[1] - x[4] * r[0]) * arm - (x[6] if upper else 0.0),
+        x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm,
+        x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm,
+        x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0),
     )
 
 
@@ -41,9 +41,9 @@ def limit_overlap_change(context, b, expected_overlap, space):
 
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
-    x, S, arm = space.correction, context.S, 1.0 / space.start[step_start.ARM]
+    x, S, per_arm = space.correction, context.S, 1.0 / space.start[step_start.ARM]
     arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-    rotation = arc * arm
+    rotation = arc * per_arm
     fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
     if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
         return fraction  # no point of the body moves farther
@@ -52,7 +52,7 @@ def limit_overlap_change(context, b, expected_overlap, space):
         k = context.plate_incidence[e] >> 1
         i, j = context.own[k], context.partner[k]
         up, overlap, n = is_upper(j), plates.overlap(k, context), plates.normal(k, context)
-        change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
+        change = -dot(n, displacement(x, per_arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
             margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)
             if change * fraction > margin:
@@ -76,7 +76,7 @@ def limit_slip_reversal(context, m, fraction, space):
     jumps over it.
     """
     I, O, G = space.inputs, space.outputs, space.geometry  # noqa: E741
-    arm = 1.0 / space.start[step_start.ARM]
+    per_arm = 1.0 / space.start[step_start.ARM]
     for q in range(m):
         limit = O[law_output.FRICTION_LIMIT * TILE + q]
         t_x = O[law_output.TANGENTIAL_X * TILE + q]
@@ -88,7 +88,7 @@ def limit_slip_reversal(context, m, fraction, space):
         k, (_, e, g) = space.slots[q], frame_of(q, G)
         s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
         point = contact_point(q, context.own[k], context.S, G)
-        moved = displacement(space.correction, arm, point, is_upper(context.partner[k]))
+        moved = displacement(space.correction, per_arm, point, is_upper(context.partner[k]))
         size = math.sqrt(s_x * s_x + s_y * s_y)
         back = -(dot(moved, e) * s_x + dot(moved, g) * s_y)
         # ends just inside the friction limit

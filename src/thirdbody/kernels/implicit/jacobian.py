@@ -8,7 +8,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
-from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, add_curved, add_planar, contact_of, owner_side, plate_side
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, add_curved, add_planar, contact_of, owner_side, plate_side
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, body_at, call_part, space_at
@@ -43,7 +43,7 @@ def plane_contact(q, b, dt, context, space):
         plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
     )
     before = space.before[k - context.plate_edges[b]]
-    return contact_of(q, before, dt, sides, (PLANE, NOWHERE, PLANE), context, space)
+    return contact_of(q, before, dt, sides, (ZERO_TENSOR, NOWHERE, ZERO_TENSOR), context, space)
 
 
 @njit(**BARE)
@@ -87,7 +87,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
 def subtract_inertia(context, b, dt, space):
     """Subtract inertia and spring of the body; scale rotations and torques with its arm."""
     Z, B, J = space.start, context.B, space.jacobian
-    arm = 1.0 / Z[step_start.ARM]
+    per_arm = 1.0 / Z[step_start.ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
     rate = Z[step_start.NOW] / dt
     square = Z[step_start.MASS_FRACTION] * rate * rate
@@ -104,10 +104,10 @@ def subtract_inertia(context, b, dt, space):
     J[39] -= yz * square
     for i in range(FREEDOMS):
         for k in range(3, 6):
-            J[FREEDOMS * i + k] *= arm
+            J[FREEDOMS * i + k] *= per_arm
     for k in range(3, 6):
         for j in range(FREEDOMS):
-            J[FREEDOMS * k + j] *= arm
+            J[FREEDOMS * k + j] *= per_arm
     for k in range(6):
         J[8 * k] -= Z[step_start.TETHER_STIFFNESS]
 

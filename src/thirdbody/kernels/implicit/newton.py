@@ -93,14 +93,14 @@ def force_scale(context, b, dt, space):
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     square = 1.0 / (dt * dt)
     # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
-    patch_number = (
+    patch_force = (
         max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD])
         + P[p, patch.MASS] * abs(y[6]) * square
         + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
     )
-    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
+    patch_force += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
     forces = diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
-    return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_number
+    return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_force
 
 
 @njit(**BARE)
@@ -219,14 +219,14 @@ def solve_correction(coupled, island, scratch):
     n, w, x = island.n, island.half_width, scratch.solution
     for a in range(n):
         for k in range(FREEDOMS):
-            x[FREEDOMS * a + k] = scratch.coordinates[a, 2, k]
+            x[FREEDOMS * a + k] = space_at(a, scratch).residual[k]
     if n == 1 and not coupled:
         substitute(scratch.jacobian[0], scratch.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
     else:
         substitute(scratch.band, scratch.pivots, x, FREEDOMS * n, w, 3 * w, w)
     for a in range(n):
         for k in range(FREEDOMS):
-            scratch.coordinates[a, 3, k] = x[FREEDOMS * a + k]
+            space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
 
 
 @njit(**BARE)
@@ -270,7 +270,7 @@ def solve_island(motion, context, island, scratch):
     first = True
     for a in range(island.n):
         for k in range(FREEDOMS):
-            scratch.coordinates[a, 3, k] = 0.0
+            space_at(a, scratch).correction[k] = 0.0
     while True:
         m = evaluate(part, motion, context, island, scratch)
         if m < 0:
@@ -292,7 +292,7 @@ def solve_island(motion, context, island, scratch):
         better = better or halvings > patience.halvings
         for a in range(island.n):
             for k in range(FREEDOMS):
-                scratch.coordinates[a, 0, k] = scratch.coordinates[a, 1, k]
+                space_at(a, scratch).y[k] = space_at(a, scratch).trial[k]
         if solved:
             return Outcome.SOLVED, m, iterations
         if not better or iterations == patience.iterations:

@@ -21,7 +21,7 @@ from thirdbody.kernels.implicit.accept_pairs import (
     pair_wrench,
     partner_point,
 )
-from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, Side, add_curved, contact_of, cross, dot, owner_side
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Side, add_curved, contact_of, cross, dot, owner_side
 from thirdbody.kernels.implicit.correction_limits import AT_LIMIT, BACK, OVERLAP_GROWTH
 from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import contact_point, depth_at, frame_of, law_at, scale_slip, vector_at
@@ -38,6 +38,7 @@ from thirdbody.kernels.implicit.workspace import (
     island_at,
     pair_at,
     pair_tile,
+    space_at,
     tile_count,
 )
 from thirdbody.kernels.rolling_kinematics import gather_rolling
@@ -90,14 +91,14 @@ def add_pair_forces(context, island, m, scratch):
         for q in range(n):
             _, _, a, b = ends_of(slots[q], context, island)
             f, torque, back = pair_wrench(q, slots[q], context, tile)
-            r_a, r_b = scratch.coordinates[a, 2], scratch.coordinates[b, 2]
-            arm_a = 1.0 / scratch.starts[a, step_start.ARM]
-            arm_b = 1.0 / scratch.starts[b, step_start.ARM]
+            r_a, r_b = space_at(a, scratch).residual, space_at(b, scratch).residual
+            per_a = 1.0 / scratch.starts[a, step_start.ARM]
+            per_b = 1.0 / scratch.starts[b, step_start.ARM]
             for d in range(3):
                 r_a[d] += f[d]
                 r_b[d] -= f[d]
-                r_a[3 + d] += torque[d] * arm_a
-                r_b[3 + d] += back[d] * arm_b
+                r_a[3 + d] += torque[d] * per_a
+                r_b[3 + d] += back[d] * per_b
             observe_pair(q, slots[q], context, tile, scratch.diagnostics[a])
             observe_pair(q, slots[q], context, tile, scratch.diagnostics[b])
 
@@ -118,11 +119,11 @@ def observe_pair(q, k, context, tile, diagnostics):
 @njit(**BARE)
 def moved(a, point, scratch):
     """Return the displacement (3,) [m] by the correction of a point of the body at position a."""
-    x, arm = scratch.coordinates[a, 3], 1.0 / scratch.starts[a, step_start.ARM]
+    x, per_arm = space_at(a, scratch).correction, 1.0 / scratch.starts[a, step_start.ARM]
     return (
-        x[0] + (x[4] * point[2] - x[5] * point[1]) * arm,
-        x[1] + (x[5] * point[0] - x[3] * point[2]) * arm,
-        x[2] + (x[3] * point[1] - x[4] * point[0]) * arm,
+        x[0] + (x[4] * point[2] - x[5] * point[1]) * per_arm,
+        x[1] + (x[5] * point[0] - x[3] * point[2]) * per_arm,
+        x[2] + (x[3] * point[1] - x[4] * point[0]) * per_arm,
     )
 
 
@@ -140,7 +141,7 @@ def arm_of(i, S):
 
 @njit(**BARE_CHUNK)
 def limit_pair_overlaps(context, island, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far (`newton`)."""
+    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far."""
     expected, box = context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -156,7 +157,7 @@ def limit_pair_overlaps(context, island, fraction, scratch):
 
 @njit(**BARE_CHUNK)
 def limit_pair_reversal(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction that reverses no slip (`newton.limit_slip_reversal`)."""
+    """Return the fraction, at most `fraction`, of the correction that reverses no slip (`limit_slip_reversal`)."""
     for t in range((m + TILE - 1) // TILE):
         n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
         I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
@@ -223,7 +224,7 @@ def add_tangents(m, dt, context, island, scratch):
                 ),
             )  # fmt: skip
             bend = bend_between(i, j, tile.inputs[law_input.OVERLAP * TILE + q], vector_at(q, geometry.NORMAL, G), S)
-            contact = contact_of(q, context.initial_overlaps[k], dt, sides, (bend, NOWHERE, PLANE), context, tile)
+            contact = contact_of(q, context.initial_overlaps[k], dt, sides, (bend, NOWHERE, ZERO_TENSOR), context, tile)
             add_curved(contact, scratch.band, 3 * w, w)
 
 

@@ -77,24 +77,24 @@ def save_start(context, b, space):
 def set_configuration(context, b, y, dt, space):
     """Move the body, its spheres and its patch to the end of the step, with mean and end velocities."""
     p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P
-    inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
+    inverse, per_arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
     for k in range(3):
         B[b, body.POSITION + k] = Z[step_start.POSITION + k] + y[k]
         B[b, body.VELOCITY + k] = y[k] * inverse
     q = rotate(
         (Z[step_start.QUATERNION], Z[step_start.QUATERNION + 1], Z[step_start.QUATERNION + 2], Z[step_start.QUATERNION + 3]),
-        y[3] * arm,
-        y[4] * arm,
-        y[5] * arm,
+        y[3] * per_arm,
+        y[4] * per_arm,
+        y[5] * per_arm,
     )
     for k in range(4):
         context.orientations[b, orientation.QUATERNION + k] = q[k]
-    w = (y[3] * arm * inverse, y[4] * arm * inverse, y[5] * arm * inverse)
+    w = (y[3] * per_arm * inverse, y[4] * per_arm * inverse, y[5] * per_arm * inverse)
     w_end = (
-        (now * y[3] - last * T[step_memory.LAST_COORDINATES + 3]) * arm,
-        (now * y[4] - last * T[step_memory.LAST_COORDINATES + 4]) * arm,
-        (now * y[5] - last * T[step_memory.LAST_COORDINATES + 5]) * arm,
+        (now * y[3] - last * T[step_memory.LAST_COORDINATES + 3]) * per_arm,
+        (now * y[4] - last * T[step_memory.LAST_COORDINATES + 4]) * per_arm,
+        (now * y[5] - last * T[step_memory.LAST_COORDINATES + 5]) * per_arm,
     )
     v_end = (
         now * y[0] - last * T[step_memory.LAST_COORDINATES],
@@ -331,8 +331,8 @@ def add_gradient_force(k, energy, context, r):
 def add_inertial_forces(context, b, dt, space):
     """Subtract inertial forces from the residual; add load, dashpot, spring and inertia of the patch.
 
-    Without inertia (`step_settings.INERTIAL` = 0) every step begins at rest. A weak spring to the start position (PULL) then
-    makes the position of a body that slides on all its contacts unique, and a fraction of the mass (MASS_SHARE) limits jumps
+    Without inertia (`step_settings.INERTIAL` = 0) every step begins at rest. A weak spring to the start position (TETHER) then
+    makes the position of a body that slides on all its contacts unique, and a fraction of the mass (MASS_FRACTION) limits jumps
     within a step.
     """
     p, Z, T, B, P = context.patch[b], space.start, context.memory[b], context.B, context.P

@@ -34,7 +34,7 @@ def stiffness_of(q, context, space):
 
 @njit(**BARE)
 def strain_of(q, context, space):
-    """Return the change of the overlap of contact q with the seven coordinates, rotations in rad (`jacobian.add_contact`)."""
+    """Return the change of the overlap of contact q with the seven coordinates, rotations in rad (`contact`)."""
     k, G = space.slots[q], space.geometry
     n = frame_of(q, G)[0]
     x, y, z = cross(contact_point(q, context.own[k], context.S, G), n)

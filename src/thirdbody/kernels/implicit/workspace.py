@@ -55,8 +55,8 @@ KINDS: Kinds = {
     "initial_overlaps": _ROW,
     # of spheres since the last search for islands (`sphere_path`), else empty
     "paths": _TABLE,
-    # largest number of candidates of a body with plates; address of the laws' tangents
-    "max_per_body": _I, "tangents": _I,
+    # address of the laws' tangents
+    "tangents": _I,
     # addresses of the functions that take the closest points of rough plates as those of an accepted step, and that write what
     # the Jacobian needs of them (`rough`)
     "accept_surfaces": _I, "surface_tangents": _I,
@@ -147,7 +147,9 @@ ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKE
 """Signature of `driver.advance_islands`, which ensembles call through a pointer."""
 
 START, GATHER, RELIEVE, RESTORE, PULL, TANGENTS, LIMIT, ERRORS, ACCEPT = (np.int64(stage) for stage in range(9))
-"""Stages of a step for which a part is called."""
+"""Stages of a step for which a part is called: the step begins; a trial: contacts are gathered, spots solved and relieved before
+the laws, restored after them and pulled, pairs evaluated; derivatives are added to the Jacobian; a correction is limited; errors
+of the step; it is accepted."""
 
 
 def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any:
@@ -291,7 +293,7 @@ def sort_candidates(b, context):
 
 @njit(**BARE)
 def last_candidate(b, context):
-    """Return the end of the candidates of body b in `incidence` that can touch in this step."""
+    """Return the end of the candidates of body b in `plate_incidence` that can touch in this step."""
     if plates.is_rough(context):
         return context.plate_edges[b] + int(context.memory[b, step_memory.CANDIDATES])
     return context.plate_edges[b + 1]
