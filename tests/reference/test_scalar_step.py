@@ -232,10 +232,12 @@ def test_nothing_is_farther_from_the_last_search_than_the_engine_thinks(name):
 
 
 def work_from_the_last():
+    from_the_first = work.compiled()
+
     @numba.njit(WORK, error_model="numpy")
     def turned_round(task, part, begin, end, step, packed):
         groups = context_of(packed).lowest.shape[0]
-        work(task, part, groups - end, groups - begin, step, packed)
+        from_the_first(task, part, groups - end, groups - begin, step, packed)
 
     return turned_round
 

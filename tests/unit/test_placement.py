@@ -184,6 +184,13 @@ def test_a_body_longer_than_the_period_is_refused_wherever_it_comes_from(tmp_pat
             populate(Scene.of(scene), [])
 
 
+def test_a_body_that_fills_the_period_without_meeting_itself_is_placed(tmp_path):
+    """A row of balls from 0 to 45 um and one beside it that protrudes to 49.99 um: 2.51 um from the image of the first in x."""
+    line = np.column_stack((np.append(np.arange(10) * 5.0, 47.49), np.append(np.full(10, 1.0), 5.325), np.full(11, 2.5)))
+    table = {"center": line * UM, "radius": np.full(11, 2.5 * UM), "clump": np.zeros(11, int)}
+    assert len(populate(prepared(tmp_path, table), []).clumps) == 1
+
+
 def stored_by_overlaps(table):
     """Energy of the overlaps of a table of balls by Hertz [J]: 8/15 E* sqrt(R) d^2.5."""
     r = table["radius"]
