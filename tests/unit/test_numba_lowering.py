@@ -7,6 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.runtime import _nrt_python, rtsys
 
 from thirdbody.jit.options import CHUNK, OPTIONS
 
@@ -82,6 +83,25 @@ def test_loops_over_ranges_run_as_in_python():
     compiled = ours(loops)
     for n, step in itertools.product((-3, 0, 1, 2, 7, 12), (1, 3, -1, -4)):
         assert compiled(n, step) == loops(n, step), (n, step)
+
+
+def of_tables(n):
+    total = 0.0
+    for table in (np.ones((n, 2)), np.full((n + 1, 2), 2.0)):
+        total += table.sum()
+    return total
+
+
+def test_a_loop_over_tables_keeps_them_alive():
+    compiled = ours(of_tables)
+    for n in range(200):
+        assert compiled(n) == 2.0 * n + 4.0 * (n + 1)
+    _nrt_python.memsys_enable_stats()
+    before = rtsys.get_allocation_stats()
+    compiled(5)
+    after = rtsys.get_allocation_stats()
+    _nrt_python.memsys_disable_stats()
+    assert after.alloc - before.alloc == after.free - before.free > 0
 
 
 def root(x):

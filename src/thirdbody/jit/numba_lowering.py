@@ -205,7 +205,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
                 now = b.load(pointer)
                 b.store(b.add(now, step), pointer)
                 return self._struct(resty, (now, b.icmp_signed("<" if step.constant > 0 else ">", now, stop)))
-        if isinstance(kind, types.Pair):
+        if isinstance(kind, types.Pair) and isinstance(kind.first_type, PLAIN):  # nothing that is counted
             return b.extract_value(value, 0 if expr.op == "pair_first" else 1)
         return super().lower_expr(resty, expr)
 
