@@ -43,7 +43,7 @@ EXPLICIT = ("passes", "step", "stability", "search", "labels")
 COLD_UNITS, COLD = tuple(name for name in UNITS if name != "passes"), 1
 """Units that are compiled, like laws, at this optimisation level of LLVM: 0.7 to 0.8 of the compile time, same bits."""
 
-SECONDS, FEWER = {"common_plate": 55, "driver": 45}, 20
+SECONDS, FEWER = {"common_plate": 24, "driver": 20, "passes": 18, "step": 10}, 6
 """Processor time [s] of one core of 2.5 GHz, roughly, for the long units, with their laws, and at most for each other one."""
 
 MARK = "compiled-"
