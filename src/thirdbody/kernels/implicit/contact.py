@@ -213,7 +213,7 @@ def add_block(row, column, rows, J):
 
 @njit(**BARE)
 def add_planar(contact, J):
-    """Add a contact with a plane, without moments, to the Jacobian of its body, J (7, 7), flat; rotations in rad.
+    """Add the forces of a contact with a plane to the Jacobian of its body, J (7, 7), flat; rotations in rad.
 
     The force on the body changes with the displacement s of its surface by the tensor A, and s = u + w x r:
 
@@ -245,6 +245,25 @@ def add_planar(contact, J):
             J[FREEDOMS * 6 + i] -= A[2][i]
             J[FREEDOMS * 6 + 3 + i] -= force_by_rotation[2][i]
         J[FREEDOMS * 6 + 6] += A[2][2]
+
+
+@njit(**BARE)
+def add_planar_moments(contact, J):
+    """Add the moments of a contact with a plane to the same, beyond `add_planar`: they change with rotation w and overlap d.
+
+    dM = M w + m dd        with dd = -n.(u + w x r)
+    """
+    (n, e, g), (xx, xy, yx, yy, xd, yd) = contact.frame, contact.rolling_tangent
+    twist, by_overlap = contact.twist_tangent
+    m, along = scaled_sum(xd, e, yd, g, by_overlap, n), cross(contact.owner.point, n)
+    x, y = scaled_sum(xx, e, xy, g, 0.0, n), scaled_sum(yx, e, yy, g, 0.0, n)
+    for i in range(3):
+        row = scaled_sum(e[i], x, g[i], y, twist * n[i], n)
+        for k in range(3):
+            J[FREEDOMS * (3 + i) + k] -= m[i] * n[k]
+            J[FREEDOMS * (3 + i) + 3 + k] += row[k] - m[i] * along[k]
+        if contact.partner.lift >= 0:
+            J[FREEDOMS * (3 + i) + 6] += m[i] * n[2]
 
 
 class Column(NamedTuple):

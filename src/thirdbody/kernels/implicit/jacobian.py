@@ -8,7 +8,15 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import LAW
 from thirdbody.kernels.contact_geometry import padded
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, add_curved, add_planar, contact_of, owner_side, plate_side
+from thirdbody.kernels.implicit.contact import (
+    NOWHERE,
+    ZERO_TENSOR,
+    add_planar,
+    add_planar_moments,
+    contact_of,
+    owner_side,
+    plate_side,
+)
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, body_at, call_part, space_at
@@ -64,12 +72,12 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
         J[i] = 0.0
     if plates.is_rough(context):
         call_part(context.rough_part, TANGENTS, a, m, motion, context, island, scratch)
-    elif has_moments(context):
-        for q in range(m):
-            add_curved(plane_contact(q, b, dt, context, space), J, np.int64(FREEDOMS), np.int64(0))
     else:
         for q in range(m):
-            add_planar(plane_contact(q, b, dt, context, space), J)
+            contact = plane_contact(q, b, dt, context, space)
+            add_planar(contact, J)
+            if has_moments(context):
+                add_planar_moments(contact, J)
     if context.spots_part != 0:
         call_part(context.spots_part, TANGENTS, a, m, motion, context, island, scratch)
     subtract_inertia(context, b, dt, space)

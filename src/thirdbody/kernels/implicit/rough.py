@@ -17,7 +17,16 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED,
 from thirdbody.kernels import plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
-from thirdbody.kernels.implicit.contact import ZERO_TENSOR, add_curved, add_planar, contact_of, cross, owner_side, plate_side
+from thirdbody.kernels.implicit.contact import (
+    ZERO_TENSOR,
+    add_curved,
+    add_planar,
+    add_planar_moments,
+    contact_of,
+    cross,
+    owner_side,
+    plate_side,
+)
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, body_at, island_at, space_at
 from thirdbody.kernels.minima import (
     UPDATE,
@@ -239,7 +248,9 @@ def rough_part(_, h, a, m, motion, context, islands, scratch):
             plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
         )
         contact = contact_of(q, space.before[k - context.plate_edges[b]], motion.dt, sides, shape, context, space)
-        if has_moments(context) or shape[0] != ZERO_TENSOR:
+        if shape[0] != ZERO_TENSOR:
             add_curved(contact, space.jacobian, np.int64(FREEDOMS), np.int64(0))
-        else:
-            add_planar(contact, space.jacobian)
+            continue
+        add_planar(contact, space.jacobian)
+        if has_moments(context):
+            add_planar_moments(contact, space.jacobian)
