@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit import correction_limits, linear
-from thirdbody.kernels.implicit.contact import NOWHERE, PLANE, Contact, Side, add_curved, add_planar, plate_side
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_curved, add_planar, plate_side
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
@@ -99,8 +99,9 @@ def random_contact(seed, upper):
     tangent = tuple(rng.normal(size=7).tolist())
     owner = Side(0, -1, 1.0, tuple(centre.tolist()), tuple(point.tolist()), 1.0)
     return Contact(
-        owner, plate_side.py_func(6 if upper else -1), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent, PLANE, (0.0, 0.0), PLANE,
-        1.0, 1.0, NOWHERE, PLANE,
+        owner, plate_side.py_func(6 if upper else -1), frame, force, NOWHERE, (0.3, 0.0, 0.0), tangent, ZERO_TENSOR,
+        (0.0, 0.0), ZERO_TENSOR,
+        1.0, 1.0, NOWHERE, ZERO_TENSOR,
     )  # fmt: skip
 
 
