@@ -55,7 +55,8 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
 def _own_images(scene: Scene, placed: Placed, centres: np.ndarray, radii: np.ndarray, body: np.ndarray) -> list[Fault]:
     """Return a fault for the first body longer than the period in x or y that overlaps an image of itself.
 
-    Bodies given by spots are left out: radii of curvature are no extents. A raft that fills the period does not meet itself.
+    Bodies given by spots are left out: radii of curvature are no extents; and rafts as long as the period in both directions,
+    which are meant to close with their images.
     """
     if not scene.domain.periodic:
         return []
@@ -63,7 +64,7 @@ def _own_images(scene: Scene, placed: Placed, centres: np.ndarray, radii: np.nda
     extent = np.maximum.reduceat(centres[:, :2] + reach, starts) - np.minimum.reduceat(centres[:, :2] - reach, starts)
     whole = np.array([clump.sides is None for clump in placed.clumps])
     long = np.array([
-        (b, axis) for b, axis in np.argwhere((extent >= size) & whole[:, None])
+        (b, axis) for b, axis in np.argwhere((extent >= size) & whole[:, None] & ~np.all(extent >= size, axis=1)[:, None])
         if _meets_itself(centres[body == b], radii[body == b], size)
     ])  # fmt: skip
     if not len(long):
