@@ -191,6 +191,21 @@ def test_a_body_that_fills_the_period_without_meeting_itself_is_placed(tmp_path)
     assert len(populate(prepared(tmp_path, table), []).clumps) == 1
 
 
+def test_a_raft_closes_with_its_images_but_a_diagonal_and_a_block_do_not(tmp_path):
+    x, y = (axis.ravel() * 10.0 for axis in np.meshgrid(np.arange(5), np.arange(5)))
+    sheet = np.column_stack((x, y, np.full(25, 5.2)))
+    diagonal = np.column_stack((np.arange(9) * 6.0, np.arange(9) * 6.0, np.full(9, 5.2)))
+    block = np.concatenate([sheet + (0.0, 0.0, 10.0 * k) for k in range(4)])
+    for centres, accepted in ((sheet, True), (diagonal, False), (block, False)):
+        n = len(centres)
+        table = {"center": centres * UM, "radius": np.full(n, 5.2 * UM), "clump": np.zeros(n, int)}
+        if accepted:
+            assert len(populate(prepared(tmp_path, table), []).clumps) == 1
+        else:
+            with pytest.raises(InputError, match="own image"):
+                populate(prepared(tmp_path, table), [])
+
+
 def stored_by_overlaps(table):
     """Energy of the overlaps of a table of balls by Hertz [J]: 8/15 E* sqrt(R) d^2.5."""
     r = table["radius"]

@@ -18,6 +18,10 @@ TINY = 1e-11
 """Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
 
 
+CLOSED = 1.01
+"""Largest distance over the sum of radii of balls at the seam of a raft: they are packed to touch, a few per mille apart."""
+
+
 def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> None:
     """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside.
 
@@ -55,18 +59,16 @@ def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> 
 def _own_images(scene: Scene, placed: Placed, centres: np.ndarray, radii: np.ndarray, body: np.ndarray) -> list[Fault]:
     """Return a fault for the first body longer than the period in x or y that overlaps an image of itself.
 
-    Bodies given by spots are left out: radii of curvature are no extents; and rafts as long as the period in both directions,
-    which are meant to close with their images.
+    Bodies given by spots are left out: radii of curvature are no extents.
     """
     if not scene.domain.periodic:
         return []
     starts, reach, size = np.searchsorted(body, np.arange(len(placed.clumps))), radii[:, None], np.array(scene.domain.size)
     extent = np.maximum.reduceat(centres[:, :2] + reach, starts) - np.minimum.reduceat(centres[:, :2] - reach, starts)
     whole = np.array([clump.sides is None for clump in placed.clumps])
-    long = np.array([
-        (b, axis) for b, axis in np.argwhere((extent >= size) & whole[:, None] & ~np.all(extent >= size, axis=1)[:, None])
-        if _meets_itself(centres[body == b], radii[body == b], size)
-    ])  # fmt: skip
+    long = np.argwhere((extent >= size) & whole[:, None])
+    meeting = {b: _meets_itself(centres[body == b], radii[body == b], size) for b in set(long[:, 0].tolist())}
+    long = long[[meeting[int(b)] for b in long[:, 0]]] if len(long) else long
     if not len(long):
         return []
     b, axis = (int(k) for k in long[0])
@@ -77,15 +79,20 @@ def _own_images(scene: Scene, placed: Placed, centres: np.ndarray, radii: np.nda
 
 
 def _meets_itself(centres: np.ndarray, radii: np.ndarray, size: np.ndarray) -> bool:
-    """Return whether spheres of a body overlap those of its images by more than rounding."""
+    """Return whether spheres of a body overlap those of its images by more than rounding, unless it is a raft.
+
+    A raft is a flat sheet that closes with its images both in x and in y, to a gap of CLOSED.
+    """
     from scipy.spatial import KDTree  # imported here: 0.2 s
 
-    for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)):
+    def meets(x: int, y: int, within: float = 1.0 - 1e-9) -> bool:
         image = KDTree(centres + (x * size[0], y * size[1], 0.0))
-        near = KDTree(centres).sparse_distance_matrix(image, 2.0 * float(radii.max())).tocoo()
-        if np.any(near.data < (radii[near.row] + radii[near.col]) * (1.0 - 1e-9)):
-            return True
-    return False
+        near = KDTree(centres).sparse_distance_matrix(image, 2.0 * CLOSED * float(radii.max())).tocoo()
+        return bool(np.any(near.data < (radii[near.row] + radii[near.col]) * within))
+
+    height = float((centres[:, 2] + radii).max() - (centres[:, 2] - radii).min())
+    raft = height < 0.5 * size.min() and meets(1, 0, CLOSED) and meets(0, 1, CLOSED)
+    return not raft and any(meets(x, y) for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)))
 
 
 def refuse_outside(scene: Scene, placed: Placed) -> None:

@@ -13,16 +13,9 @@ from thirdbody.kernels.minima import UPDATE
 from thirdbody.kernels.tables import surface_contact
 
 PARTS = (
-    "book_contacts",
-    "write_contacts",
-    "end_contact",
-    "update_surfaces",
-    "accept_surfaces",
-    "surface_tangents",
-    "pairs_part",
-    "rough_part",
-    "spots_part",
-)
+    "book_contacts", "write_contacts", "end_contact", "update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part",
+    "rough_part", "spots_part",
+)  # fmt: skip
 
 
 def part_addresses(state: State) -> dict[str, int]:
