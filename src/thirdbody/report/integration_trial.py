@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 TRIAL_SECONDS = 0.5
 """Duration of the explicit integration in a trial, for the estimate of the wall time [s]."""
 
-TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
-"""Bodies and path [m] of such a trial of the implicit integrator."""
+TRIAL_BODIES, TRIAL_PATH, TRIAL_LIMIT = 16, 2e-6, 4.0
+"""Bodies and path [m] of such a trial of the implicit integrator, and seconds [s] beyond which they get fewer and shorter."""
 
 
 def expected_integration(built: Simulation) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def expected_integration(built: Simulation) -> dict[str, Any]:
     assert bound is not None
     steps = built.planned_time / dt
     each, stopped = _seconds_per_step(integrator)
-    wall = steps * each + (_seconds_of_searches(built) if len(built.state.lower_surface) and not stopped else 0.0)
+    wall = steps * each + (_seconds_of_searches(built) if built.state.world.rough and not stopped else 0.0)
     return {
         "time_step": {
             "step": dt,
@@ -78,15 +78,17 @@ def _seconds_per_step(integrator: Explicit) -> tuple[float, str]:
 
 
 def _seconds_of_searches(built: Simulation) -> float:
-    """Return the seconds that searches for the closest points of bodies that roll on a rough lower plate take in the drag.
+    """Return the seconds that searches for the closest points of bodies that roll on rough plates take in the drag.
 
     A trial of the first steps sees none: bodies are at rest. Where the surface is far sharper than spheres one search can take as
-    long as thousands of steps. Bodies are pressed onto the plate and shifted until each has been searched for.
+    long as thousands of steps. Bodies are pressed onto the lower plate, or onto the upper one where only it is rough, and shifted
+    until each has been searched for.
     """
     state, S, Q = built.state, built.state.S, built.state.slots.Q
     radius, nearest = S[:, sphere.RADIUS], np.full(state.n_spheres, np.inf)
     np.minimum.at(nearest, state.slots.own[: len(Q)], Q[:, surface_contact.DISTANCE])
-    S[:, sphere.Z] -= np.where(np.isfinite(nearest), nearest - (1.0 - built.upper.shared_overlap) * radius, 0.0)
+    rise = np.where(np.isfinite(nearest), nearest - (1.0 - built.upper.shared_overlap) * radius, 0.0)
+    S[:, sphere.Z] += -rise if len(state.lower_surface) else rise
     S[:, sphere.X] += 1.01 * MOVED * radius
     update_closest_points(state, update)  # searches for all, so that whole distances between searches follow
     started, each, step = time.perf_counter(), [], 0.5 * MOVED_TOUCHING * float(radius.min())
@@ -105,31 +107,43 @@ def _seconds_of_searches(built: Simulation) -> float:
 def _trial_wall_time(built: Simulation, integrator: Implicit) -> tuple[float, str]:
     """Return the wall time of all steps [s], and the reason if a guard stopped the trial (then NaN).
 
-    A few bodies, alone, are pressed and dragged a little; the second half of that path gives the rate of the others.
+    A few bodies, alone, are pressed and dragged a little. The path doubles piece by piece; the last gives the rate of the rest.
     Measured on one core: a machine with more cores is faster by their number. The size of islands is expected; a search for them
     is measured, and there is one at each output and after each stride.
     """
-    distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
-    bodies = n if integrator.together else min(TRIAL_BODIES, n)
-    half, moved = (built.schedule.time_of(part * distance, 0.0) if distance > 0.0 else built.settle for part in (0.5, 1.0))
+    n = built.state.n_bodies
+    bodies = n if integrator.together else 1
     try:
         integrator.trial(bodies, 1e-3 * built.settle)  # compiles if necessary
-        clock = [time.perf_counter()]
-        for until in (built.settle, half, moved):
-            integrator.trial(bodies, until)
-            clock.append(time.perf_counter())
+        started = time.perf_counter()
+        integrator.trial(bodies, built.settle)
+        if not integrator.together:
+            bodies = min(TRIAL_BODIES, n, max(1, int(0.25 * TRIAL_LIMIT / (time.perf_counter() - started))))
+            integrator.trial(bodies, built.settle)
+        wall = _with_drag(built, integrator, bodies, started) * n / bodies
     except GuardStop as stop:
         return math.nan, str(stop)
-    first, rest = clock[2] - clock[0], clock[3] - clock[2]
-    alone = (first + rest * (2.0 * built.planned_distance / distance - 1.0 if distance > 0.0 else 0.0)) * n / bodies
     islands = built.plan.islands
     if islands is None or not integrator.meets:
-        return alone, ""
+        return wall, ""
     shared = 1.0 if integrator.together else islands.mean  # bodies of one plate were measured as they are, islands included
     started = time.perf_counter()
     expected_islands(built.state)
     search = time.perf_counter() - started
-    return alone * shared + (planned_frames(built) + built.planned_distance / islands.stride) * search, ""
+    return wall * shared + (planned_frames(built) + built.planned_distance / islands.stride) * search, ""
+
+
+def _with_drag(built: Simulation, integrator: Implicit, bodies: int, started: float) -> float:
+    """Return the seconds of `bodies` bodies since `started` and in all of the drag. Raises GuardStop."""
+    total = built.planned_distance
+    path, reached, rate = min(TRIAL_PATH, total) / 32.0, 0.0, 0.0
+    elapsed = time.perf_counter() - started
+    while reached < min(TRIAL_PATH, total) and elapsed < 0.5 * TRIAL_LIMIT:
+        integrator.trial(bodies, built.schedule.time_of(path, 0.0))
+        now = time.perf_counter() - started
+        rate = (now - elapsed) / (path - reached)
+        elapsed, reached, path = now, path, 2.0 * path
+    return elapsed + rate * (total - reached)
 
 
 def _expected(built: Simulation, measured: float) -> dict[str, dict[str, Any] | None]:
