@@ -8,7 +8,8 @@ import pytest
 from numba import njit
 
 from thirdbody.kernels.implicit import correction_limits, linear
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_curved, add_planar, plate_side
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar, plate_side
+from thirdbody.kernels.implicit.curved import add_curved
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output

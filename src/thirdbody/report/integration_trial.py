@@ -87,8 +87,8 @@ def _seconds_of_searches(built: Simulation) -> float:
     state, S, Q = built.state, built.state.S, built.state.slots.Q
     radius, nearest = S[:, sphere.RADIUS], np.full(state.n_spheres, np.inf)
     np.minimum.at(nearest, state.slots.own[: len(Q)], Q[:, surface_contact.DISTANCE])
-    rise = np.where(np.isfinite(nearest), nearest - (1.0 - built.upper.shared_overlap) * radius, 0.0)
-    S[:, sphere.Z] += -rise if len(state.lower_surface) else rise
+    approach = np.where(np.isfinite(nearest), nearest - (1.0 - built.upper.shared_overlap) * radius, 0.0)
+    S[:, sphere.Z] += -approach if len(state.lower_surface) else approach
     S[:, sphere.X] += 1.01 * MOVED * radius
     update_closest_points(state, update)  # searches for all, so that whole distances between searches follow
     started, each, step = time.perf_counter(), [], 0.5 * MOVED_TOUCHING * float(radius.min())

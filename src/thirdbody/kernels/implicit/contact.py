@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.options import BARE
 from thirdbody.kernels.implicit.residual import (
     closed_fraction,
     contact_force,
@@ -264,88 +264,3 @@ def add_planar_moments(contact, J):
             J[FREEDOMS * (3 + i) + 3 + k] += row[k] - m[i] * along[k]
         if contact.partner.lift >= 0:
             J[FREEDOMS * (3 + i) + 6] += m[i] * n[2]
-
-
-class Column(NamedTuple):
-    """One coordinate: displacements of centre and surface of the owner's sphere relative to the partner, and rotation w of the
-    body that moves, with its sign: 1 owner, -1 partner, 0 a plate."""
-
-    moved: Vector
-    surface: Vector
-    rotation: Vector
-    sign: float
-
-
-@njit(**BARE)
-def column_of(c, side, sign):
-    """Return coordinate c of the body of a side."""
-    u = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
-    w = (1.0 if c == 3 else 0.0, 1.0 if c == 4 else 0.0, 1.0 if c == 5 else 0.0)
-    moved, surface = (
-        scaled_sum(sign, u, sign, cross(w, side.centre), 0.0, u),
-        scaled_sum(sign, u, sign, cross(w, side.point), 0.0, u),
-    )
-    return Column(moved, surface, w, sign)
-
-
-@njit(**BARE_CHUNK)
-def add_curved(contact, J, step, offset):
-    """Add any contact to the Jacobian J (`linear`), coordinate by coordinate."""
-    owner, partner = contact.owner, contact.partner
-    for c in range(12 if partner.row >= 0 else 7 if partner.lift >= 0 else 6):
-        if c < 6:
-            add_column(column_of(c, owner, 1.0), owner.row + c, owner.scale if c > 2 else 1.0, contact, J, step, offset)
-        elif partner.row >= 0:
-            scale = partner.scale if c > 8 else 1.0
-            add_column(column_of(c - 6, partner, -1.0), partner.row + c - 6, scale, contact, J, step, offset)
-        else:
-            add_column(Column((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), NOWHERE, 0.0), partner.lift, 1.0, contact, J, step, offset)
-
-
-@njit(**BARE_CHUNK)
-def add_column(column, at, scale, contact, J, step, offset):
-    """Add the changes of forces and torques with one coordinate, column `at` of J, times `scale`."""
-    (n, e, g), f, d, w = contact.frame, contact.force, -dot(contact.frame[0], column.moved), column.rotation
-    owner, partner = contact.owner, contact.partner
-    dn = product(contact.bend, column.moved)
-    turn = scaled_sum(1.0, cross(n, dn), 0.5 * dot(w, n), n, 0.0, n)
-    s_n, s_1, s_2 = contact.displacement
-    total = scaled_sum(s_n, n, s_1, e, s_2, g)
-    s_1, s_2 = dot(e, column.surface) + dot(total, cross(turn, e)), dot(g, column.surface) + dot(total, cross(turn, g))
-    k_n, xx, xy, yx, yy, xd, yd = contact.tangent
-    bent = dot(contact.gradient, column.moved)
-    depth = d + (0.5 * contact.normal_force / k_n * bent if k_n > 0.0 else 0.0)
-    df = scaled_sum(k_n * depth, n, xx * s_1 + xy * s_2 + xd * depth, e, yx * s_1 + yy * s_2 + yd * depth, g)
-    df = scaled_sum(1.0, df, 1.0, cross(turn, f), 0.0, f)
-    first, second = max(column.sign, 0.0), max(-column.sign, 0.0)
-    swing = cross(w, owner.centre)
-    dr = scaled_sum(first, swing, 0.5 * d, n, -owner.arm, dn)
-    m_1, m_2, m_0 = moment_change(column, d, contact)
-    dm = scaled_sum(1.0, scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment)), m_0, n, 0.0, n)
-    torque = scaled_sum(1.0, cross(dr, f), 1.0, cross(owner.point, df), 1.0, dm)
-    # the gradient force
-    size, changed = -0.5 * contact.energy, product(contact.gradient_change, column.moved)
-    dp = scaled_sum(-0.5 * contact.normal_force * d + 0.5 * size * bent, contact.gradient, size, changed, 0.0, n)
-    torque = scaled_sum(1.0, torque, 1.0, cross(owner.centre, dp), first * size, cross(swing, contact.gradient))
-    on_owner = scaled_sum(1.0, df, 1.0, dp, 0.0, n)
-    for k in range(3):
-        J[(owner.row + k) * step + at + offset] += scale * on_owner[k]
-        J[(owner.row + 3 + k) * step + at + offset] += scale * owner.scale * torque[k]
-    if partner.row >= 0:
-        dr = scaled_sum(second, cross(w, partner.centre), -0.5 * d, n, partner.arm, dn)
-        back = scaled_sum(-1.0, cross(dr, f), -1.0, cross(partner.point, df), -1.0, dm)
-        for k in range(3):
-            J[(partner.row + k) * step + at + offset] -= scale * df[k]
-            J[(partner.row + 3 + k) * step + at + offset] += scale * partner.scale * back[k]
-    elif partner.lift >= 0:
-        J[partner.lift * step + at + offset] -= scale * on_owner[2]
-
-
-@njit(**BARE)
-def moment_change(column, d, contact):
-    """Return the changes of the moments about both axes and about the normal; d: change of the overlap."""
-    n, e, g = contact.frame
-    x, y = column.sign * dot(column.rotation, e), column.sign * dot(column.rotation, g)
-    xx, xy, yx, yy, xd, yd = contact.rolling_tangent
-    twist, by_overlap = contact.twist_tangent
-    return xx * x + xy * y + xd * d, yx * x + yy * y + yd * d, twist * column.sign * dot(column.rotation, n) + by_overlap * d

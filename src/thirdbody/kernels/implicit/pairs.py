@@ -21,8 +21,9 @@ from thirdbody.kernels.implicit.accept_pairs import (
     pair_wrench,
     partner_point,
 )
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Side, add_curved, contact_of, cross, dot, owner_side
+from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Side, contact_of, cross, dot, owner_side
 from thirdbody.kernels.implicit.correction_limits import AT_LIMIT, BACK, OVERLAP_GROWTH
+from thirdbody.kernels.implicit.curved import add_curved
 from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import contact_point, depth_at, frame_of, law_at, scale_slip, vector_at
 from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start

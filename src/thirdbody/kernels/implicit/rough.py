@@ -19,7 +19,6 @@ from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradien
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
 from thirdbody.kernels.implicit.contact import (
     ZERO_TENSOR,
-    add_curved,
     add_planar,
     add_planar_moments,
     contact_of,
@@ -27,6 +26,7 @@ from thirdbody.kernels.implicit.contact import (
     owner_side,
     plate_side,
 )
+from thirdbody.kernels.implicit.curved import add_curved
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, body_at, island_at, space_at
 from thirdbody.kernels.minima import (
     UPDATE,
