@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.kernels.implicit import correction_limits, linear
+from thirdbody.kernels.implicit import linear, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_curved, add_planar, plate_side
 from thirdbody.kernels.implicit.tables import step_start
 from thirdbody.kernels.tables import sphere
@@ -45,7 +45,7 @@ Space = namedtuple("Space", "inputs outputs geometry start slots correction")
 
 @njit
 def limited(context, space):
-    return correction_limits.limit_slip_reversal(context, 1, 1.0, space)
+    return newton.limit_slip_reversal(context, 1, 1.0, space)
 
 
 def fraction(relief, limit=0.0, spots_part=1):

@@ -31,31 +31,26 @@ from typing import NamedTuple
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.implicit.residual import (
-    closed_fraction,
-    contact_force,
-    contact_moment,
-    contact_point,
-    depth_at,
-    frame_of,
-    vector_at,
-)
 from thirdbody.kernels.implicit.workspace import FREEDOMS
+from thirdbody.kernels.plates import three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
-from thirdbody.kernels.tables import sphere
-from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output
+from thirdbody.kernels.tables import domain, sphere
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_output
 
 
 @njit(**BARE)
 def cross(a, b):
-    """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(**BARE)
 def dot(a, b):
-    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**BARE)
+def difference(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @njit(**BARE)
@@ -70,6 +65,60 @@ def product(tensor, v):
     xx, yy, zz, xy, xz, yz = tensor
     x, y, z = v
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
+
+@njit(**BARE)
+def depth_at(q, context, I):  # noqa: E741
+    """Return overlap plus reach of contact q [m]: laws act where it is positive."""
+    return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
+
+
+@njit(**BARE)
+def closed_fraction(q, before, context, I):  # noqa: E741
+    """Return the fraction of the step in which contact q was within reach; `before`: `depth_at` its start [m], < 0: not yet."""
+    depth = depth_at(q, context, I)
+    return depth / (depth - before) if before < 0.0 else 1.0
+
+
+@njit(**BARE)
+def vector_at(q, field, G):
+    """Return a vector field of the tile at contact q; `field`: its first column."""
+    at = q + field * TILE
+    return G[at], G[at + TILE], G[at + 2 * TILE]
+
+
+@njit(**BARE)
+def frame_of(q, G):
+    """Return normal and both axes of contact q."""
+    return vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.AXIS, G), vector_at(q, geometry.CROSS_AXIS, G)
+
+
+@njit(**BARE)
+def contact_force(q, tile):
+    """Return the force (3,) [N] of contact q on the body."""
+    n, (normal, e, g) = tile.outputs[law_output.NORMAL_FORCE * TILE + q], frame_of(q, tile.geometry)
+    t_1, t_2 = tile.outputs[law_output.TANGENTIAL_X * TILE + q], tile.outputs[law_output.TANGENTIAL_Y * TILE + q]
+    return scaled_sum(n, normal, t_1, e, t_2, g)
+
+
+@njit(**BARE)
+def contact_point(q, i, S, G):
+    """Return the point of contact q, of sphere i, from the centre of mass (3,) [m]."""
+    n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.ARM * TILE]
+    return S[i, sphere.ARM] - a * n[0], S[i, sphere.ARM + 1] - a * n[1], S[i, sphere.ARM + 2] - a * n[2]
+
+
+@njit(**BARE)
+def contact_moment(q, context, tile):
+    """Return the moment (3,) [N m] of contact q on the body, of rolling and of twisting."""
+    at = (law_output.HISTORY + context.n_history) * TILE + q
+    m_1, m_2 = tile.outputs[at + rolling_output.MOMENT_X * TILE], tile.outputs[at + rolling_output.MOMENT_Y * TILE]
+    n, e, g = frame_of(q, tile.geometry)
+    x, y, z = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    if has_twist(context):
+        twist = tile.outputs[at + rolling_output.TWIST_MOMENT * TILE]
+        x, y, z = x + twist * n[0], y + twist * n[1], z + twist * n[2]
+    return x, y, z
 
 
 Vector = tuple[float, float, float]
@@ -128,68 +177,47 @@ class Contact(NamedTuple):
 def contact_of(q, before, dt, sides, shape, context, tile):
     """Return contact q of a tile as a `Contact`.
 
-    `before`: overlap plus reach at the start of the step [m]; `sides`: owner and partner; `shape`: bend, gradient and its change.
+    `before`: overlap plus reach at the start of the step [m], negative: a gap; `sides`: owner and partner; `shape`: bend,
+    gradient and its change.
     """
-    G, (bend, gradient, gradient_change) = tile.geometry, shape
-    rolling, frame, fraction = has_moments(context), frame_of(q, G), closed_fraction(q, before, context, tile.inputs)
-    displacement = (
-        dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
-        tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
-        tile.inputs[law_input.SLIP_Y * TILE + q] / fraction,
-    )
+    I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
+    fraction = closed_fraction(q, before, context, I)
+    s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)
+    displacement = dt * dot(vector_at(q, geometry.MID_VELOCITY, tile.geometry), frame[0]), s_1 / fraction, s_2 / fraction
+    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
+    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
+    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
+    if before < 0.0:
+        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
+        depth = depth_at(q, context, I)
+        growth = -before / ((depth - before) * (depth - before)) / fraction
+        xd += (xx * s_1 + xy * s_2) * growth
+        yd += (yx * s_1 + yy * s_2) * growth
+        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     # rotations count from when the contact closed
-    K, at, of_twist = tile.tangents, contact_tangent.ROLLING * TILE + q, contact_tangent.TWIST * TILE + q
-    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
-    rotational = fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
+    at, of_twist = contact_tangent.ROLLING * TILE + q, contact_tangent.TWIST * TILE + q
+    rolling = (
+        fraction * K[at], fraction * K[at + TILE], fraction * K[at + 2 * TILE], fraction * K[at + 3 * TILE],
+        K[at + 4 * TILE], K[at + 5 * TILE],
+    )  # fmt: skip
     return Contact(
-        sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if rolling else NOWHERE, displacement,
-        tangent_at(q, before, context, tile), rotational if rolling else ZERO_TENSOR,
-        (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), bend,
-        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
-        gradient, gradient_change,
+        sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if moments else NOWHERE, displacement,
+        (K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd), rolling if moments else ZERO_TENSOR,
+        (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), shape[0],
+        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q], shape[1], shape[2],
     )  # fmt: skip
 
 
 @njit(**BARE)
 def owner_side(q, i, row, scale, S, G):
     """Return the side of the owner, sphere i, of contact q."""
-    centre = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
-    return Side(row, -1, scale, centre, contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
+    return Side(row, -1, scale, three(S, i, sphere.ARM), contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
 
 
 @njit(**BARE)
 def plate_side(lift):
     """Return the side of a plate; `lift`: its row and column, -1 for one at rest."""
     return Side(-1, lift, 1.0, NOWHERE, NOWHERE, 0.0)
-
-
-@njit(**BARE)
-def tangent_at(q, before, context, tile):
-    """Return the tangents of contact q; `before`: overlap plus reach at the start of the step [m], negative: a gap."""
-    K, I = tile.tangents, tile.inputs  # noqa: E741
-    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
-    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
-    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
-    if before < 0.0:
-        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
-        depth, fraction = depth_at(q, context, I), closed_fraction(q, before, context, I)
-        growth = -before / ((depth - before) * (depth - before)) / fraction
-        xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
-        yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
-        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
-    return K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd
-
-
-@njit(**BARE)
-def force_tensor(contact):
-    """Return the rows of A [N/m]: change of the force with the displacement of the surface."""
-    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
-    t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
-    return (
-        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
-        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
-        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
-    )
 
 
 @njit(**BARE)
@@ -222,8 +250,14 @@ def add_planar(contact, J):
 
     from dt = r x df + dr x f and dr = w x a + dd n/2, where the overlap changes by dd = -n.s.
     """
-    n, r, f, a = contact.frame[0], contact.owner.point, contact.force, contact.owner.centre
-    A = force_tensor(contact)
+    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
+    r, f, a = contact.owner.point, contact.force, contact.owner.centre
+    t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
+    A = (
+        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
+        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
+        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
+    )
     force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
     x, y, z = cross(n, f)
     p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
@@ -281,11 +315,8 @@ def column_of(c, side, sign):
     """Return coordinate c of the body of a side."""
     u = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
     w = (1.0 if c == 3 else 0.0, 1.0 if c == 4 else 0.0, 1.0 if c == 5 else 0.0)
-    moved, surface = (
-        scaled_sum(sign, u, sign, cross(w, side.centre), 0.0, u),
-        scaled_sum(sign, u, sign, cross(w, side.point), 0.0, u),
-    )
-    return Column(moved, surface, w, sign)
+    moved, surface = cross(w, side.centre), cross(w, side.point)
+    return Column(scaled_sum(sign, u, sign, moved, 0.0, u), scaled_sum(sign, u, sign, surface, 0.0, u), w, sign)
 
 
 @njit(**BARE_CHUNK)
@@ -320,7 +351,9 @@ def add_column(column, at, scale, contact, J, step, offset):
     first, second = max(column.sign, 0.0), max(-column.sign, 0.0)
     swing = cross(w, owner.centre)
     dr = scaled_sum(first, swing, 0.5 * d, n, -owner.arm, dn)
-    m_1, m_2, m_0 = moment_change(column, d, contact)
+    x, y, (twist, by_overlap) = column.sign * dot(w, e), column.sign * dot(w, g), contact.twist_tangent
+    xx, xy, yx, yy, xd, yd = contact.rolling_tangent
+    m_1, m_2, m_0 = xx * x + xy * y + xd * d, yx * x + yy * y + yd * d, twist * column.sign * dot(w, n) + by_overlap * d
     dm = scaled_sum(1.0, scaled_sum(m_1, e, m_2, g, 1.0, cross(turn, contact.moment)), m_0, n, 0.0, n)
     torque = scaled_sum(1.0, cross(dr, f), 1.0, cross(owner.point, df), 1.0, dm)
     # the gradient force
@@ -339,13 +372,3 @@ def add_column(column, at, scale, contact, J, step, offset):
             J[(partner.row + 3 + k) * step + at + offset] += scale * partner.scale * back[k]
     elif partner.lift >= 0:
         J[partner.lift * step + at + offset] -= scale * on_owner[2]
-
-
-@njit(**BARE)
-def moment_change(column, d, contact):
-    """Return the changes of the moments about both axes and about the normal; d: change of the overlap."""
-    n, e, g = contact.frame
-    x, y = column.sign * dot(column.rotation, e), column.sign * dot(column.rotation, g)
-    xx, xy, yx, yy, xd, yd = contact.rolling_tangent
-    twist, by_overlap = contact.twist_tangent
-    return xx * x + xy * y + xd * d, yx * x + yy * y + yd * d, twist * column.sign * dot(column.rotation, n) + by_overlap * d

@@ -57,15 +57,6 @@ WORDS = (
 """Descriptions of the causes by code, which complete `steps limited by`."""
 
 
-@njit(**BARE)
-def lands(context, b, m, space):
-    """Return whether one of the m contacts of body b closed within the step."""
-    for q in range(m):
-        if space.before[space.slots[q] - context.plate_edges[b]] < 0.0:
-            return True
-    return False
-
-
 @njit(**BARE_CHUNK)
 def why_cut(landing, converged, error, rotation):
     """Return the code of the cause of a rejected step."""
@@ -131,9 +122,8 @@ def plate_velocity(t, context, dt):
 
 
 @njit(**BARE)
-def longest_drag(context, T):
+def longest_drag(V, T):
     """Return the longest drag [m] of a step."""
-    V = context.settings
     return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
 
 
@@ -143,7 +133,7 @@ def next_length(T, t, context, end):
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
     ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)
-    longest = longest_drag(context, T)
+    longest = longest_drag(context.settings, T)
     for _ in range(3):
         v_x, v_y = plate_velocity(t, context, dt)
         distance = math.sqrt(v_x * v_x + v_y * v_y) * dt
@@ -157,21 +147,18 @@ def next_length(T, t, context, end):
 
 
 @njit(**BARE)
-def starts_anew(T, V):
-    """Return whether the next step is one of backward Euler: after a breakpoint, or without inertia."""
-    return T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0
+def step_ratio(T, V, dt):
+    """Return the length of a step over that of the last one; 0 after a breakpoint, or without inertia: backward Euler."""
+    return 0.0 if T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0 else dt / T[step_memory.LAST_DT]
 
 
 @njit(**BARE)
-def bdf2_weights(T, V, dt):
-    """Return the weights of the changes of this step and the last one: BDF2 for unequal steps, or backward Euler.
+def bdf2_weights(ratio):
+    """Return the weights of the changes of this step and the last one, shorter by `ratio`: BDF2 for unequal steps.
 
     Sources: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
     III.5.
     """
-    if starts_anew(T, V):
-        return 1.0, 0.0
-    ratio = dt / T[step_memory.LAST_DT]
     return (1.0 + 2.0 * ratio) / (1.0 + ratio), ratio * ratio / (1.0 + ratio)
 
 
@@ -184,37 +171,26 @@ def begin_step(context, b, motion, space):
     Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION] = 0.0, 1.0
     if V[step_settings.INERTIAL] == 0.0:
         Z[step_start.TETHER_STIFFNESS] = TETHER * T[step_memory.STIFFNESS]
-        distance = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt
+        distance, mass = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt, context.B[b, body.MASS]
         # at any speed of drag inertia resists no more than the spring (TETHER) in the longest step, and more in shorter ones
         if distance > 0.0:
-            mass = context.B[b, body.MASS]
-            Z[step_start.MASS_FRACTION] = min(
-                1.0, Z[step_start.TETHER_STIFFNESS] * (longest_drag(context, T) * dt / distance) ** 2 / mass
-            )
-    Z[step_start.NOW], Z[step_start.BEFORE] = bdf2_weights(T, V, dt)
+            limit = Z[step_start.TETHER_STIFFNESS] * (longest_drag(V, T) * dt / distance) ** 2 / mass
+            Z[step_start.MASS_FRACTION] = min(1.0, limit)
+    Z[step_start.NOW], Z[step_start.BEFORE] = bdf2_weights(step_ratio(T, V, dt))
 
 
 @njit(**BARE)
-def error_of_change(change, radius, T, V, dt):
+def error_of_change(change, radius, ratio, V, dt):
     """Return the local error of a step over the tolerance; `change`: of a velocity [m/s], beyond that of the last step, scaled.
 
     The tolerance is a fraction of `radius`, that of the largest contact. Backward Euler: half the step length times the change of
     velocity. BDF2: 2/9 of the step length times the difference between this change and the last one scaled by the ratio of steps
     (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
     """
-    fraction = 0.5 if starts_anew(T, V) else 2.0 / 9.0
-    allowed = (
-        V[step_settings.TOLERANCE]
-        if V[step_settings.INERTIAL] != 0.0
-        else min(1.0, TOLERANCE_FACTOR * V[step_settings.TOLERANCE])
-    )
+    fraction, allowed = 0.5 if ratio == 0.0 else 2.0 / 9.0, V[step_settings.TOLERANCE]
+    if V[step_settings.INERTIAL] == 0.0:
+        allowed = min(1.0, TOLERANCE_FACTOR * allowed)
     return fraction * dt * change / (allowed * radius)
-
-
-@njit(**BARE)
-def step_ratio(T, V, dt):
-    """Return the length of a step over that of the last one, 0 after a start."""
-    return 0.0 if starts_anew(T, V) else dt / T[step_memory.LAST_DT]
 
 
 @njit(**BARE)
@@ -246,7 +222,7 @@ def local_error(context, b, dt, space):
     velocity_change = patch_velocity - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
-    error = error_of_change(change, radius, T, V, dt)
+    error = error_of_change(change, radius, ratio, V, dt)
     return max(error, travel_error(context, b, dt, space)) if plates.is_rough(context) else error
 
 
@@ -277,28 +253,12 @@ def predict(context, b, dt, displacement, space):
 
 
 @njit(**BARE)
-def advance_clock(A, motion, end, whole):
-    """Advance the clock of a body by a step; `whole`: to exactly `end` [s]."""
-    pass_time(A, motion.dt, motion.v_x, motion.v_y)
-    if whole:
-        A[run_totals.TIME] = end
-
-
-@njit(**BARE)
 def reduction_factor(converged, error, rotation):
     """Return the factor that shortens a rejected step; `converged`: Newton's method converged."""
     if not converged:
         return 0.5
     from_rotation = 0.9 * MAX_ROTATION / max(rotation, 1e-30)
     return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_rotation))
-
-
-@njit(**BARE)
-def count_step(T, A, dt, cuts):
-    """Update the counters of a body after a step that was cut `cuts` times."""
-    T[step_memory.CUTS] += cuts
-    T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
-    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * dt)
 
 
 @njit(**BARE)
@@ -323,33 +283,23 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 
 @njit(**BARE)
-def guard_code(context, b, space):
-    """Return (code, candidate) of the guard that body b violates after a step."""
-    D, diagnostics = context.D, space.diagnostics
-    bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
-    if bad > 0:
-        return np.int64(Stop.BAD_BODY), -1.0
-    if diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        return np.int64(Stop.OVERLAP), diagnostics[step_contacts.SLOT]
-    if out > 0:
-        return np.int64(Stop.LEFT), -1.0
-    return np.int64(Stop.NONE), -1.0
+def close_step(context, b, motion, ended, cuts, space):
+    """Advance the clock and the counters of body b by a step that was cut `cuts` times, and note a guard that it violates.
 
-
-@njit(**BARE)
-def finish_step(context, b, step, ended, space):
-    """Advance the clock, counters and step length of the body after an accepted step.
-
-    `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
-    whether that is the end of the interval, and whether a breakpoint of the motion.
+    `ended`: time [s] at the end of the interval, and whether the step ends exactly then.
     """
-    motion, error, easy, cuts, limit = step
-    end, whole, at_breakpoint = ended
-    T = context.memory[b]
-    advance_clock(context.totals[b], motion, end, whole)
-    if at_breakpoint:
-        T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
-    count_step(T, context.totals[b], motion.dt, cuts)
-    T[step_memory.LIMITED + limit] += 1.0
-    set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
-    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(context, b, space)
+    T, A, D, diagnostics, (end, whole) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
+    pass_time(A, motion.dt, motion.v_x, motion.v_y)
+    if whole:
+        A[run_totals.TIME] = end
+    T[step_memory.CUTS] += cuts
+    T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
+    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * motion.dt)
+    bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
+    T[step_memory.CODE], T[step_memory.SLOT] = Stop.NONE.value, -1.0
+    if bad > 0:
+        T[step_memory.CODE] = Stop.BAD_BODY.value
+    elif diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
+        T[step_memory.CODE], T[step_memory.SLOT] = Stop.OVERLAP.value, diagnostics[step_contacts.SLOT]
+    elif out > 0:
+        T[step_memory.CODE] = Stop.LEFT.value

@@ -19,7 +19,7 @@ from thirdbody.kernels.implicit.contact import (
 )
 from thirdbody.kernels.implicit.residual import inertia_of
 from thirdbody.kernels.implicit.tables import step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, RELIEVE, RESTORE, TANGENTS, body_at, call_part, space_at
+from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import is_upper
 from thirdbody.kernels.rolling_kinematics import has_moments
 from thirdbody.kernels.tables import body, patch
@@ -43,15 +43,20 @@ def give_springs(m, context, tile):
 
 
 @njit(**BARE)
-def plane_contact(q, b, dt, context, space):
-    """Return contact q of body b, with a plane, as a `Contact` of the equations of this body alone."""
+def plate_contact(q, b, dt, shape, context, space):
+    """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
-    sides = (
-        owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry),
-        plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1)),
-    )
-    before = space.before[k - context.plate_edges[b]]
-    return contact_of(q, before, dt, sides, (ZERO_TENSOR, NOWHERE, ZERO_TENSOR), context, space)
+    owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
+    sides = owner, plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1))
+    return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
+
+
+@njit(**BARE)
+def add_plane(contact, context, J):
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat."""
+    add_planar(contact, J)
+    if has_moments(context):
+        add_planar_moments(contact, J)
 
 
 @njit(**BARE)
@@ -64,22 +69,19 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
     give_springs(m, context, space)
     if context.spots_part != 0:
-        call_part(context.spots_part, RELIEVE, a, m, motion, context, island, scratch)
+        call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
     tangents_at(context.tangents)(space.inputs, space.tangents, padded(m, context.n_history), context.pairs)
     if context.spots_part != 0:
-        call_part(context.spots_part, RESTORE, a, m, motion, context, island, scratch)
+        call_part(context.spots_part, STAGE.RESTORE, a, m, motion, context, island, scratch)
     for i in range(FREEDOMS * FREEDOMS):
         J[i] = 0.0
     if plates.is_rough(context):
-        call_part(context.rough_part, TANGENTS, a, m, motion, context, island, scratch)
+        call_part(context.rough_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     else:
         for q in range(m):
-            contact = plane_contact(q, b, dt, context, space)
-            add_planar(contact, J)
-            if has_moments(context):
-                add_planar_moments(contact, J)
+            add_plane(plate_contact(q, b, dt, (ZERO_TENSOR, NOWHERE, ZERO_TENSOR), context, space), context, J)
     if context.spots_part != 0:
-        call_part(context.spots_part, TANGENTS, a, m, motion, context, island, scratch)
+        call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     subtract_inertia(context, b, dt, space)
     if P[p, patch.FREE] == 0.0 and not coupled:
         for k in range(6):
@@ -97,25 +99,18 @@ def subtract_inertia(context, b, dt, space):
     Z, B, J = space.start, context.B, space.jacobian
     per_arm = 1.0 / Z[step_start.ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, context.E, context.orientations)
-    rate = Z[step_start.NOW] / dt
+    rate, rows = Z[step_start.NOW] / dt, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     square = Z[step_start.MASS_FRACTION] * rate * rate
-    for k in range(3):
-        J[8 * k] -= B[b, body.MASS] * square
-    J[24] -= xx * square
-    J[32] -= yy * square
-    J[40] -= zz * square
-    J[25] -= xy * square
-    J[31] -= xy * square
-    J[26] -= xz * square
-    J[38] -= xz * square
-    J[33] -= yz * square
-    J[39] -= yz * square
+    for i in range(3):
+        J[8 * i] -= B[b, body.MASS] * square
+        for k in range(3):
+            J[FREEDOMS * (3 + i) + 3 + k] -= rows[i][k] * square
     for i in range(FREEDOMS):
         for k in range(3, 6):
             J[FREEDOMS * i + k] *= per_arm
     for k in range(3, 6):
-        for j in range(FREEDOMS):
-            J[FREEDOMS * k + j] *= per_arm
+        for i in range(FREEDOMS):
+            J[FREEDOMS * k + i] *= per_arm
     for k in range(6):
         J[8 * k] -= Z[step_start.TETHER_STIFFNESS]
 
@@ -139,4 +134,4 @@ def assemble(m, coupled, motion, context, island, scratch):
             for j in range(FREEDOMS):
                 J[first + 3 * w * i + j] = scratch.jacobian[a, FREEDOMS * i + j]
     if m > 0:
-        call_part(context.pairs_part, TANGENTS, 0, m, motion, context, island, scratch)
+        call_part(context.pairs_part, STAGE.TANGENTS, 0, m, motion, context, island, scratch)
