@@ -1,7 +1,7 @@
 """Work of the contacts of a step, with plates and between bodies: its error, what they dissipated, their histories and records.
 
 A step uses the forces at its end. What bodies exchange is, to second order, the work of the mean of the forces at both ends: for
-dashpots as for friction (`kernels.books`). Where forces jump (`smooth` is false, `work.weight_of_old`) and without inertia, whose
+dashpots as for friction (`kernels.books`). Where forces jump (`smooth` is false, `weight_of_old`) and without inertia, whose
 steps all begin at rest, it is the work of the force at the end. The forces of dashpots are kept in the history, as in explicit
 steps. Called through pointers, so that plates and pairs are compiled without.
 

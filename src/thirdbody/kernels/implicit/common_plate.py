@@ -12,30 +12,21 @@ from numba import njit, types
 from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
-from thirdbody.kernels.implicit import control
+from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
 from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
-from thirdbody.kernels.implicit.jacobian import assemble
-from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
+from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
+from thirdbody.kernels.implicit.newton import Outcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
-from thirdbody.kernels.implicit.workspace import (
-    FREEDOMS,
-    MOTION,
-    STAGE,
-    body_at,
-    call_part,
-    context_of,
-    island_at,
-    space_at,
-    unpack,
-)
+from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
+_ENDED = types.Tuple((_D, _B, _I))
 
 
 @njit(**BARE)
@@ -114,9 +105,7 @@ def solve_one(first_iteration, displacement, motion, context, island, scratch):
         if first_iteration:
             measure_arm(context, b, space)
             save_start(a, context, island, scratch)
-            control.initial_overlaps(b, context, space.before)
-            control.begin_step(context, b, motion, space)
-            control.predict(context, b, motion.dt, displacement, space)
+            control.begin_step(context, b, displacement, motion, space)
             for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
                 context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
         else:
@@ -150,48 +139,42 @@ def solve_one(first_iteration, displacement, motion, context, island, scratch):
         write_stiffness(m, motion, context, island, scratch)
 
 
-@njit(**BARE_CHUNK)
-def accept_one(motion, ended, context, island, scratch):
-    """Accept the step of an island. Forces are evaluated again: cheaper than storing the tiles of all bodies."""
-    for a in range(island.n):
-        space = space_at(a, scratch)
-        load_body(context, body_at(a, island), space)
-        for k in range(FREEDOMS):
-            space.correction[k] = 0.0
-    m = evaluate(0.0, motion, context, island, scratch)
-    accept_island(m, motion, True, context, island, scratch)
-    for a in range(island.n):
-        control.close_step(context, body_at(a, island), motion, ended[:2], ended[2], space_at(a, scratch))
-    if context.labels != 0:
-        label_island(context, island, scratch)
-
-
-@entry(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions`.
     """
-    context, islands, scratch = unpack(packed, tables, packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        solve_one(first_iteration, displacement, motion, context, island_at(islands.order[p], islands), scratch)
+        solve_one(first_iteration, displacement, motion, context, workspace.island_at(islands.order[p], islands), scratch)
 
 
-@entry(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, _ENDED, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
-    context, islands, scratch = unpack(packed, tables, packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        accept_one(motion, ended, context, island_at(islands.order[p], islands), scratch)
+        island = workspace.island_at(islands.order[p], islands)
+        for a in range(island.n):
+            space = space_at(a, scratch)
+            load_body(context, body_at(a, island), space)
+            for k in range(FREEDOMS):
+                space.correction[k] = 0.0
+        m = evaluate(0.0, motion, context, island, scratch)  # again: cheaper than storing the tiles of all bodies
+        accept_island(m, motion, True, context, island, scratch)
+        for a in range(island.n):
+            control.close_step(context, body_at(a, island), motion, ended[:2], ended[2], space_at(a, scratch))
+        label_island(context, island, scratch)
 
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
-    context, islands, scratch = unpack(packed, tables, packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        island = island_at(islands.order[p], islands)
+        island = workspace.island_at(islands.order[p], islands)
         for a in range(island.n):
             b, space = body_at(a, island), space_at(a, scratch)
             load_body(context, b, space)
@@ -204,7 +187,7 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 @entry(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
 def common_step_length(T, t, packed, end):
     """Return length [s] and limiting cause of the next step (`control.next_length`)."""
-    return control.next_length(T, t, context_of(packed), end)
+    return control.next_length(T, t, workspace.context_of(packed), end)
 
 
 @entry(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D, _D), **OPTIONS)
@@ -237,13 +220,13 @@ def set_common_length(T, growth, dt, error, easy, cut, limit):
 @entry(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
 def plate_velocity_of(t, packed, dt):
     """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
-    return control.plate_velocity(t, context_of(packed), dt)
+    return control.plate_velocity(t, workspace.context_of(packed), dt)
 
 
 @entry(_D(_D, PACKED, _D), **OPTIONS)
 def next_breakpoint_after(t, packed, until):
     """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
-    return control.next_breakpoint(t, context_of(packed), until)
+    return control.next_breakpoint(t, workspace.context_of(packed), until)
 
 
 @entry(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)

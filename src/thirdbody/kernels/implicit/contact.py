@@ -28,11 +28,12 @@ to 15 % less.
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.implicit.workspace import FREEDOMS
-from thirdbody.kernels.plates import three
+from thirdbody.kernels.plates import is_upper, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
 from thirdbody.kernels.tables import domain, sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_output
@@ -131,18 +132,12 @@ NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class Side(NamedTuple):
     """One side of a contact."""
 
-    row: int
-    """First row and column of its body in the equations; -1: a plate, which has none."""
-    lift: int
-    """Row and column of the rise of a plate; -1: a body, or a plate at rest."""
-    scale: float
-    """One over the arm of the body [1/m], if rotations are scaled in the equations; else 1."""
-    centre: Vector
-    """Centre of the sphere from the centre of mass [m]."""
-    point: Vector
-    """Contact point from there [m]."""
-    arm: float
-    """Distance of the contact point from the centre of the sphere [m]."""
+    row: int  # first row and column of its body in the equations; -1: a plate, which has none
+    lift: int  # row and column of the rise of a plate; -1: a body, or a plate at rest
+    scale: float  # one over the arm of the body [1/m], if rotations are scaled in the equations; else 1
+    centre: Vector  # of the sphere, from the centre of mass [m]
+    point: Vector  # of the contact, from there [m]
+    arm: float  # distance of the contact point from the centre of the sphere [m]
 
 
 class Contact(NamedTuple):
@@ -150,27 +145,21 @@ class Contact(NamedTuple):
 
     owner: Side
     partner: Side
-    frame: tuple[Vector, Vector, Vector]
-    """Normal and both axes."""
+    frame: tuple[Vector, Vector, Vector]  # normal and both axes
     force: Vector
     moment: Vector
-    displacement: Vector
-    """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
+    displacement: Vector  # of the step, along the normal and the axes of the frame [m]
     tangent: tuple[float, float, float, float, float, float, float]
     """Change of N with the overlap, and of T_1, T_2 with the slip and the overlap (`contact_tangent`)."""
     rolling_tangent: Tensor
     """Change of M_1, M_2 with rotations about the axes and with the overlap; zero without moments."""
     twist_tangent: tuple[float, float]
     """Change of the moment about the normal with the rotation about it, and with the overlap."""
-    bend: Tensor
-    """H [1/m]"""
+    bend: Tensor  # H [1/m]
     normal_force: float
-    energy: float
-    """Energy of the normal spring [J]."""
-    gradient: Vector
-    """G [1/m]"""
-    gradient_change: Tensor
-    """B [1/m2]"""
+    energy: float  # of the normal spring [J]
+    gradient: Vector  # G [1/m]
+    gradient_change: Tensor  # B [1/m2]
 
 
 @njit(**BARE)
@@ -221,6 +210,15 @@ def plate_side(lift):
 
 
 @njit(**BARE)
+def plate_contact(q, b, dt, shape, context, space):
+    """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
+    k = space.slots[q]
+    owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
+    sides = owner, plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1))
+    return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
+
+
+@njit(**BARE)
 def moment_rows(r, rows, p, arm):
     """Return the rows of r x A - p arm, where `rows` are those of A."""
     x, y, z = r
@@ -229,14 +227,6 @@ def moment_rows(r, rows, p, arm):
         scaled_sum(z, rows[0], -x, rows[2], -p[1], arm),
         scaled_sum(x, rows[1], -y, rows[0], -p[2], arm),
     )
-
-
-@njit(**BARE)
-def add_block(row, column, rows, J):
-    """Add three rows of three to J (7, 7), flat."""
-    for i in range(3):
-        for k in range(3):
-            J[FREEDOMS * (row + i) + column + k] += rows[i][k]
 
 
 @njit(**BARE)
@@ -262,15 +252,15 @@ def add_planar(contact, J):
     x, y, z = cross(n, f)
     p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
     torque_by_displacement, torque_by_rotation = moment_rows(r, A, p, n), moment_rows(r, force_by_rotation, p, cross(r, n))
-    add_block(0, 0, A, J)
-    add_block(0, 3, force_by_rotation, J)
-    add_block(3, 0, torque_by_displacement, J)
-    add_block(3, 3, torque_by_rotation, J)
     for i in range(3):
-        at = FREEDOMS * (3 + i) + 3
+        force, torque = FREEDOMS * i, FREEDOMS * (3 + i)
         for k in range(3):
-            J[at + k] += a[i] * f[k]
-        J[at + i] -= along_arm
+            J[force + k] += A[i][k]
+            J[force + 3 + k] += force_by_rotation[i][k]
+            J[torque + k] += torque_by_displacement[i][k]
+            J[torque + 3 + k] += torque_by_rotation[i][k]
+            J[torque + 3 + k] += a[i] * f[k]
+        J[torque + 3 + i] -= along_arm
     if contact.partner.lift >= 0:
         # the patch rises: the body moves down relative to it, and the opposite force acts on it
         for i in range(3):
@@ -300,6 +290,14 @@ def add_planar_moments(contact, J):
             J[FREEDOMS * (3 + i) + 6] += m[i] * n[2]
 
 
+@njit(**BARE)
+def add_plane(contact, context, J):
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat."""
+    add_planar(contact, J)
+    if has_moments(context):
+        add_planar_moments(contact, J)
+
+
 class Column(NamedTuple):
     """One coordinate: displacements of centre and surface of the owner's sphere relative to the partner, and rotation w of the
     body that moves, with its sign: 1 owner, -1 partner, 0 a plate."""
@@ -321,7 +319,7 @@ def column_of(c, side, sign):
 
 @njit(**BARE_CHUNK)
 def add_curved(contact, J, step, offset):
-    """Add any contact to the Jacobian J (`linear`), coordinate by coordinate."""
+    """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     owner, partner = contact.owner, contact.partner
     for c in range(12 if partner.row >= 0 else 7 if partner.lift >= 0 else 6):
         if c < 6:

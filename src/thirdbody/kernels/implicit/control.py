@@ -13,7 +13,6 @@ from thirdbody.kernels.bodies import check_position, limits_of
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner, pass_time
 from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 
@@ -21,22 +20,14 @@ from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 class StepLimit(IntEnum):
     """Causes that limit a step, in the order of their counters (`step_memory.LIMITED`): those due to a body come first."""
 
-    ERROR = 0
-    """A longer step would exceed the error allowed by `solver.tolerance`."""
-    LANDING = 1
-    """A longer step failed while a contact closed."""
-    NEWTON = 2
-    """Newton's method did not converge for a longer step, or needed many iterations."""
-    ROTATION = 3
-    """Largest rotation of the body in one step."""
-    LARGEST_STEP = 4
-    """Largest drag in one step (`solver.largest_step`)."""
-    REVERSAL = 5
-    """The step ends where the prescribed motion or load changes."""
-    OUTPUT = 6
-    """The step ends at an output."""
-    GROWTH = 7
-    """Nothing: the step grows by the largest allowed ratio."""
+    ERROR = 0  # a longer step would exceed the error allowed by `solver.tolerance`
+    LANDING = 1  # a longer step failed while a contact closed
+    NEWTON = 2  # Newton's method did not converge for a longer step, or needed many iterations
+    ROTATION = 3  # largest rotation of the body in one step
+    LARGEST_STEP = 4  # largest drag in one step (`solver.largest_step`)
+    REVERSAL = 5  # the step ends where the prescribed motion or load changes
+    OUTPUT = 6  # the step ends at an output
+    GROWTH = 7  # nothing: the step grows by the largest allowed ratio
 
 
 TRAVEL = 0.12
@@ -71,18 +62,12 @@ def why_cut(landing, converged, error, rotation):
 class Stop(IntEnum):
     """Reasons why a body stopped (`step_memory.CODE`)."""
 
-    NONE = 0
-    """It goes on."""
-    UNSOLVED = 1
-    """No step down to the shortest one could be solved."""
-    OVERLAP = 2
-    """Guard: a contact is too deep."""
-    CROWDED = 3
-    """It has more contacts than a tile holds."""
-    LEFT = 4
-    """Guard: it left the domain."""
-    BAD_BODY = 5
-    """Guard: its position is not finite."""
+    NONE = 0  # it goes on
+    UNSOLVED = 1  # no step down to the shortest one could be solved
+    OVERLAP = 2  # guard: a contact is too deep
+    CROWDED = 3  # it has more contacts than a tile holds
+    LEFT = 4  # guard: it left the domain
+    BAD_BODY = 5  # guard: its position is not finite
 
 
 TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
@@ -163,8 +148,12 @@ def bdf2_weights(ratio):
 
 
 @njit(**BARE)
-def begin_step(context, b, motion, space):
-    """Set the weights of a step, what holds a body without inertia, and its patch along x and y."""
+def begin_step(context, b, displacement, motion, space):
+    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step.
+
+    It is predicted with the acceleration of the last step, after a start with constant velocity; `local_error` measures from
+    there. `displacement`: of a patch that is prescribed [m].
+    """
     p, Z, T, V, P, dt = context.patch[b], space.start, context.memory[b], context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
@@ -176,7 +165,18 @@ def begin_step(context, b, motion, space):
         if distance > 0.0:
             limit = Z[step_start.TETHER_STIFFNESS] * (longest_drag(V, T) * dt / distance) ** 2 / mass
             Z[step_start.MASS_FRACTION] = min(1.0, limit)
-    Z[step_start.NOW], Z[step_start.BEFORE] = bdf2_weights(step_ratio(T, V, dt))
+    ratio, y = step_ratio(T, V, dt), space.y
+    now, last = bdf2_weights(ratio)
+    Z[step_start.NOW], Z[step_start.BEFORE] = now, last
+    scale, before = dt / now, last / now
+    for k in range(3):
+        v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
+        w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
+        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
+        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
+    patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
+    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
+    y[6] = predicted if P[p, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
@@ -194,22 +194,6 @@ def error_of_change(change, radius, ratio, V, dt):
 
 
 @njit(**BARE)
-def travel_error(context, b, dt, space):
-    """Return the largest displacement of a sphere relative to a plate in the step over what is allowed, squared (`TRAVEL`)."""
-    p, Z, S, P, largest = context.patch[b], space.start, context.S, context.P, 0.0
-    if not (has_heights(context.lower) or has_heights(context.upper)):
-        return 0.0
-    up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
-    up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
-    up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
-    for i in range(context.start[b], context.start[b + 1]):
-        x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
-        square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
-        largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
-    return largest / (TRAVEL * TRAVEL)
-
-
-@njit(**BARE)
 def local_error(context, b, dt, space):
     """Return the local error of the step of a body and its patch over the tolerance (`error_of_change`)."""
     Z, T, V, B = space.start, context.memory[b], context.settings, context.B
@@ -223,33 +207,18 @@ def local_error(context, b, dt, space):
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
     error = error_of_change(change, radius, ratio, V, dt)
-    return max(error, travel_error(context, b, dt, space)) if plates.is_rough(context) else error
-
-
-@njit(**BARE)
-def initial_overlaps(b, context, before):
-    """Write overlap plus reach [m] of body b's candidates at the start of the step; negative: out of reach."""
-    for e in range(context.plate_edges[b], last_candidate(b, context)):
-        k = context.plate_incidence[e] >> 1
-        before[k - context.plate_edges[b]] = plates.overlap(k, context) + context.D[domain.REACH]
-
-
-@njit(**BARE)
-def predict(context, b, dt, displacement, space):
-    """Predict the coordinates with the acceleration of the last step, and a prescribed patch by `displacement` [m].
-
-    From there `local_error` measures; after a start the velocity is constant.
-    """
-    Z, T, y = space.start, context.memory[b], space.y
-    ratio, scale, before = step_ratio(T, context.settings, dt), dt / Z[step_start.NOW], Z[step_start.BEFORE] / Z[step_start.NOW]
-    for k in range(3):
-        v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
-        w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
-        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
-        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
-    patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
-    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
-    y[6] = predicted if context.P[context.patch[b], patch.FREE] != 0.0 else displacement
+    if not (plates.is_rough(context) and (has_heights(context.lower) or has_heights(context.upper))):
+        return error
+    # also of the largest displacement of a sphere relative to a plate over what is allowed, squared
+    p, S, P, largest = context.patch[b], context.S, context.P, 0.0
+    up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
+    up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
+    up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
+    for i in range(context.start[b], context.start[b + 1]):
+        x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
+        square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
+        largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
+    return max(error, largest / (TRAVEL * TRAVEL))
 
 
 @njit(**BARE)

@@ -53,17 +53,16 @@ def begin_steps(motion, context, island, scratch):
     driven, loaded = first[schedule.GAP + 1] > first[schedule.GAP], first[schedule.LOAD + 1] > first[schedule.LOAD]
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
-        p, t, Z, rise = context.patch[b], context.totals[b, run_totals.TIME], space.start, 0.0
-        control.begin_step(context, b, motion, space)
+        p, t, Z, displacement = context.patch[b], context.totals[b, run_totals.TIME], space.start, 0.0
         if loaded and P[p, patch.NOMINAL_LOAD] != 0.0:
             now = schedule.segment(rows, first, np.int64(schedule.LOAD), t)  # no step crosses a breakpoint
             P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * schedule.value_of(rows, now, t + dt)
         if driven:
-            rise = schedule.mean_rate(rows, first, np.int64(schedule.GAP), t, dt) * dt
+            displacement = schedule.mean_rate(rows, first, np.int64(schedule.GAP), t, dt) * dt
         if P[p, patch.SPRING] != 0.0:
             height = schedule.value(rows, first, np.int64(schedule.GAP), t + dt) if driven else P[P.shape[0] - 1, patch.HEIGHT]
-            Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = height, rise
-        control.predict(context, b, dt, rise, space)
+            Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = height, displacement
+        control.begin_step(context, b, displacement, motion, space)
 
 
 @njit(**BARE_CHUNK)
@@ -105,9 +104,9 @@ def accept_island(m, motion, common, context, island, scratch):
 
 @njit(**BARE_CHUNK)
 def label_island(context, island, scratch):
-    """Update the labeller's memory of all bodies after their step."""
+    """Update the labeller's memory of all bodies after their step, if there is one."""
     observe = observe_bodies_at(context.observe_bodies)
-    for a in range(island.n):
+    for a in range(island.n if context.labels != 0 else 0):
         b, A = body_at(a, island), context.totals[body_at(a, island)]
         observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
         A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
@@ -125,9 +124,7 @@ def step(until, context, island, scratch):
             context.totals[b, run_totals.TIME], context.memory[b, step_memory.LAST_DT] = end, 0.0
         return
     for a in range(island.n):
-        b, space = body_at(a, island), space_at(a, scratch)
         save_start(a, context, island, scratch)
-        control.initial_overlaps(b, context, space.before)
     if island.n_pairs > 0:
         call_part(context.pairs_part, STAGE.START, 0, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     (dt, limit), cuts = common_length(context, island, time, end), 0
@@ -163,8 +160,7 @@ def step(until, context, island, scratch):
             T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
         T[step_memory.LIMITED + limit] += 1.0
         control.set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= control.EASY, cuts > 0, limit)
-    if context.labels != 0:
-        label_island(context, island, scratch)
+    label_island(context, island, scratch)
 
 
 @entry(workspace.ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)

@@ -14,8 +14,7 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import plates
 from thirdbody.kernels.implicit.contact import contact_point, dot, frame_of
-from thirdbody.kernels.implicit.jacobian import assemble
-from thirdbody.kernels.implicit.linear import factorise, substitute
+from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, active_contacts, residual, set_configuration
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at
@@ -209,31 +208,6 @@ def effects_on(context, island):
 
 
 @njit(**BARE)
-def factorise_jacobian(coupled, island, scratch):
-    """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `jacobian.assemble`."""
-    n, w = island.n, island.half_width
-    if n == 1 and not coupled:
-        return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
-    return factorise(scratch.band, scratch.pivots, FREEDOMS * n, w, 3 * w, w)
-
-
-@njit(**BARE)
-def solve_correction(coupled, island, scratch):
-    """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
-    n, w, x = island.n, island.half_width, scratch.solution
-    for a in range(n):
-        for k in range(FREEDOMS):
-            x[FREEDOMS * a + k] = space_at(a, scratch).residual[k]
-    if n == 1 and not coupled:
-        substitute(scratch.jacobian[0], scratch.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
-    else:
-        substitute(scratch.band, scratch.pivots, x, FREEDOMS * n, w, 3 * w, w)
-    for a in range(n):
-        for k in range(FREEDOMS):
-            space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
-
-
-@njit(**BARE)
 def all_settled(context, island, scratch):
     """Return whether the corrections of all bodies are negligible."""
     V = context.settings
@@ -355,7 +329,6 @@ def solve_island(motion, context, island, scratch):
     """
     patience = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
-    first = True
     for a in range(island.n):
         for k in range(FREEDOMS):
             space_at(a, scratch).correction[k] = 0.0
@@ -363,8 +336,7 @@ def solve_island(motion, context, island, scratch):
         m = evaluate(part, motion, context, island, scratch)
         if m < 0:
             return Outcome.CROWDED, m, iterations
-        now, enough, solved, nearly = measure(first, motion.dt, context, island, scratch)
-        first = False
+        now, enough, solved, nearly = measure(size == 1e300, motion.dt, context, island, scratch)
         if not now < 1e300:
             return Outcome.UNSOLVED, m, iterations
         better = solved or now < (1.0 - 1e-4 * part) * size

@@ -45,9 +45,9 @@ def measure_arm(context, b, space):
 
 @njit(**BARE_CHUNK)
 def save_start(a, context, island, scratch):
-    """Save the state of the body at position a and of its patch at the start of a step."""
+    """Save the state of the body at position a and of its patch at the start of a step, and the overlaps of its candidates."""
     b, Z, B, P, E = body_at(a, island), space_at(a, scratch).start, context.B, context.P, context.E
-    p = context.patch[b]
+    p, first, before = context.patch[b], context.plate_edges[b], space_at(a, scratch).before
     if plates.is_rough(context):
         call_part(context.rough_part, STAGE.START, a, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     for k in range(3):
@@ -60,6 +60,9 @@ def save_start(a, context, island, scratch):
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
     for k in range(2):
         Z[step_start.PATCH_DISPLACEMENT + k] = P[p, patch.DISPLACEMENT + k]
+    for e in range(first, last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
+        before[k - first] = plates.overlap(k, context) + context.D[domain.REACH]
 
 
 @njit(**BARE)

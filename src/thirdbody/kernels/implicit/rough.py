@@ -2,7 +2,7 @@
 
 Newton's method tries positions from which there may be no way back, so every trial follows the minima from where they were at the
 start of the step, and ends or finds none. An accepted step ends those that met others, and searches for new ones; it finds them
-before they can touch, since no sphere moves farther in a step than the margin of the search (`control.travel_error`).
+before they can touch, since no sphere moves farther in a step than the margin of the search (`control.TRAVEL`).
 
 In hollows nearly as narrow as the sphere the gradient force turns within nanometres; without its change Newton's method fails for
 all but the shortest steps.
@@ -17,8 +17,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, POINTED,
 from thirdbody.kernels import minima, plates
 from thirdbody.kernels.closest_point import Foot, inverse_of, log_radius_gradient, matrix_of
 from thirdbody.kernels.height_field import has_heights, jet_at, rounded_jet, within_period
-from thirdbody.kernels.implicit.contact import ZERO_TENSOR, add_curved, cross, difference, dot, scaled_sum
-from thirdbody.kernels.implicit.jacobian import add_plane, plate_contact
+from thirdbody.kernels.implicit.contact import ZERO_TENSOR, add_curved, add_plane, cross, difference, plate_contact, scaled_sum
 from thirdbody.kernels.implicit.tables import step_memory
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, UPDATE_MINIMA, body_at, island_at, space_at, update_rough
 from thirdbody.kernels.minima import end_minimum, has_minimum, offset_of
@@ -58,7 +57,8 @@ def write_gradient_change(k, field, x, radius, upper, Q):
     c_1, c_2, c_3 = difference(c_1, centre), difference(c_2, centre), difference(c_3, centre)
     g_1, g_2, g_3 = difference(g_1, gradient), difference(g_2, gradient), difference(g_3, gradient)
     w_1, w_2, w_3 = cross(c_2, c_3), cross(c_3, c_1), cross(c_1, c_2)
-    inverse, up, t = 1.0 / dot(c_1, w_1), -1.0 if upper else 1.0, surface_contact.GRADIENT_CHANGE
+    inverse = 1.0 / (c_1[0] * w_1[0] + c_1[1] * w_1[1] + c_1[2] * w_1[2])
+    up, t = -1.0 if upper else 1.0, surface_contact.GRADIENT_CHANGE
     xx, xy, xz = scaled_sum(g_1[0], w_1, g_2[0], w_2, g_3[0], w_3)
     _, yy, yz = scaled_sum(g_1[1], w_1, g_2[1], w_2, g_3[1], w_3)
     _, _, zz = scaled_sum(g_1[2], w_1, g_2[2], w_2, g_3[2], w_3)
@@ -111,15 +111,6 @@ def follow_step(k, field, x, ends, tables):
 
 
 @njit(**BARE_CHUNK)
-def write_changes(k, field, x, tables):
-    """Write the changes of the gradients at the minima within reach of the sphere whose first row is k; x (3,): its centre."""
-    Q, radius, upper = tables.Q, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
-    for a in range(BASINS if tables.D[domain.CURVED + upper] != 0.0 else 0):
-        if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + tables.D[domain.REACH]:
-            write_gradient_change(k + a, field, x, radius, upper, Q)
-
-
-@njit(**BARE_CHUNK)
 def accept_sphere(k, field, x, tables):
     """Take the minima of the sphere whose first row is k as those at the start of the next step, after a search if one is due."""
     Q, radius, reach = tables.Q, tables.S[tables.own[k], sphere.RADIUS], tables.D[domain.REACH]
@@ -144,18 +135,19 @@ def accept_sphere(k, field, x, tables):
 def update_minima(stage, first, last, tables):
     """Update the rows of candidates first to last for positions of a trial (GATHER) or at the end of a step (ACCEPT), or for the
     last trial what the Jacobian alone needs (TANGENTS)."""
-    k = minima.next_rough(first, last, tables)
+    Q, k = tables.Q, minima.next_rough(first, last, tables)
     while k < last:
-        upper = is_upper(tables.partner[k])
-        field, x = tables.upper if upper else tables.lower, plates.centre(tables.own[k], tables.S)
-        x = plates.to_surface(tables.partner[k], x, tables.P)
+        upper, i = is_upper(tables.partner[k]), tables.own[k]
+        field = tables.upper if upper else tables.lower
+        x, radius = plates.to_surface(tables.partner[k], plates.centre(i, tables.S), tables.P), tables.S[i, sphere.RADIUS]
         if stage == STAGE.ACCEPT:
             accept_sphere(k, field, x, tables)
-        elif tables.Q[k, surface_contact.MINIMA] != 0.0:
-            if stage == STAGE.GATHER:
-                follow_step(k, field, x, False, tables)
-            else:
-                write_changes(k, field, x, tables)
+        elif stage == STAGE.GATHER and Q[k, surface_contact.MINIMA] != 0.0:
+            follow_step(k, field, x, False, tables)
+        elif stage == STAGE.TANGENTS and tables.D[domain.CURVED + upper] != 0.0:
+            for a in range(BASINS):  # the gradient changes at minima within reach
+                if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + tables.D[domain.REACH]:
+                    write_gradient_change(k + a, field, x, radius, upper, Q)
         k = minima.next_rough(k + BASINS, last, tables)
 
 

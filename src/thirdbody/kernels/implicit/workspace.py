@@ -200,18 +200,12 @@ class Island(NamedTuple):
     """The island that is advanced."""
 
     number: int
-    low: int
-    """Where its bodies begin in the table of all."""
-    n: int
-    """Number of its bodies."""
-    first_pair: int
-    """Where the candidates between its bodies begin in the table of all."""
-    n_pairs: int
-    """Number of these candidates."""
-    half_width: int
-    """Half width of the band of its Jacobian."""
-    all: Any
-    """`IslandTables`"""
+    low: int  # where its bodies begin in the table of all
+    n: int  # number of its bodies
+    first_pair: int  # where the candidates between its bodies begin in the table of all
+    n_pairs: int  # number of these candidates
+    half_width: int  # of the band of its Jacobian
+    all: Any  # `IslandTables`
 
 
 @njit(**BARE)
