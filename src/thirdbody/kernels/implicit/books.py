@@ -20,7 +20,7 @@ from thirdbody.jit.options import BARE, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
 from thirdbody.kernels.books import book, friction_work_of, has_dashpot_moments, store_dashpot_forces, unpack_triple
 from thirdbody.kernels.explicit.contact_forces import write_record
-from thirdbody.kernels.implicit.contact import depth_at
+from thirdbody.kernels.implicit.contact import cross, depth_at, difference, dot
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import CONTEXT, MOTION, SPACE_TYPE, last_candidate
 from thirdbody.kernels.measures import measure_contact, measure_opened
@@ -83,9 +83,8 @@ def weight_of_old(context, b, m, dt, space):
     I, O, work_done, damped = space.inputs, space.outputs, 0.0, 0.0  # noqa: E741
     for q in range(m):
         damped += loss_of_end(q, space.before[space.slots[q] - context.plate_edges[b]], dt, context, space)
-        work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
-            O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
-        )
+        across = abs(O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q])
+        work_done += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + across
     return 0.5 if damped <= CALM * work_done else 0.0
 
 
@@ -96,16 +95,15 @@ def opening_work(k, before, contact, u, context, dt):
     `before`: overlap plus reach [m] at the start of the step; `contact`: overlap [m] and normal at its end; u: mean velocity of
     the partner there [m/s].
     """
-    S, H, i, (overlap, (n_x, n_y, n_z)) = context.S, context.H, context.own[k], contact
+    S, H, i, (overlap, n) = context.S, context.H, context.own[k], contact
     r = S[i, sphere.RADIUS]
-    v = surface_velocity(i, S, STEP_COLUMNS, (-r * n_x, -r * n_y, -r * n_z))
+    v = surface_velocity(i, S, STEP_COLUMNS, (-r * n[0], -r * n[1], -r * n[2]))
     f_1, f_2 = H[k, contact_state.LAW + context.force], H[k, contact_state.LAW + context.force + 1]
-    e_x, e_y, e_z = H[k, contact_state.AXIS], H[k, contact_state.AXIS + 1], H[k, contact_state.AXIS + 2]
-    f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
-    f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
-    f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
+    e = plates.three(H, k, contact_state.AXIS)
+    g = cross(n, e)
+    f = f_1 * e[0] + f_2 * g[0], f_1 * e[1] + f_2 * g[1], f_1 * e[2] + f_2 * g[2]
     fraction = before / max(before - overlap - context.D[domain.REACH], 1e-300)
-    return -0.5 * fraction * dt * (f_x * (v[0] - u[0]) + f_y * (v[1] - u[1]) + f_z * (v[2] - u[2]))
+    return -0.5 * fraction * dt * dot(f, difference(v, u))
 
 
 @njit(**BARE)
