@@ -211,8 +211,7 @@ def reject_step(context, b, space):
     P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
     for k in range(2):
         P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
-    if is_rough(context):
-        update_rough(STAGE.GATHER, b, context)
+    update_rough(STAGE.GATHER, b, context)
 
 
 @njit(**BARE)
@@ -234,8 +233,7 @@ def accept_step(context, b, m, motion, common, space):
         stored += books.stored_energy(context.plate_incidence[e] >> 1, context)
     update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, b, dt, space)
-    if is_rough(context):
-        update_rough(STAGE.ACCEPT, b, context)
+    update_rough(STAGE.ACCEPT, b, context)
     T[step_memory.STORED] = stored
     T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.energy_of_contacts(m, space))
     diagnostics = space.diagnostics

@@ -15,7 +15,7 @@ from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
 from thirdbody.kernels.implicit.contact import contact_force
-from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
+from thirdbody.kernels.implicit.driver import accept_island, assess_island
 from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
 from thirdbody.kernels.implicit.newton import Outcome, evaluate, solve_island
 from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
@@ -163,10 +163,7 @@ def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
             for k in range(FREEDOMS):
                 space.correction[k] = 0.0
         m = evaluate(0.0, motion, context, island, scratch)  # again: cheaper than storing the tiles of all bodies
-        accept_island(m, motion, True, context, island, scratch)
-        for a in range(island.n):
-            control.close_step(context, body_at(a, island), motion, ended[:2], ended[2], space_at(a, scratch))
-        label_island(context, island, scratch)
+        accept_island(m, motion, True, ended, context, island, scratch)
 
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)

@@ -252,12 +252,12 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 
 @njit(**BARE)
-def close_step(context, b, motion, ended, cuts, space):
-    """Advance the clock and the counters of body b by a step that was cut `cuts` times, and note a guard that it violates.
+def close_step(context, b, motion, ended, space):
+    """Advance the clock and the counters of body b by a step, and note a guard that it violates.
 
-    `ended`: time [s] at the end of the interval, and whether the step ends exactly then.
+    `ended`: time [s] at the end of the interval, whether the step ends exactly then, and how often it was cut.
     """
-    T, A, D, diagnostics, (end, whole) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
+    T, A, D, diagnostics, (end, whole, cuts) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
     pass_time(A, motion.dt, motion.v_x, motion.v_y)
     if whole:
         A[run_totals.TIME] = end

@@ -94,22 +94,22 @@ def assess_island(m, converged, motion, context, island, scratch):
 
 
 @njit(**BARE_CHUNK)
-def accept_island(m, motion, common, context, island, scratch):
-    """Accept the step of all bodies and of the m contacts between them; `common`: see `accept_step.update_ledger`."""
+def accept_island(m, motion, common, ended, context, island, scratch):
+    """Accept the step of all bodies and of the m contacts between them, and update the labeller's memory of the bodies.
+
+    `common`: see `accept_step.update_ledger`; `ended`: see `control.close_step`.
+    """
+    observe = observe_bodies_at(context.observe_bodies)
     for a in range(island.n):
         accept_step(context, body_at(a, island), scratch.counts[a], motion, common, space_at(a, scratch))
     if island.n_pairs > 0:
         call_part(context.pairs_part, STAGE.ACCEPT, 0, m, motion, context, island, scratch)
-
-
-@njit(**BARE_CHUNK)
-def label_island(context, island, scratch):
-    """Update the labeller's memory of all bodies after their step, if there is one."""
-    observe = observe_bodies_at(context.observe_bodies)
-    for a in range(island.n if context.labels != 0 else 0):
+    for a in range(island.n):
         b, A = body_at(a, island), context.totals[body_at(a, island)]
-        observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
-        A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
+        control.close_step(context, b, motion, ended, space_at(a, scratch))
+        if context.labels != 0:
+            observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
+            A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
 @njit(**BARE_CHUNK)
@@ -152,15 +152,13 @@ def step(until, context, island, scratch):
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return
-    accept_island(m, motion, False, context, island, scratch)
+    accept_island(m, motion, False, (end, whole, cuts), context, island, scratch)
     for a in range(island.n):
-        b, T = body_at(a, island), context.memory[body_at(a, island)]
-        control.close_step(context, b, motion, (end, whole), cuts, space_at(a, scratch))
+        T = context.memory[body_at(a, island)]
         if whole and control.is_breakpoint(time, context, end):
             T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
         T[step_memory.LIMITED + limit] += 1.0
         control.set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= control.EASY, cuts > 0, limit)
-    label_island(context, island, scratch)
 
 
 @entry(workspace.ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)

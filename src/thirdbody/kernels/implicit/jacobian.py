@@ -46,11 +46,9 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
     b, space, dt, poses = body_at(a, island), space_at(a, scratch), motion.dt, context.orientations
     p, Z, P, J = context.patch[b], space.start, context.P, space.jacobian
     give_springs(m, context, space)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
     tangents_at(context.tangents)(space.inputs, space.tangents, padded(m, context.n_history), context.pairs)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.RESTORE, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.RESTORE, a, m, motion, context, island, scratch)
     for i in range(FREEDOMS * FREEDOMS):
         J[i] = 0.0
     if plates.is_rough(context):
@@ -58,8 +56,7 @@ def assemble_body(a, m, coupled, motion, context, island, scratch):
     else:
         for q in range(m):
             add_plane(plate_contact(q, b, dt, (ZERO_TENSOR, NOWHERE, ZERO_TENSOR), context, space), context, J)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.TANGENTS, a, m, motion, context, island, scratch)
     per_arm, rate, (xx, yy, zz, xy, xz, yz) = 1.0 / Z[step_start.ARM], Z[step_start.NOW] / dt, inertia_of(b, context.E, poses)
     square, rows = Z[step_start.MASS_FRACTION] * rate * rate, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     for i in range(3):

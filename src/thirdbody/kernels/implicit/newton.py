@@ -39,7 +39,6 @@ CONTRACTS = 0.1
 """Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what it leaves
 out (turning frames) is then small."""
 
-
 OVERLAP_GROWTH = 0.5
 """Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
 
@@ -100,11 +99,8 @@ def force_scale(context, b, dt, space):
     move, square = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]), 1.0 / (dt * dt)
     move += math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
-    patch_force = (
-        max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD])
-        + P[p, patch.MASS] * abs(y[6]) * square
-        + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
-    )
+    patch_force = max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD]) + P[p, patch.MASS] * abs(y[6]) * square
+    patch_force += P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
     patch_force += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
     forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
     return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_force

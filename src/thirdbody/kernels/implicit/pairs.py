@@ -20,22 +20,8 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
 from thirdbody.kernels.explicit.tiles import BODY_FRACTION
-from thirdbody.kernels.implicit import books, newton
-from thirdbody.kernels.implicit.contact import (
-    NOWHERE,
-    ZERO_TENSOR,
-    Side,
-    add_curved,
-    contact_force,
-    contact_moment,
-    contact_of,
-    contact_point,
-    cross,
-    difference,
-    dot,
-    owner_side,
-    vector_at,
-)
+from thirdbody.kernels.implicit import books, contact, newton
+from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
 from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import complete_contact, law_at, observe_contact
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
@@ -86,9 +72,9 @@ def wrench_of(f, point, partner_point, moment, context):
 @njit(**BARE)
 def pair_wrench(q, k, context, tile):
     """Return the `wrench_of` contact q, candidate k."""
-    S, G, moment = context.S, tile.geometry, contact_moment(q, context, tile) if has_moments(context) else NOWHERE
+    S, G, moment = context.S, tile.geometry, contact.contact_moment(q, context, tile) if has_moments(context) else NOWHERE
     point, partner = contact_point(q, context.own[k], S, G), partner_point(q, context.partner[k], S, G)
-    return wrench_of(contact_force(q, tile), point, partner, moment, context)
+    return wrench_of(contact.contact_force(q, tile), point, partner, moment, context)
 
 
 @njit(**BARE_CHUNK)
@@ -135,7 +121,7 @@ def relative_move(a, point, b, other_point, scratch):
     one, other = space_at(a, scratch).correction, space_at(b, scratch).correction
     per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
     moved, behind = newton.displacement(one, per_a, point, False), newton.displacement(other, per_b, other_point, False)
-    return difference(moved, behind)
+    return contact.difference(moved, behind)
 
 
 @njit(**BARE_CHUNK)
@@ -175,22 +161,22 @@ def add_tangents(m, dt, context, island, scratch):
             i, j, a, b = ends_of(k, context, island)
             per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
             centre, point, arm = three(S, j, sphere.ARM), partner_point(q, j, S, G), G[q + geometry.PARTNER_ARM * TILE]
-            sides = owner_side(q, i, FREEDOMS * a, per_a, S, G), Side(FREEDOMS * b, -1, per_b, centre, point, arm)
+            sides = contact.owner_side(q, i, FREEDOMS * a, per_a, S, G), contact.Side(FREEDOMS * b, -1, per_b, centre, point, arm)
             # the normal turns with the displacement: (1 - nn)/D
             x, y, z = vector_at(q, geometry.NORMAL, G)
             c = 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - tile.inputs[law_input.OVERLAP * TILE + q])
             bend = c * (1.0 - x * x), c * (1.0 - y * y), c * (1.0 - z * z), -c * x * y, -c * x * z, -c * y * z
-            contact = contact_of(q, context.initial_overlaps[k], dt, sides, (bend, NOWHERE, ZERO_TENSOR), context, tile)
-            add_curved(contact, scratch.band, 3 * w, w)
+            shape, before = (bend, NOWHERE, contact.ZERO_TENSOR), context.initial_overlaps[k]
+            contact.add_curved(contact.contact_of(q, before, dt, sides, shape, context, tile), scratch.band, 3 * w, w)
 
 
 @njit(**BARE)
 def pair_opening_work(k, context, motion):
     """Return the `books.opening_work` [J] of candidate k."""
-    S, j, contact = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
-    s, (n_x, n_y, n_z) = S[j, sphere.RADIUS], contact[1]
-    u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n_x, s * n_y, s * n_z))
-    return books.opening_work(k, context.initial_overlaps[k], contact, u, context, motion.dt)
+    S, j, (overlap, n) = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
+    s = S[j, sphere.RADIUS]
+    u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n[0], s * n[1], s * n[2]))
+    return books.opening_work(k, context.initial_overlaps[k], (overlap, n), u, context, motion.dt)
 
 
 @njit(**BARE_CHUNK)

@@ -48,8 +48,7 @@ def save_start(a, context, island, scratch):
     """Save the state of the body at position a and of its patch at the start of a step, and the overlaps of its candidates."""
     b, Z, B, P, E = body_at(a, island), space_at(a, scratch).start, context.B, context.P, context.E
     p, first, before = context.patch[b], context.plate_edges[b], space_at(a, scratch).before
-    if plates.is_rough(context):
-        call_part(context.rough_part, STAGE.START, a, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
+    call_part(context.rough_part, STAGE.START, a, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     for k in range(3):
         Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
         Z[step_start.ANGULAR_MOMENTUM + k] = E[b, body_extra.ANGULAR_MOMENTUM + k]
@@ -122,8 +121,7 @@ def active_contacts(a, motion, context, island, scratch):
     # the mean velocity of the step, where `gather_plate_contact` takes that of the patch at its end
     patch_velocity = context.P[context.patch[b], patch.VELOCITY] - space.trial[6] / motion.dt
     m = np.int64(0)
-    if plates.is_rough(context):
-        update_rough(STAGE.GATHER, b, context)
+    update_rough(STAGE.GATHER, b, context)
     for e in range(first, last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
         if plates.overlap(k, context) + context.D[domain.REACH] <= 0.0:
@@ -140,8 +138,7 @@ def active_contacts(a, motion, context, island, scratch):
     slip_increment(computed, motion.dt, space)
     for q in range(m):
         complete_contact(q, slots[q], space.before[slots[q] - first], space.start[step_start.NOW], motion, context, space)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.GATHER, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.GATHER, a, m, motion, context, island, scratch)
     return m
 
 
@@ -188,11 +185,9 @@ def residual(a, m, motion, context, island, scratch):
     """
     b, space = body_at(a, island), space_at(a, scratch)
     r, diagnostics, S = space.residual, space.diagnostics, context.S
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.RELIEVE, a, m, motion, context, island, scratch)
     law_at(context.law)(space.inputs, space.outputs, padded(m, context.n_history), context.pairs)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.RESTORE, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.RESTORE, a, m, motion, context, island, scratch)
     for k in range(FREEDOMS):
         r[k] = 0.0
     for k in range(step_contacts.WIDTH):
@@ -210,8 +205,7 @@ def residual(a, m, motion, context, island, scratch):
             force = gradient_force(k, space.outputs[law_output.STORED_NORMAL * TILE + q], context)
             add_force(force, plates.three(S, i, sphere.ARM), upper, r)
         observe_contact(q, k, S[i, sphere.RADIUS], space, diagnostics)
-    if context.spots_part != 0:
-        call_part(context.spots_part, STAGE.PULL, a, m, motion, context, island, scratch)
+    call_part(context.spots_part, STAGE.PULL, a, m, motion, context, island, scratch)
     for k in range(3):
         context.B[b, body.FORCE + k], context.B[b, body.TORQUE + k] = r[k], r[3 + k]
     if context.has_effects != 0:

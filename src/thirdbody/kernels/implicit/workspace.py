@@ -247,16 +247,18 @@ def pair_tile(t, m, scratch):
 
 @njit(**BARE)
 def call_part(part, stage, a, m, motion, context, island, scratch):
-    """Call a part of a step for the body at position a of the island, or for all."""
-    part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
+    """Call a part of a step, if there is one, for the body at position a of the island, or for all."""
+    if part != 0:
+        part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
 
 
 @njit(**BARE)
 def update_rough(stage, b, context):
-    """Update the closest points of all candidates of body b with rough plates (`rough.update_minima`)."""
-    tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
-    first, last = np.int64(context.plate_edges[b]), np.int64(context.plate_edges[b + 1])
-    update_minima_at(context.update_minima)(stage, first, last, tables)
+    """Update the closest points of all candidates of body b with rough plates, if there are any (`rough.update_minima`)."""
+    if plates.is_rough(context):
+        c, first, last = context, np.int64(context.plate_edges[b]), np.int64(context.plate_edges[b + 1])
+        tables = RoughPlates(c.own, c.partner, c.S, c.P, c.Q, c.D, c.lower, c.upper)
+        update_minima_at(context.update_minima)(stage, first, last, tables)
 
 
 @njit(**BARE)
