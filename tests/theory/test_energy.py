@@ -25,7 +25,6 @@ from thirdbody.kernels import books
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.books import pack_triple
 from thirdbody.kernels.implicit import books as step_books
-from thirdbody.kernels.implicit import work
 from thirdbody.kernels.rolling_kinematics import TWIST
 from thirdbody.kernels.tables import run_totals
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input
@@ -232,8 +231,8 @@ def test_an_implicit_step_books_forces_and_moments_of_both_ends():
     # overlap grows from 1 to 3: 2 (1 - 3) - 3 - 40 - 500 - 6e3 - 7e4; from a gap it grows by 3
     assert [plain(step_books.loss_of_mean)(0, x, context, tile) for x in (1.0, -2.0)] == [38273.5, 38274.5]
     # mean velocity over that at the end: (2 (3 - 1) + 1 + 10)/(5 (4 + 1 + 1)), of 4 W over 5 s
-    assert plain(work.loss_of_end)(0, 1.0, 5.0, context, tile) == pytest.approx(10.0)
-    assert plain(work.moment_work)(0, context, tile) == -43200.0  # twice: 2, 3 and 4 N m about the three axes
+    assert plain(step_books.loss_of_end)(0, 1.0, 5.0, context, tile) == pytest.approx(10.0)
+    assert plain(step_books.moment_work)(0, context, tile) == -43200.0  # twice: 2, 3 and 4 N m about the three axes
     # 5 J - 2 J + (43200 + 2 + 30)/2 J less the 19 J of the law; the radius doubles: 3/4 of a half of limit times critical slip
-    assert plain(work.contact_difference)(0, 0.75, context, tile) == pytest.approx(21600.0 + 3.0)
-    assert plain(work.contact_energy)(0, tile) == 6.0  # N times overlap is less than limit times critical slip
+    assert plain(step_books.contact_difference)(0, 0.75, context, tile) == pytest.approx(21600.0 + 3.0)
+    assert plain(step_books.contact_energy)(0, tile) == 6.0  # N times overlap is less than limit times critical slip

@@ -16,13 +16,14 @@ from thirdbody.kernels.height_field import pack_field
 from thirdbody.kernels.implicit.jacobian import assemble
 from thirdbody.kernels.implicit.newton import evaluate as evaluate_island
 from thirdbody.kernels.implicit.pairs import pairs_part
-from thirdbody.kernels.implicit.rough import rough_part, update_accepted, update_tangents, update_trial
+from thirdbody.kernels.implicit.rough import rough_part, update_minima
 from thirdbody.kernels.implicit.spots_part import spots_part
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import (
     FREEDOMS,
     ISLANDS,
     KINDS,
+    STAGE,
     ImplicitContext,
     IslandTables,
     island_at,
@@ -188,7 +189,7 @@ def rough_tables(rng, curved, force, closing):
     given = tables(rows) | {
         "own": np.arange(rows, dtype=np.int32) // (2 * BASINS), "partner": (-1 - BASINS * plate - basins).astype(np.int32),
         "Q": np.zeros((rows, surface_contact.WIDTH)), "lower": lower, "upper": upper,
-        "update_surfaces": update_trial, "surface_tangents": update_tangents, "rough_part": plain(rough_part),
+        "update_minima": update_minima, "rough_part": plain(rough_part),
     }  # fmt: skip
     Q, S, P, H, D, Z = (given[name] for name in ("Q", "S", "P", "H", "D", "starts"))
     Z[0, step_start.QUATERNION : step_start.QUATERNION + 4] = q / np.linalg.norm(q)
@@ -199,7 +200,7 @@ def rough_tables(rng, curved, force, closing):
     def overlaps():
         S[:, :3], P[0, patch.HEIGHT], Q[:, surface_contact.SEARCHED] = arms + centre, up, np.inf
         Q[:, surface_contact.DISTANCE], Q[:, surface_contact.MINIMA] = np.inf, 0.0
-        update_accepted(0, rows, RoughPlates(given["own"], given["partner"], S, P, Q, D, lower, upper))
+        update_minima(STAGE.ACCEPT, 0, rows, RoughPlates(given["own"], given["partner"], S, P, Q, D, lower, upper))
         return RADIUS - np.array([Q[plate == p, surface_contact.DISTANCE].min() for p in (0, 1)])
 
     bounds = [-2.0, 4.0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.kernels.implicit import correction_limits, linear
+from thirdbody.kernels.implicit import jacobian, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Contact, Side, add_planar, plate_side
 from thirdbody.kernels.implicit.curved import add_curved
 from thirdbody.kernels.implicit.tables import step_start
@@ -26,13 +26,13 @@ def test_solution_is_that_of_lapack():
         J, pivots, r = np.zeros(n * (step + 1)), np.zeros(n, np.int64), -b
         for i, j in zip(*np.nonzero(A), strict=True):
             J[i * step + j + offset] = A[i, j]
-        assert linear.factorise.py_func(J, pivots, n, w, step, offset)
-        linear.substitute.py_func(J, pivots, r, n, w, step, offset)
+        assert jacobian.factorise.py_func(J, pivots, n, w, step, offset)
+        jacobian.substitute.py_func(J, pivots, r, n, w, step, offset)
         x = np.linalg.solve(A, b)
         # rounding grows with the condition of the matrix
         bound = 50.0 * np.finfo(float).eps * np.linalg.cond(A) * np.abs(x).max()
         np.testing.assert_allclose(r, x, rtol=0.0, atol=bound)
-    assert not linear.factorise.py_func(np.ones(49), np.zeros(7, np.int64), 7, 6, 7, 0)
+    assert not jacobian.factorise.py_func(np.ones(49), np.zeros(7, np.int64), 7, 6, 7, 0)
 
 
 OVERLAP, SLIP, BACK = 1e-9, 2e-10, 1e-9
@@ -46,7 +46,7 @@ Space = namedtuple("Space", "inputs outputs geometry start slots correction")
 
 @njit
 def limited(context, space):
-    return correction_limits.limit_slip_reversal(context, 1, 1.0, space)
+    return newton.limit_slip_reversal(context, 1, 1.0, space)
 
 
 def fraction(relief, limit=0.0, spots_part=1):

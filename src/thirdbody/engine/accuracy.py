@@ -12,7 +12,7 @@ SHORTEST = 1e-6
 """Length of the shortest trial step, in Rayleigh times."""
 
 WORK = 4.0
-"""Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`work`). Of 20
+"""Tolerance of the friction work of a body in a step over `tolerance`, relative to its scale of energy (`books`). Of 20
 rolling bodies the friction work is then right to 1.2 % in the median and 9.4 % at worst, with 5 to 1.3 and 10.6 %
 (`tests/theory/test_friction_work_of_rolling.py`)."""
 

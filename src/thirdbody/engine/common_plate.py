@@ -60,14 +60,14 @@ def one_plate(state: State) -> None:
 class PlateStep:
     """Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end.
 
-    `rate`: change of the velocity with the rise [1/s]; `change`: of the velocity beyond that of the last step, scaled [m/s].
+    `rate`: change of the velocity with the rise [1/s]; `error` of the step over the tolerance.
     """
 
     displacement: float
     velocity: float
     acceleration: float
     rate: float
-    change: float
+    error: float
 
 
 class CommonPlate:
@@ -117,7 +117,8 @@ class CommonPlate:
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             self._load(time, dt)
             step, converged = self._solve(dt, (v_x, v_y))
-            error, rotation = self._error(step, dt), float(one.solutions[:, body_solution.ROTATION].max())
+            error, rotation = one.solutions[:, [body_solution.ERROR, body_solution.ROTATION]].max(axis=0).tolist()
+            error = max(step.error, error)
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
             cuts += 1
@@ -132,7 +133,7 @@ class CommonPlate:
         one.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = one.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
         kernel.set_common_length(T, one.accuracy.growth, dt, error, easy, cuts > 0, cause)
-        if whole and kernel.is_breakpoint_at(time, context, end):
+        if whole and kernel.next_breakpoint_after(time, context, math.inf) <= end:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
     def _why(self, converged: bool, error: float, rotation: float) -> tuple[int, int]:
@@ -197,15 +198,9 @@ class CommonPlate:
         """Return the step of the plate that rises by `displacement` [m]."""
         one = self.integrator
         now = float(one.state.patches.velocity[-1])
-        velocity, acceleration, rate, change = kernel.plate_motion(self.memory, one.settings, displacement, now, dt)
-        return PlateStep(displacement, velocity, acceleration if one.accuracy.inertia else 0.0, rate, change)
-
-    def _error(self, step: PlateStep, dt: float) -> float:
-        """Return the largest error of bodies and plate over the tolerance."""
-        one = self.integrator
         radius = float(one.memory[:, step_memory.CONTACT_RADIUS].max())
-        own = kernel.plate_error(step.change, radius, self.memory, one.settings, dt)
-        return max(own, float(one.solutions[:, body_solution.ERROR].max()))
+        velocity, acceleration, rate, error = kernel.plate_motion(self.memory, one.settings, displacement, now, radius, dt)
+        return PlateStep(displacement, velocity, acceleration if one.accuracy.inertia else 0.0, rate, error)
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Return the length [s] of the next step and its cause (`kernels.implicit.control`)."""

@@ -2,20 +2,15 @@
 
 import math
 import threading
+from functools import partial
 from typing import Any
 
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.engine.state import State
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.kernels.implicit import books, pairs, rough, spots_part
-from thirdbody.kernels.implicit.workspace import PART, SCRATCH, make_scratch
-from thirdbody.kernels.minima import UPDATE
+from thirdbody.kernels.implicit.workspace import ADDRESSES, PART, SCRATCH, STAGE, UPDATE_MINIMA, make_scratch
 from thirdbody.kernels.tables import surface_contact
-
-PARTS = (
-    "book_contacts", "write_contacts", "end_contact", "update_surfaces", "accept_surfaces", "surface_tangents", "pairs_part",
-    "rough_part", "spots_part",
-)  # fmt: skip
 
 
 def part_addresses(state: State) -> dict[str, int]:
@@ -25,11 +20,10 @@ def part_addresses(state: State) -> dict[str, int]:
     if state.world.debris_meets:
         parts["pairs_part"] = pairs.pairs_part, PART
     if state.world.rough:
-        parts |= {"update_surfaces": (rough.update_trial, UPDATE), "accept_surfaces": (rough.update_accepted, UPDATE)}
-        parts |= {"surface_tangents": (rough.update_tangents, UPDATE), "rough_part": (rough.rough_part, PART)}
+        parts |= {"update_minima": (rough.update_minima, UPDATE_MINIMA), "rough_part": (rough.rough_part, PART)}
     if len(state.physics.interaction):
         parts["spots_part"] = spots_part.spots_part, PART
-    return {name: address(*parts[name]) if name in parts else 0 for name in PARTS}
+    return {name: address(*parts[name]) if name in parts else 0 for name in ADDRESSES}
 
 
 def find_minima(state: State) -> None:
@@ -37,7 +31,7 @@ def find_minima(state: State) -> None:
     if not state.world.rough:
         return
     state.slots.Q[:, surface_contact.SEARCHED] = math.inf
-    update_closest_points(state, rough.update_accepted)
+    update_closest_points(state, partial(rough.update_minima, STAGE.ACCEPT))
 
 
 class ThreadScratch:

@@ -10,15 +10,13 @@ from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import add_gradient_force, force_and_torques
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.height_field import has_heights
-from thirdbody.kernels.implicit.books import book_at, end_at, write_at
+from thirdbody.kernels.implicit import books
 from thirdbody.kernels.implicit.control import step_ratio
 from thirdbody.kernels.implicit.residual import momentum_of, set_configuration
 from thirdbody.kernels.implicit.tables import sphere_path, step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.work import energy_of_contacts, plate_opening_work, weight_of_old
-from thirdbody.kernels.implicit.workspace import FREEDOMS, last_candidate
-from thirdbody.kernels.minima import update_by, update_surfaces
-from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough
-from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals, sphere
+from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, last_candidate, update_rough
+from thirdbody.kernels.plates import has_effect_columns, is_closed, is_lower, is_rough, three
+from thirdbody.kernels.tables import body, body_extra, patch, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_output
 
 ROUNDED = 1.001
@@ -34,16 +32,15 @@ def commit(context, b, m, motion, space):
 
     Returns the energy [J] that the dashpots dissipate (`books`).
     """
-    O, sums, B = space.outputs, space.sums, context.B  # noqa: E741
-    smooth, first, damped = space.start[step_start.OLD_WEIGHT] > 0.0, context.plate_edges[b], 0.0
+    O, sums, B, smooth = space.outputs, space.sums, context.B, space.start[step_start.OLD_WEIGHT] > 0.0  # noqa: E741
+    first, q, friction, damped = context.plate_edges[b], np.int64(0), 0.0, 0.0
     force_and_torques(m, space)
     if is_rough(context):
         add_gradient_force(m, space.slots, context, space)
-    book_at(context.book_contacts)(m, space.before, np.int64(first), smooth, motion.dt, context, space)
+    books.book_at(context.book_contacts)(m, space.before, np.int64(first), smooth, motion.dt, context, space)
     for p in range(m):
         damped += O[law_output.DASHPOT_POWER * TILE + p]
-    write_at(context.write_contacts)(m, motion, context, space)
-    q, friction = np.int64(0), 0.0
+    books.write_at(context.write_contacts)(m, motion, context, space)
     for e in range(first, last_candidate(b, context)):
         k = context.plate_incidence[e] >> 1
         if q < m and space.slots[q] == k:
@@ -57,8 +54,8 @@ def commit(context, b, m, motion, space):
             q += 1
         elif is_closed(k, context.H):
             before = space.before[k - first]
-            dragged = plate_opening_work(k, before, context, motion) if smooth and context.force >= 0 else 0.0
-            friction, lost = end_at(context.end_contact)(np.int64(k), before, dragged, smooth, context)
+            dragged = books.plate_opening_work(k, before, context, motion) if smooth and context.force >= 0 else 0.0
+            friction, lost = books.end_at(context.end_contact)(np.int64(k), before, dragged, smooth, context)
             damped += lost
         else:
             continue
@@ -73,14 +70,14 @@ def body_works(context, b, dt, space):
     after."""
     Z, T, B, E, y = space.start, context.memory[b], context.B, context.E, space.y
     inertial, per_arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
-    contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
-    mass, now, last = B[b, body.MASS], Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    contacts, effects, before, after, pushed, mass = 0.0, 0.0, 0.0, 0.0, 0.0, B[b, body.MASS]
+    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
     fraction, tether = Z[step_start.MASS_FRACTION], Z[step_start.TETHER_STIFFNESS]
     for k in range(3):
         theta, w = y[3 + k] * per_arm, B[b, body.SPIN + k]
-        force, torque = (
-            (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
-        )
+        force, torque = 0.0, 0.0
+        if has_effect_columns(E):
+            force, torque = E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]
         contacts += (B[b, body.FORCE + k] - force) * y[k] + (B[b, body.TORQUE + k] - torque) * theta
         effects += force * y[k] + torque * theta
         v_0, l_0 = Z[step_start.VELOCITY + k], Z[step_start.ANGULAR_MOMENTUM + k]
@@ -146,11 +143,8 @@ def update_ledger(context, b, motion, works, common, space):
         # by the displacement of the step: BDF2 extrapolates the velocity at its end
         dashpot_work = P[p, patch.DAMPING] * y[6] * y[6] / dt
         damped, lost = damped + dashpot_work, lost + P[p, patch.DAMPING] * patch_velocity * y[6] - dashpot_work
-        force = (
-            fraction
-            * P[p, patch.MASS]
-            * (now * (patch_velocity - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
-        )
+        change = now * (patch_velocity - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE]
+        force = fraction * P[p, patch.MASS] * change
         pushed += (force + tether * y[6]) * y[6]
         before += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
         after += 0.5 * P[p, patch.MASS] * patch_velocity * patch_velocity
@@ -194,7 +188,7 @@ def remember_step(context, b, dt, space):
     T[step_memory.JUMPED], T[step_memory.LAST_DT] = (1.0, 0.0) if jumped else (0.0, dt)
     for s in range(context.start[b], context.start[b + 1] if context.paths.shape[0] > 0 else 0):
         S, row = context.S, context.paths[s]
-        u_x, u_y, u_z = S[s, sphere.MID_VELOCITY], S[s, sphere.MID_VELOCITY + 1], S[s, sphere.MID_VELOCITY + 2]
+        u_x, u_y, u_z = three(S, s, sphere.MID_VELOCITY)
         chord = dt * math.sqrt(u_x * u_x + u_y * u_y + u_z * u_z)
         row[sphere_path.LENGTH] += chord
         for k in range(3):
@@ -211,44 +205,38 @@ def reject_step(context, b, space):
         y[k] = 0.0
     set_configuration(context, b, y, 1.0, space)
     for k in range(3):
-        B[b, body.VELOCITY + k] = Z[step_start.VELOCITY + k]
-        B[b, body.SPIN + k] = Z[step_start.SPIN + k]
+        B[b, body.VELOCITY + k], B[b, body.SPIN + k] = Z[step_start.VELOCITY + k], Z[step_start.SPIN + k]
         context.E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[step_start.ANGULAR_MOMENTUM + k]
-    P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT]
-    P[p, patch.VELOCITY] = Z[step_start.PATCH_VELOCITY]
+    P[p, patch.HEIGHT], P[p, patch.VELOCITY] = Z[step_start.PATCH_HEIGHT], Z[step_start.PATCH_VELOCITY]
     P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
     for k in range(2):
         P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
-    if is_rough(context):
-        update_surfaces(context.plate_edges[b], context.plate_edges[b + 1], context)
+    update_rough(STAGE.GATHER, b, context)
 
 
 @njit(**BARE)
 def accept_step(context, b, m, motion, common, space):
     """Accept the step of the body to `space.y`: store history, records, energy and step data; `common`: see `update_ledger`."""
     Z, T, B, E, dt = space.start, context.memory[b], context.B, context.E, motion.dt
-    diagnostics = space.diagnostics
     for k in range(contact_sums.WIDTH):
         space.sums[0, k] = 0.0
-    Z[step_start.OLD_WEIGHT] = weight_of_old(context, b, m, dt, space)
+    Z[step_start.OLD_WEIGHT] = books.weight_of_old(context, b, m, dt, space)
     damped = commit(context, b, m, motion, space)
-    E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2] = momentum_of(
-        b, context
-    )
-    for k in range(3 if has_effect_columns(E) else 0):
-        B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
-        B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
-    stored, R = 0.0, context.R
+    momentum = momentum_of(b, context)
+    for k in range(3):
+        E[b, body_extra.ANGULAR_MOMENTUM + k] = momentum[k]
+        if has_effect_columns(E):
+            B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
+            B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
+    stored = 0.0
     for e in range(context.plate_edges[b], last_candidate(b, context)):
-        k = context.plate_incidence[e] >> 1
-        if is_closed(k, context.H):
-            stored += R[k, record.STORED_NORMAL] + R[k, record.STORED_TANGENTIAL]
+        stored += books.stored_energy(context.plate_incidence[e] >> 1, context)
     update_ledger(context, b, motion, (stored - T[step_memory.STORED], damped), common, space)
     remember_step(context, b, dt, space)
-    if is_rough(context):
-        update_by(context.accept_surfaces, context.plate_edges[b], context.plate_edges[b + 1], context)
+    update_rough(STAGE.ACCEPT, b, context)
     T[step_memory.STORED] = stored
-    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space))
+    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.energy_of_contacts(m, space))
+    diagnostics = space.diagnostics
     if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
         T[step_memory.CONTACT_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
         T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]

@@ -12,46 +12,21 @@ from numba import njit, types
 from thirdbody.jit.arguments import PACKED
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels.arguments import Motion
+from thirdbody.kernels.implicit import control, workspace
 from thirdbody.kernels.implicit.accept_step import reject_step
-from thirdbody.kernels.implicit.control import (
-    advance_clock,
-    bdf2_weights,
-    begin_step,
-    count_step,
-    error_of_change,
-    guard_code,
-    initial_overlaps,
-    is_breakpoint,
-    next_breakpoint,
-    next_length,
-    plate_velocity,
-    predict,
-    reduction_factor,
-    set_next_dt,
-    step_ratio,
-)
-from thirdbody.kernels.implicit.driver import accept_island, assess_island, label_island
-from thirdbody.kernels.implicit.jacobian import assemble
-from thirdbody.kernels.implicit.newton import Outcome, evaluate, factorise_jacobian, solve_correction, solve_island
-from thirdbody.kernels.implicit.residual import contact_force, gradient_force, measure_arm, save_start
+from thirdbody.kernels.implicit.contact import contact_force
+from thirdbody.kernels.implicit.driver import accept_island, assess_island
+from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
+from thirdbody.kernels.implicit.newton import Outcome, evaluate, solve_island
+from thirdbody.kernels.implicit.residual import gradient_force, measure_arm, save_start
 from thirdbody.kernels.implicit.tables import body_solution, step_memory, step_start
-from thirdbody.kernels.implicit.workspace import (
-    FREEDOMS,
-    MOTION,
-    START,
-    body_at,
-    call_part,
-    context_of,
-    island_at,
-    islands_of,
-    scratch_of,
-    space_at,
-)
+from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, space_at
 from thirdbody.kernels.plates import book_direct_contact, is_rough, is_upper
 from thirdbody.kernels.tables import patch
 from thirdbody.kernels.tile import TILE, law_output
 
 _D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
+_ENDED = types.Tuple((_D, _B, _I))
 
 
 @njit(**BARE)
@@ -71,19 +46,6 @@ def plate_reaction(context, b, m, space):
 
 
 @njit(**BARE)
-def begin_body(context, b, displacement, motion, space):
-    """Set the start of the step of a body, and predict its end for the rise of the plate."""
-    low, high = context.plate_edges[b], context.plate_edges[b + 1]
-    measure_arm(context, b, space)
-    save_start(context, b, space)
-    initial_overlaps(b, context, space.before)
-    begin_step(context, b, motion, space)
-    predict(context, b, motion.dt, displacement, space)
-    for e in range(low, high):
-        context.initial_overlaps[e] = space.before[e - low]
-
-
-@njit(**BARE)
 def load_body(context, b, space):
     """Load the start of the step of a body, and its coordinates at the end of the last iteration."""
     low, high = context.plate_edges[b], context.plate_edges[b + 1]
@@ -96,147 +58,120 @@ def load_body(context, b, space):
 
 
 @njit(**BARE)
-def write_outcome(context, b, outcome, iterations, landing, space):
-    """Write start and end of the step of a body, and what Newton's method has found: outcome, iterations, whether it lands."""
-    T, solution = context.memory[b], context.solutions[b]
-    T[step_memory.TRIES] += 1.0
-    T[step_memory.ITERATIONS] += iterations
-    solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
-    solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
-    solution[body_solution.LANDS] = 1.0 if landing else 0.0
-    solution[body_solution.ITERATIONS] = iterations
-    for k in range(FREEDOMS):
-        context.ends[b, k] = space.y[k]
-    for k in range(step_start.WIDTH):
-        context.starts[b, k] = space.start[k]
-
-
-@njit(**BARE)
-def separate_plate(a, spring, island, scratch):
-    """Write the column of the plate, for the body at position a, as a right-hand side, and take its rise out of the band.
-
-    `spring`: stiffness of the spring of its patch [N/m]; 0: the plate itself touches the body.
-    """
-    J, column, band, w = space_at(a, scratch).jacobian, space_at(a, scratch).residual, scratch.band, island.half_width
-    for k in range(FREEDOMS):
-        column[k] = 0.0 if spring != 0.0 or k == 6 else J[FREEDOMS * k + 6]
-    if spring != 0.0:
-        column[6] = spring
-        return
-    first = FREEDOMS * a * (3 * w + 1) + w
-    for k in range(6):
-        band[first + 3 * w * k + 6], band[first + 18 * w + k] = 0.0, 0.0
-    band[first + 18 * w + 6] = -1.0
-
-
-@njit(**BARE)
-def body_stiffness(a, spring, scratch):
-    """Return d(plate_reaction)/d(rise of the plate) [N/m] of the body at position a, whose coordinates follow."""
-    J, x = space_at(a, scratch).jacobian, space_at(a, scratch).correction
-    if spring != 0.0:
-        return spring * (x[6] - 1.0)
-    own = J[48]
-    for k in range(6):
-        own += J[42 + k] * x[k]
-    return own
-
-
-@njit(**BARE)
 def write_stiffness(m, motion, context, island, scratch):
-    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies."""
+    """Write the changes of the forces on the plate with its rise, the island in equilibrium, to the solutions of its bodies.
+
+    Each body follows the plate itself, or the spring of its patch. The column of the plate becomes the right-hand side, and its
+    rise is taken out of the band.
+    """
     assemble(m, True, motion, context, island, scratch)
+    band, w = scratch.band, island.half_width
     for a in range(island.n):
-        separate_plate(a, context.P[context.patch[body_at(a, island)], patch.SPRING], island, scratch)
+        J, column, spring = space_at(a, scratch).jacobian, space_at(a, scratch).residual, spring_of(a, context, island)
+        for k in range(FREEDOMS):
+            column[k] = 0.0 if spring != 0.0 or k == 6 else J[FREEDOMS * k + 6]
+        if spring != 0.0:
+            column[6] = spring
+            continue
+        first = FREEDOMS * a * (3 * w + 1) + w
+        for k in range(6):
+            band[first + 3 * w * k + 6], band[first + 18 * w + k] = 0.0, 0.0
+        band[first + 18 * w + 6] = -1.0
     regular = factorise_jacobian(True, island, scratch)
     if regular:
         solve_correction(True, island, scratch)
     for a in range(island.n):
-        b = body_at(a, island)
-        slope = body_stiffness(a, context.P[context.patch[b], patch.SPRING], scratch) if regular else 0.0
-        context.solutions[b, body_solution.SLOPE] = slope
+        J, x, spring, slope = space_at(a, scratch).jacobian, space_at(a, scratch).correction, spring_of(a, context, island), 0.0
+        if regular and spring != 0.0:
+            slope = spring * (x[6] - 1.0)
+        elif regular:
+            slope = J[48]
+            for k in range(6):
+                slope += J[42 + k] * x[k]
+        context.solutions[body_at(a, island), body_solution.SLOPE] = slope
+
+
+@njit(**BARE)
+def spring_of(a, context, island):
+    """Return the stiffness [N/m] of the spring of the patch of the body at position a; 0: the plate itself touches the body."""
+    return context.P[context.patch[body_at(a, island)], patch.SPRING]
 
 
 @njit(**BARE_CHUNK)
 def solve_one(first_iteration, displacement, motion, context, island, scratch):
     """Solve the step of an island for a given rise of the plate."""
-    P = context.P
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
         if first_iteration:
-            begin_body(context, b, displacement, motion, space)
+            measure_arm(context, b, space)
+            save_start(a, context, island, scratch)
+            control.begin_step(context, b, displacement, motion, space)
+            for e in range(context.plate_edges[b], context.plate_edges[b + 1]):
+                context.initial_overlaps[e] = space.before[e - context.plate_edges[b]]
         else:
             load_body(context, b, space)
-        if P[context.patch[b], patch.SPRING] == 0.0:
+        if spring_of(a, context, island) == 0.0:
             space.y[6] = displacement
-        space.start[step_start.PLATE_HEIGHT] = P[P.shape[0] - 1, patch.HEIGHT] + displacement
+        space.start[step_start.PLATE_HEIGHT] = context.P[context.P.shape[0] - 1, patch.HEIGHT] + displacement
         space.start[step_start.PLATE_DISPLACEMENT] = displacement
     if first_iteration and island.n_pairs > 0:
-        call_part(context.pairs_part, START, 0, 0, motion, context, island, scratch)
+        call_part(context.pairs_part, STAGE.START, 0, 0, motion, context, island, scratch)
     outcome, m, iterations = solve_island(motion, context, island, scratch)
     # the friction work of a body that meets only plates is not estimated: it has no step of its own
     of_work = outcome == Outcome.SOLVED and island.n > 1
     error, rotation, landing = assess_island(m, of_work, motion, context, island, scratch)
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
-        write_outcome(context, b, outcome, iterations, landing, space)
+        T, solution = context.memory[b], context.solutions[b]
+        T[step_memory.TRIES] += 1.0
+        T[step_memory.ITERATIONS] += iterations
+        solution[body_solution.SOLVED] = 1.0 if outcome == Outcome.SOLVED else 0.0
+        solution[body_solution.CROWDED] = 1.0 if outcome == Outcome.CROWDED else 0.0
+        solution[body_solution.LANDS], solution[body_solution.ITERATIONS] = 1.0 if landing else 0.0, iterations
+        for k in range(FREEDOMS):
+            context.ends[b, k] = space.y[k]
+        for k in range(step_start.WIDTH):
+            context.starts[b, k] = space.start[k]
         if outcome == Outcome.SOLVED:
-            solution = context.solutions[b]
             solution[body_solution.ERROR], solution[body_solution.ROTATION] = error, rotation
             solution[body_solution.PUSH] = plate_reaction(context, b, scratch.counts[a], space)
     if outcome == Outcome.SOLVED:
         write_stiffness(m, motion, context, island, scratch)
 
 
-@njit(**BARE_CHUNK)
-def accept_one(motion, ended, context, island, scratch):
-    """Accept the step of an island; `ended`: its end [s], whether exactly then, how often cut.
-
-    Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
-    """
-    end, whole, cuts = ended
-    for a in range(island.n):
-        space = space_at(a, scratch)
-        load_body(context, body_at(a, island), space)
-        for k in range(FREEDOMS):
-            space.correction[k] = 0.0
-    m = evaluate(0.0, motion, context, island, scratch)
-    accept_island(m, motion, True, context, island, scratch)
-    for a in range(island.n):
-        b = body_at(a, island)
-        advance_clock(context.totals[b], motion, end, whole)
-        count_step(context.memory[b], context.totals[b], motion.dt, cuts)
-        code, slot = guard_code(context, b, space_at(a, scratch))
-        context.memory[b, step_memory.CODE], context.memory[b, step_memory.SLOT] = code, slot
-    if context.labels != 0:
-        label_island(context, island, scratch)
-
-
-@entry(types.void(_I, _I, _B, _D, MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, _B, _D, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def solve_at(first, last, first_iteration, displacement, motion, packed, tables, packed_scratch):
     """Solve the step of the islands `order[first:last]`, in sequence, for a given rise of the plate [m].
 
     `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
     `solutions`.
     """
-    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        solve_one(first_iteration, displacement, motion, context, island_at(islands.order[p], islands), scratch)
+        solve_one(first_iteration, displacement, motion, context, workspace.island_at(islands.order[p], islands), scratch)
 
 
-@entry(types.void(_I, _I, types.Tuple((_D, _B, _I)), MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(types.void(_I, _I, _ENDED, workspace.MOTION, PACKED, PACKED, PACKED), nogil=True, **OPTIONS, **NO_COUNTS)
 def accept_at(first, last, ended, motion, packed, tables, packed_scratch):
     """Accept the step solved by `solve_at`; `ended`: its end [s], whether exactly then, how often cut."""
-    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        accept_one(motion, ended, context, island_at(islands.order[p], islands), scratch)
+        island = workspace.island_at(islands.order[p], islands)
+        for a in range(island.n):
+            space = space_at(a, scratch)
+            load_body(context, body_at(a, island), space)
+            for k in range(FREEDOMS):
+                space.correction[k] = 0.0
+        m = evaluate(0.0, motion, context, island, scratch)  # again: cheaper than storing the tiles of all bodies
+        accept_island(m, motion, True, ended, context, island, scratch)
 
 
 @entry(types.void(_I, _I, PACKED, PACKED, PACKED), **OPTIONS, **NO_COUNTS)
 def restore_islands(first, last, packed, tables, packed_scratch):
     """Return the islands `order[first:last]` to the start of the step."""
-    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        island = island_at(islands.order[p], islands)
+        island = workspace.island_at(islands.order[p], islands)
         for a in range(island.n):
             b, space = body_at(a, island), space_at(a, scratch)
             load_body(context, b, space)
@@ -249,56 +184,46 @@ def restore_islands(first, last, packed, tables, packed_scratch):
 @entry(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
 def common_step_length(T, t, packed, end):
     """Return length [s] and limiting cause of the next step (`control.next_length`)."""
-    return next_length(T, t, context_of(packed), end)
+    return control.next_length(T, t, workspace.context_of(packed), end)
 
 
-@entry(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
-def plate_motion(T, V, displacement, velocity, dt):
+@entry(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D, _D), **OPTIONS)
+def plate_motion(T, V, displacement, velocity, radius, dt):
     """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
-    its change beyond that of the last step, scaled [m/s].
+    the error of the step over the tolerance (`control.error_of_change`).
 
-    `velocity`: before the step; V: settings.
+    `velocity`: before the step; V: settings; `radius`: of the largest contact [m].
     """
-    now, before = bdf2_weights(T, V, dt)
+    ratio = control.step_ratio(T, V, dt)
+    now, before = control.bdf2_weights(ratio)
     after = (now * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
     change = now * (after - velocity) - before * T[step_memory.LAST_DRISE]
-    return after, change / dt, now / dt, after - velocity - step_ratio(T, V, dt) * T[step_memory.LAST_DRISE]
-
-
-@entry(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
-def plate_error(change, radius, T, V, dt):
-    """Return the error of the plate's step over the tolerance (`control.error_of_change`)."""
-    return error_of_change(abs(change), radius, T, V, dt)
+    error = control.error_of_change(abs(after - velocity - ratio * T[step_memory.LAST_DRISE]), radius, ratio, V, dt)
+    return after, change / dt, now / dt, error
 
 
 @entry(_D(_B, _D, _D), **OPTIONS)
 def reduction(converged, error, rotation):
     """Return the factor that shortens a rejected step."""
-    return reduction_factor(converged, error, rotation)
+    return control.reduction_factor(converged, error, rotation)
 
 
 @entry(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
 def set_common_length(T, growth, dt, error, easy, cut, limit):
     """Set the length of the next step and what limits it (`control.set_next_dt`)."""
-    set_next_dt(T, growth, dt, error, easy, cut, limit)
+    control.set_next_dt(T, growth, dt, error, easy, cut, limit)
 
 
 @entry(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
 def plate_velocity_of(t, packed, dt):
     """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
-    return plate_velocity(t, context_of(packed), dt)
-
-
-@entry(_B(_D, PACKED, _D), **OPTIONS)
-def is_breakpoint_at(t, packed, end):
-    """Return whether the smooth interval that began at t [s] ends at a breakpoint of the motion."""
-    return is_breakpoint(t, context_of(packed), end)
+    return control.plate_velocity(t, workspace.context_of(packed), dt)
 
 
 @entry(_D(_D, PACKED, _D), **OPTIONS)
 def next_breakpoint_after(t, packed, until):
     """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
-    return next_breakpoint(t, context_of(packed), until)
+    return control.next_breakpoint(t, workspace.context_of(packed), until)
 
 
 @entry(types.void(_ROW, types.Array(types.float64, 2, "C"), _D, _D, _D, _D), **OPTIONS)

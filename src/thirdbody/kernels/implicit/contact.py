@@ -28,34 +28,30 @@ to 15 % less.
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.implicit.residual import (
-    closed_fraction,
-    contact_force,
-    contact_moment,
-    contact_point,
-    depth_at,
-    frame_of,
-    vector_at,
-)
 from thirdbody.kernels.implicit.workspace import FREEDOMS
+from thirdbody.kernels.plates import is_upper, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
-from thirdbody.kernels.tables import sphere
-from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output
+from thirdbody.kernels.tables import domain, sphere
+from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_output
 
 
 @njit(**BARE)
 def cross(a, b):
-    """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(**BARE)
 def dot(a, b):
-    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**BARE)
+def difference(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @njit(**BARE)
@@ -72,6 +68,60 @@ def product(tensor, v):
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
+@njit(**BARE)
+def depth_at(q, context, I):  # noqa: E741
+    """Return overlap plus reach of contact q [m]: laws act where it is positive."""
+    return I[law_input.OVERLAP * TILE + q] + context.D[domain.REACH]
+
+
+@njit(**BARE)
+def closed_fraction(q, before, context, I):  # noqa: E741
+    """Return the fraction of the step in which contact q was within reach; `before`: `depth_at` its start [m], < 0: not yet."""
+    depth = depth_at(q, context, I)
+    return depth / (depth - before) if before < 0.0 else 1.0
+
+
+@njit(**BARE)
+def vector_at(q, field, G):
+    """Return a vector field of the tile at contact q; `field`: its first column."""
+    at = q + field * TILE
+    return G[at], G[at + TILE], G[at + 2 * TILE]
+
+
+@njit(**BARE)
+def frame_of(q, G):
+    """Return normal and both axes of contact q."""
+    return vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.AXIS, G), vector_at(q, geometry.CROSS_AXIS, G)
+
+
+@njit(**BARE)
+def contact_force(q, tile):
+    """Return the force (3,) [N] of contact q on the body."""
+    n, (normal, e, g) = tile.outputs[law_output.NORMAL_FORCE * TILE + q], frame_of(q, tile.geometry)
+    t_1, t_2 = tile.outputs[law_output.TANGENTIAL_X * TILE + q], tile.outputs[law_output.TANGENTIAL_Y * TILE + q]
+    return scaled_sum(n, normal, t_1, e, t_2, g)
+
+
+@njit(**BARE)
+def contact_point(q, i, S, G):
+    """Return the point of contact q, of sphere i, from the centre of mass (3,) [m]."""
+    n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.ARM * TILE]
+    return S[i, sphere.ARM] - a * n[0], S[i, sphere.ARM + 1] - a * n[1], S[i, sphere.ARM + 2] - a * n[2]
+
+
+@njit(**BARE)
+def contact_moment(q, context, tile):
+    """Return the moment (3,) [N m] of contact q on the body, of rolling and of twisting."""
+    at = (law_output.HISTORY + context.n_history) * TILE + q
+    m_1, m_2 = tile.outputs[at + rolling_output.MOMENT_X * TILE], tile.outputs[at + rolling_output.MOMENT_Y * TILE]
+    n, e, g = frame_of(q, tile.geometry)
+    x, y, z = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    if has_twist(context):
+        twist = tile.outputs[at + rolling_output.TWIST_MOMENT * TILE]
+        x, y, z = x + twist * n[0], y + twist * n[1], z + twist * n[2]
+    return x, y, z
+
+
 Vector = tuple[float, float, float]
 Tensor = tuple[float, float, float, float, float, float]
 """Symmetric: xx, yy, zz, xy, xz, yz."""
@@ -82,18 +132,12 @@ NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class Side(NamedTuple):
     """One side of a contact."""
 
-    row: int
-    """First row and column of its body in the equations; -1: a plate, which has none."""
-    lift: int
-    """Row and column of the rise of a plate; -1: a body, or a plate at rest."""
-    scale: float
-    """One over the arm of the body [1/m], if rotations are scaled in the equations; else 1."""
-    centre: Vector
-    """Centre of the sphere from the centre of mass [m]."""
-    point: Vector
-    """Contact point from there [m]."""
-    arm: float
-    """Distance of the contact point from the centre of the sphere [m]."""
+    row: int  # first row and column of its body in the equations; -1: a plate, which has none
+    lift: int  # row and column of the rise of a plate; -1: a body, or a plate at rest
+    scale: float  # one over the arm of the body [1/m], if rotations are scaled in the equations; else 1
+    centre: Vector  # of the sphere, from the centre of mass [m]
+    point: Vector  # of the contact, from there [m]
+    arm: float  # distance of the contact point from the centre of the sphere [m]
 
 
 class Contact(NamedTuple):
@@ -101,60 +145,62 @@ class Contact(NamedTuple):
 
     owner: Side
     partner: Side
-    frame: tuple[Vector, Vector, Vector]
-    """Normal and both axes."""
+    frame: tuple[Vector, Vector, Vector]  # normal and both axes
     force: Vector
     moment: Vector
-    displacement: Vector
-    """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
+    displacement: Vector  # of the step, along the normal and the axes of the frame [m]
     tangent: tuple[float, float, float, float, float, float, float]
     """Change of N with the overlap, and of T_1, T_2 with the slip and the overlap (`contact_tangent`)."""
     rolling_tangent: Tensor
     """Change of M_1, M_2 with rotations about the axes and with the overlap; zero without moments."""
     twist_tangent: tuple[float, float]
     """Change of the moment about the normal with the rotation about it, and with the overlap."""
-    bend: Tensor
-    """H [1/m]"""
+    bend: Tensor  # H [1/m]
     normal_force: float
-    energy: float
-    """Energy of the normal spring [J]."""
-    gradient: Vector
-    """G [1/m]"""
-    gradient_change: Tensor
-    """B [1/m2]"""
+    energy: float  # of the normal spring [J]
+    gradient: Vector  # G [1/m]
+    gradient_change: Tensor  # B [1/m2]
 
 
 @njit(**BARE)
 def contact_of(q, before, dt, sides, shape, context, tile):
     """Return contact q of a tile as a `Contact`.
 
-    `before`: overlap plus reach at the start of the step [m]; `sides`: owner and partner; `shape`: bend, gradient and its change.
+    `before`: overlap plus reach at the start of the step [m], negative: a gap; `sides`: owner and partner; `shape`: bend,
+    gradient and its change.
     """
-    G, (bend, gradient, gradient_change) = tile.geometry, shape
-    rolling, frame, fraction = has_moments(context), frame_of(q, G), closed_fraction(q, before, context, tile.inputs)
-    displacement = (
-        dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
-        tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
-        tile.inputs[law_input.SLIP_Y * TILE + q] / fraction,
-    )
+    I, K, frame = tile.inputs, tile.tangents, frame_of(q, tile.geometry)  # noqa: E741
+    fraction = closed_fraction(q, before, context, I)
+    s_1, s_2, moments = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q], has_moments(context)
+    displacement = dt * dot(vector_at(q, geometry.MID_VELOCITY, tile.geometry), frame[0]), s_1 / fraction, s_2 / fraction
+    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
+    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
+    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
+    if before < 0.0:
+        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
+        depth = depth_at(q, context, I)
+        growth = -before / ((depth - before) * (depth - before)) / fraction
+        xd += (xx * s_1 + xy * s_2) * growth
+        yd += (yx * s_1 + yy * s_2) * growth
+        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     # rotations count from when the contact closed
-    K, at, of_twist = tile.tangents, contact_tangent.ROLLING * TILE + q, contact_tangent.TWIST * TILE + q
-    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
-    rotational = fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
+    at, of_twist = contact_tangent.ROLLING * TILE + q, contact_tangent.TWIST * TILE + q
+    rolling = (
+        fraction * K[at], fraction * K[at + TILE], fraction * K[at + 2 * TILE], fraction * K[at + 3 * TILE],
+        K[at + 4 * TILE], K[at + 5 * TILE],
+    )  # fmt: skip
     return Contact(
-        sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if rolling else NOWHERE, displacement,
-        tangent_at(q, before, context, tile), rotational if rolling else ZERO_TENSOR,
-        (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), bend,
-        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q],
-        gradient, gradient_change,
+        sides[0], sides[1], frame, contact_force(q, tile), contact_moment(q, context, tile) if moments else NOWHERE, displacement,
+        (K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd), rolling if moments else ZERO_TENSOR,
+        (fraction * K[of_twist], K[of_twist + TILE]) if has_twist(context) else (0.0, 0.0), shape[0],
+        tile.outputs[law_output.NORMAL_FORCE * TILE + q], tile.outputs[law_output.STORED_NORMAL * TILE + q], shape[1], shape[2],
     )  # fmt: skip
 
 
 @njit(**BARE)
 def owner_side(q, i, row, scale, S, G):
     """Return the side of the owner, sphere i, of contact q."""
-    centre = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
-    return Side(row, -1, scale, centre, contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
+    return Side(row, -1, scale, three(S, i, sphere.ARM), contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
 
 
 @njit(**BARE)
@@ -164,32 +210,12 @@ def plate_side(lift):
 
 
 @njit(**BARE)
-def tangent_at(q, before, context, tile):
-    """Return the tangents of contact q; `before`: overlap plus reach at the start of the step [m], negative: a gap."""
-    K, I = tile.tangents, tile.inputs  # noqa: E741
-    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
-    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
-    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
-    if before < 0.0:
-        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
-        depth, fraction = depth_at(q, context, I), closed_fraction(q, before, context, I)
-        growth = -before / ((depth - before) * (depth - before)) / fraction
-        xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
-        yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
-        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
-    return K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd
-
-
-@njit(**BARE)
-def force_tensor(contact):
-    """Return the rows of A [N/m]: change of the force with the displacement of the surface."""
-    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
-    t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
-    return (
-        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
-        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
-        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
-    )
+def plate_contact(q, b, dt, shape, context, space):
+    """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
+    k = space.slots[q]
+    owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
+    sides = owner, plate_side(np.int64(6) if is_upper(context.partner[k]) else np.int64(-1))
+    return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
 
 
 @njit(**BARE)
@@ -204,14 +230,6 @@ def moment_rows(r, rows, p, arm):
 
 
 @njit(**BARE)
-def add_block(row, column, rows, J):
-    """Add three rows of three to J (7, 7), flat."""
-    for i in range(3):
-        for k in range(3):
-            J[FREEDOMS * (row + i) + column + k] += rows[i][k]
-
-
-@njit(**BARE)
 def add_planar(contact, J):
     """Add the forces of a contact with a plane to the Jacobian of its body, J (7, 7), flat; rotations in rad.
 
@@ -222,21 +240,27 @@ def add_planar(contact, J):
 
     from dt = r x df + dr x f and dr = w x a + dd n/2, where the overlap changes by dd = -n.s.
     """
-    n, r, f, a = contact.frame[0], contact.owner.point, contact.force, contact.owner.centre
-    A = force_tensor(contact)
+    (n, e, g), (k_n, xx, xy, yx, yy, xd, yd) = contact.frame, contact.tangent
+    r, f, a = contact.owner.point, contact.force, contact.owner.centre
+    t_1, t_2 = scaled_sum(xx, e, xy, g, -xd, n), scaled_sum(yx, e, yy, g, -yd, n)
+    A = (
+        scaled_sum(e[0], t_1, g[0], t_2, -k_n * n[0], n),
+        scaled_sum(e[1], t_1, g[1], t_2, -k_n * n[1], n),
+        scaled_sum(e[2], t_1, g[2], t_2, -k_n * n[2], n),
+    )
     force_by_rotation = cross(r, A[0]), cross(r, A[1]), cross(r, A[2])
     x, y, z = cross(n, f)
     p, along_arm = (0.5 * x, 0.5 * y, 0.5 * z), dot(a, f)
     torque_by_displacement, torque_by_rotation = moment_rows(r, A, p, n), moment_rows(r, force_by_rotation, p, cross(r, n))
-    add_block(0, 0, A, J)
-    add_block(0, 3, force_by_rotation, J)
-    add_block(3, 0, torque_by_displacement, J)
-    add_block(3, 3, torque_by_rotation, J)
     for i in range(3):
-        at = FREEDOMS * (3 + i) + 3
+        force, torque = FREEDOMS * i, FREEDOMS * (3 + i)
         for k in range(3):
-            J[at + k] += a[i] * f[k]
-        J[at + i] -= along_arm
+            J[force + k] += A[i][k]
+            J[force + 3 + k] += force_by_rotation[i][k]
+            J[torque + k] += torque_by_displacement[i][k]
+            J[torque + 3 + k] += torque_by_rotation[i][k]
+            J[torque + 3 + k] += a[i] * f[k]
+        J[torque + 3 + i] -= along_arm
     if contact.partner.lift >= 0:
         # the patch rises: the body moves down relative to it, and the opposite force acts on it
         for i in range(3):
@@ -264,3 +288,11 @@ def add_planar_moments(contact, J):
             J[FREEDOMS * (3 + i) + 3 + k] += row[k] - m[i] * along[k]
         if contact.partner.lift >= 0:
             J[FREEDOMS * (3 + i) + 6] += m[i] * n[2]
+
+
+@njit(**BARE)
+def add_plane(contact, context, J):
+    """Add a contact with a plane to the Jacobian of its body, J (7, 7), flat."""
+    add_planar(contact, J)
+    if has_moments(context):
+        add_planar_moments(contact, J)

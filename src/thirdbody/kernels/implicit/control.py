@@ -13,7 +13,6 @@ from thirdbody.kernels.bodies import check_position, limits_of
 from thirdbody.kernels.height_field import has_heights
 from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import last_candidate
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner, pass_time
 from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 
@@ -21,22 +20,14 @@ from thirdbody.kernels.tables import body, domain, patch, run_totals, sphere
 class StepLimit(IntEnum):
     """Causes that limit a step, in the order of their counters (`step_memory.LIMITED`): those due to a body come first."""
 
-    ERROR = 0
-    """A longer step would exceed the error allowed by `solver.tolerance`."""
-    LANDING = 1
-    """A longer step failed while a contact closed."""
-    NEWTON = 2
-    """Newton's method did not converge for a longer step, or needed many iterations."""
-    ROTATION = 3
-    """Largest rotation of the body in one step."""
-    LARGEST_STEP = 4
-    """Largest drag in one step (`solver.largest_step`)."""
-    REVERSAL = 5
-    """The step ends where the prescribed motion or load changes."""
-    OUTPUT = 6
-    """The step ends at an output."""
-    GROWTH = 7
-    """Nothing: the step grows by the largest allowed ratio."""
+    ERROR = 0  # a longer step would exceed the error allowed by `solver.tolerance`
+    LANDING = 1  # a longer step failed while a contact closed
+    NEWTON = 2  # Newton's method did not converge for a longer step, or needed many iterations
+    ROTATION = 3  # largest rotation of the body in one step
+    LARGEST_STEP = 4  # largest drag in one step (`solver.largest_step`)
+    REVERSAL = 5  # the step ends where the prescribed motion or load changes
+    OUTPUT = 6  # the step ends at an output
+    GROWTH = 7  # nothing: the step grows by the largest allowed ratio
 
 
 TRAVEL = 0.12
@@ -57,15 +48,6 @@ WORDS = (
 """Descriptions of the causes by code, which complete `steps limited by`."""
 
 
-@njit(**BARE)
-def lands(context, b, m, space):
-    """Return whether one of the m contacts of body b closed within the step."""
-    for q in range(m):
-        if space.before[space.slots[q] - context.plate_edges[b]] < 0.0:
-            return True
-    return False
-
-
 @njit(**BARE_CHUNK)
 def why_cut(landing, converged, error, rotation):
     """Return the code of the cause of a rejected step."""
@@ -80,18 +62,12 @@ def why_cut(landing, converged, error, rotation):
 class Stop(IntEnum):
     """Reasons why a body stopped (`step_memory.CODE`)."""
 
-    NONE = 0
-    """It goes on."""
-    UNSOLVED = 1
-    """No step down to the shortest one could be solved."""
-    OVERLAP = 2
-    """Guard: a contact is too deep."""
-    CROWDED = 3
-    """It has more contacts than a tile holds."""
-    LEFT = 4
-    """Guard: it left the domain."""
-    BAD_BODY = 5
-    """Guard: its position is not finite."""
+    NONE = 0  # it goes on
+    UNSOLVED = 1  # no step down to the shortest one could be solved
+    OVERLAP = 2  # guard: a contact is too deep
+    CROWDED = 3  # it has more contacts than a tile holds
+    LEFT = 4  # guard: it left the domain
+    BAD_BODY = 5  # guard: its position is not finite
 
 
 TETHER, TOLERANCE_FACTOR = 1e-8, 100.0
@@ -131,9 +107,8 @@ def plate_velocity(t, context, dt):
 
 
 @njit(**BARE)
-def longest_drag(context, T):
+def longest_drag(V, T):
     """Return the longest drag [m] of a step."""
-    V = context.settings
     return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
 
 
@@ -143,7 +118,7 @@ def next_length(T, t, context, end):
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
     ends = np.int64(StepLimit.REVERSAL if is_breakpoint(t, context, end) else StepLimit.OUTPUT)
-    longest = longest_drag(context, T)
+    longest = longest_drag(context.settings, T)
     for _ in range(3):
         v_x, v_y = plate_velocity(t, context, dt)
         distance = math.sqrt(v_x * v_x + v_y * v_y) * dt
@@ -157,80 +132,65 @@ def next_length(T, t, context, end):
 
 
 @njit(**BARE)
-def starts_anew(T, V):
-    """Return whether the next step is one of backward Euler: after a breakpoint, or without inertia."""
-    return T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0
+def step_ratio(T, V, dt):
+    """Return the length of a step over that of the last one; 0 after a breakpoint, or without inertia: backward Euler."""
+    return 0.0 if T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0 else dt / T[step_memory.LAST_DT]
 
 
 @njit(**BARE)
-def bdf2_weights(T, V, dt):
-    """Return the weights of the changes of this step and the last one: BDF2 for unequal steps, or backward Euler.
+def bdf2_weights(ratio):
+    """Return the weights of the changes of this step and the last one, shorter by `ratio`: BDF2 for unequal steps.
 
     Sources: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
     III.5.
     """
-    if starts_anew(T, V):
-        return 1.0, 0.0
-    ratio = dt / T[step_memory.LAST_DT]
     return (1.0 + 2.0 * ratio) / (1.0 + ratio), ratio * ratio / (1.0 + ratio)
 
 
 @njit(**BARE)
-def begin_step(context, b, motion, space):
-    """Set the weights of a step, what holds a body without inertia, and its patch along x and y."""
+def begin_step(context, b, displacement, motion, space):
+    """Set the weights of a step, what holds a body without inertia, and its patch along x and y; predict the end of the step.
+
+    It is predicted with the acceleration of the last step, after a start with constant velocity; `local_error` measures from
+    there. `displacement`: of a patch that is prescribed [m].
+    """
     p, Z, T, V, P, dt = context.patch[b], space.start, context.memory[b], context.settings, context.P, motion.dt
     P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
     P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
     Z[step_start.TETHER_STIFFNESS], Z[step_start.MASS_FRACTION] = 0.0, 1.0
     if V[step_settings.INERTIAL] == 0.0:
         Z[step_start.TETHER_STIFFNESS] = TETHER * T[step_memory.STIFFNESS]
-        distance = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt
+        distance, mass = math.sqrt(motion.v_x * motion.v_x + motion.v_y * motion.v_y) * dt, context.B[b, body.MASS]
         # at any speed of drag inertia resists no more than the spring (TETHER) in the longest step, and more in shorter ones
         if distance > 0.0:
-            mass = context.B[b, body.MASS]
-            Z[step_start.MASS_FRACTION] = min(
-                1.0, Z[step_start.TETHER_STIFFNESS] * (longest_drag(context, T) * dt / distance) ** 2 / mass
-            )
-    Z[step_start.NOW], Z[step_start.BEFORE] = bdf2_weights(T, V, dt)
+            limit = Z[step_start.TETHER_STIFFNESS] * (longest_drag(V, T) * dt / distance) ** 2 / mass
+            Z[step_start.MASS_FRACTION] = min(1.0, limit)
+    ratio, y = step_ratio(T, V, dt), space.y
+    now, last = bdf2_weights(ratio)
+    Z[step_start.NOW], Z[step_start.BEFORE] = now, last
+    scale, before = dt / now, last / now
+    for k in range(3):
+        v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
+        w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
+        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
+        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
+    patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
+    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
+    y[6] = predicted if P[p, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
-def error_of_change(change, radius, T, V, dt):
+def error_of_change(change, radius, ratio, V, dt):
     """Return the local error of a step over the tolerance; `change`: of a velocity [m/s], beyond that of the last step, scaled.
 
     The tolerance is a fraction of `radius`, that of the largest contact. Backward Euler: half the step length times the change of
     velocity. BDF2: 2/9 of the step length times the difference between this change and the last one scaled by the ratio of steps
     (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
     """
-    fraction = 0.5 if starts_anew(T, V) else 2.0 / 9.0
-    allowed = (
-        V[step_settings.TOLERANCE]
-        if V[step_settings.INERTIAL] != 0.0
-        else min(1.0, TOLERANCE_FACTOR * V[step_settings.TOLERANCE])
-    )
+    fraction, allowed = 0.5 if ratio == 0.0 else 2.0 / 9.0, V[step_settings.TOLERANCE]
+    if V[step_settings.INERTIAL] == 0.0:
+        allowed = min(1.0, TOLERANCE_FACTOR * allowed)
     return fraction * dt * change / (allowed * radius)
-
-
-@njit(**BARE)
-def step_ratio(T, V, dt):
-    """Return the length of a step over that of the last one, 0 after a start."""
-    return 0.0 if starts_anew(T, V) else dt / T[step_memory.LAST_DT]
-
-
-@njit(**BARE)
-def travel_error(context, b, dt, space):
-    """Return the largest displacement of a sphere relative to a plate in the step over what is allowed, squared (`TRAVEL`)."""
-    p, Z, S, P, largest = context.patch[b], space.start, context.S, context.P, 0.0
-    if not (has_heights(context.lower) or has_heights(context.upper)):
-        return 0.0
-    up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
-    up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
-    up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
-    for i in range(context.start[b], context.start[b + 1]):
-        x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
-        square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
-        largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
-    return largest / (TRAVEL * TRAVEL)
 
 
 @njit(**BARE)
@@ -246,42 +206,19 @@ def local_error(context, b, dt, space):
     velocity_change = patch_velocity - Z[step_start.PATCH_VELOCITY] - ratio * T[step_memory.LAST_DRISE]
     change = max(math.sqrt(move), math.sqrt(rotation) * Z[step_start.ARM], abs(velocity_change))
     radius = max(space.diagnostics[step_contacts.MAX_RADIUS], T[step_memory.CONTACT_RADIUS])
-    error = error_of_change(change, radius, T, V, dt)
-    return max(error, travel_error(context, b, dt, space)) if plates.is_rough(context) else error
-
-
-@njit(**BARE)
-def initial_overlaps(b, context, before):
-    """Write overlap plus reach [m] of body b's candidates at the start of the step; negative: out of reach."""
-    for e in range(context.plate_edges[b], last_candidate(b, context)):
-        k = context.plate_incidence[e] >> 1
-        before[k - context.plate_edges[b]] = plates.overlap(k, context) + context.D[domain.REACH]
-
-
-@njit(**BARE)
-def predict(context, b, dt, displacement, space):
-    """Predict the coordinates with the acceleration of the last step, and a prescribed patch by `displacement` [m].
-
-    From there `local_error` measures; after a start the velocity is constant.
-    """
-    Z, T, y = space.start, context.memory[b], space.y
-    ratio, scale, before = step_ratio(T, context.settings, dt), dt / Z[step_start.NOW], Z[step_start.BEFORE] / Z[step_start.NOW]
-    for k in range(3):
-        v = Z[step_start.VELOCITY + k] + ratio * T[step_memory.LAST_DV + k]
-        w = Z[step_start.SPIN + k] + ratio * T[step_memory.LAST_DW + k]
-        y[k] = scale * v + before * T[step_memory.LAST_COORDINATES + k]
-        y[3 + k] = scale * w * Z[step_start.ARM] + before * T[step_memory.LAST_COORDINATES + 3 + k]
-    patch_velocity = Z[step_start.PATCH_VELOCITY] + ratio * T[step_memory.LAST_DRISE]
-    predicted = scale * patch_velocity + before * T[step_memory.LAST_COORDINATES + 6]
-    y[6] = predicted if context.P[context.patch[b], patch.FREE] != 0.0 else displacement
-
-
-@njit(**BARE)
-def advance_clock(A, motion, end, whole):
-    """Advance the clock of a body by a step; `whole`: to exactly `end` [s]."""
-    pass_time(A, motion.dt, motion.v_x, motion.v_y)
-    if whole:
-        A[run_totals.TIME] = end
+    error = error_of_change(change, radius, ratio, V, dt)
+    if not (plates.is_rough(context) and (has_heights(context.lower) or has_heights(context.upper))):
+        return error
+    # also of the largest displacement of a sphere relative to a plate over what is allowed, squared
+    p, S, P, largest = context.patch[b], context.S, context.P, 0.0
+    up_x = P[p, patch.DISPLACEMENT] - Z[step_start.PATCH_DISPLACEMENT]
+    up_y = P[p, patch.DISPLACEMENT + 1] - Z[step_start.PATCH_DISPLACEMENT + 1]
+    up_z = P[p, patch.HEIGHT] - Z[step_start.PATCH_HEIGHT]
+    for i in range(context.start[b], context.start[b + 1]):
+        x, y, z = dt * S[i, sphere.MID_VELOCITY], dt * S[i, sphere.MID_VELOCITY + 1], dt * S[i, sphere.MID_VELOCITY + 2]
+        square = max(x * x + y * y + z * z, (x - up_x) ** 2 + (y - up_y) ** 2 + (z - up_z) ** 2)
+        largest = max(largest, square / (S[i, sphere.RADIUS] * S[i, sphere.RADIUS]))
+    return max(error, largest / (TRAVEL * TRAVEL))
 
 
 @njit(**BARE)
@@ -291,14 +228,6 @@ def reduction_factor(converged, error, rotation):
         return 0.5
     from_rotation = 0.9 * MAX_ROTATION / max(rotation, 1e-30)
     return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_rotation))
-
-
-@njit(**BARE)
-def count_step(T, A, dt, cuts):
-    """Update the counters of a body after a step that was cut `cuts` times."""
-    T[step_memory.CUTS] += cuts
-    T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
-    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * dt)
 
 
 @njit(**BARE)
@@ -323,33 +252,23 @@ def set_next_dt(T, growth, dt, error, easy, cut, limit):
 
 
 @njit(**BARE)
-def guard_code(context, b, space):
-    """Return (code, candidate) of the guard that body b violates after a step."""
-    D, diagnostics = context.D, space.diagnostics
-    bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
-    if bad > 0:
-        return np.int64(Stop.BAD_BODY), -1.0
-    if diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
-        return np.int64(Stop.OVERLAP), diagnostics[step_contacts.SLOT]
-    if out > 0:
-        return np.int64(Stop.LEFT), -1.0
-    return np.int64(Stop.NONE), -1.0
+def close_step(context, b, motion, ended, space):
+    """Advance the clock and the counters of body b by a step, and note a guard that it violates.
 
-
-@njit(**BARE)
-def finish_step(context, b, step, ended, space):
-    """Advance the clock, counters and step length of the body after an accepted step.
-
-    `step`: its motion, error, whether it was easy, how often it was cut, and the cause of its length; `ended`: time [s] then,
-    whether that is the end of the interval, and whether a breakpoint of the motion.
+    `ended`: time [s] at the end of the interval, whether the step ends exactly then, and how often it was cut.
     """
-    motion, error, easy, cuts, limit = step
-    end, whole, at_breakpoint = ended
-    T = context.memory[b]
-    advance_clock(context.totals[b], motion, end, whole)
-    if at_breakpoint:
-        T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
-    count_step(T, context.totals[b], motion.dt, cuts)
-    T[step_memory.LIMITED + limit] += 1.0
-    set_next_dt(T, context.settings[step_settings.GROWTH], motion.dt, error, easy, cuts > 0, limit)
-    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(context, b, space)
+    T, A, D, diagnostics, (end, whole, cuts) = context.memory[b], context.totals[b], context.D, space.diagnostics, ended
+    pass_time(A, motion.dt, motion.v_x, motion.v_y)
+    if whole:
+        A[run_totals.TIME] = end
+    T[step_memory.CUTS] += cuts
+    T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
+    T[step_memory.LONGEST_DRAG] = max(T[step_memory.LONGEST_DRAG], A[run_totals.PLATE_SPEED] * motion.dt)
+    bad, out = check_position(b, load(context.B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
+    T[step_memory.CODE], T[step_memory.SLOT] = Stop.NONE.value, -1.0
+    if bad > 0:
+        T[step_memory.CODE] = Stop.BAD_BODY.value
+    elif diagnostics[step_contacts.MAX_RATIO] > D[domain.OVERLAP_GUARD]:
+        T[step_memory.CODE], T[step_memory.SLOT] = Stop.OVERLAP.value, diagnostics[step_contacts.SLOT]
+    elif out > 0:
+        T[step_memory.CODE] = Stop.LEFT.value

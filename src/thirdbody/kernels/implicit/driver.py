@@ -16,65 +16,17 @@ from numba import njit
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
+from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import OBSERVE_BODIES, Motion, as_observed
+from thirdbody.kernels.implicit import books, control, workspace
 from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
-from thirdbody.kernels.implicit.control import (
-    EASY,
-    NEARLY,
-    Stop,
-    begin_step,
-    finish_step,
-    initial_overlaps,
-    is_breakpoint,
-    lands,
-    local_error,
-    next_breakpoint,
-    next_length,
-    plate_velocity,
-    predict,
-    reduction_factor,
-    why_cut,
-)
 from thirdbody.kernels.implicit.newton import Outcome, solve_island
 from thirdbody.kernels.implicit.residual import MAX_ROTATION, measure_arm, save_start
 from thirdbody.kernels.implicit.tables import step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.work import FLOOR, MIN_CUT, energy_scale, work_error_of_plates
-from thirdbody.kernels.implicit.workspace import (
-    ACCEPT,
-    ADVANCE,
-    ERRORS,
-    START,
-    body_at,
-    call_part,
-    context_of,
-    island_at,
-    islands_of,
-    scratch_of,
-    space_at,
-)
-from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
+from thirdbody.kernels.implicit.workspace import STAGE, body_at, call_part, space_at
 from thirdbody.kernels.tables import patch, run_totals
 
 observe_bodies_at = function_at(OBSERVE_BODIES)
-
-
-@njit(**BARE)
-def prescribed_displacement(context, b, dt, space):
-    """Return the prescribed rise [m] of the body's patch, 0 if it is free; store the plate's height."""
-    p, Z, P, t, schedule, first = (
-        context.patch[b],
-        space.start,
-        context.P,
-        context.totals[b, run_totals.TIME],
-        context.schedule,
-        context.first,
-    )
-    driven = first[GAP + 1] > first[GAP]
-    displacement = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
-    if P[p, patch.SPRING] != 0.0:
-        Z[step_start.PLATE_HEIGHT] = value(schedule, first, np.int64(GAP), t + dt) if driven else P[P.shape[0] - 1, patch.HEIGHT]
-        Z[step_start.PLATE_DISPLACEMENT] = displacement
-    return 0.0 if P[p, patch.FREE] != 0.0 else displacement
 
 
 @njit(**BARE)
@@ -83,7 +35,7 @@ def common_length(context, island, time, end):
     shortest, cause, requested, limit = np.inf, np.int64(0), np.inf, 0.0
     for a in range(island.n):
         T = context.memory[body_at(a, island)]
-        dt, why = next_length(T, time, context, end)
+        dt, why = control.next_length(T, time, context, end)
         if dt < shortest:
             shortest, cause = dt, why
         if T[step_memory.NEXT_DT] < requested:
@@ -97,14 +49,20 @@ def common_length(context, island, time, end):
 @njit(**BARE)
 def begin_steps(motion, context, island, scratch):
     """Set the weights of a step of all bodies and the loads of their patches at its end, and predict the end."""
+    P, rows, first, dt = context.P, context.schedule, context.first, motion.dt
+    driven, loaded = first[schedule.GAP + 1] > first[schedule.GAP], first[schedule.LOAD + 1] > first[schedule.LOAD]
     for a in range(island.n):
         b, space = body_at(a, island), space_at(a, scratch)
-        begin_step(context, b, motion, space)
-        P, p, t, loads = context.P, context.patch[b], context.totals[b, run_totals.TIME], context.first
-        if loads[LOAD + 1] > loads[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
-            now = segment(context.schedule, loads, np.int64(LOAD), t)  # no step crosses a breakpoint
-            P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(context.schedule, now, t + motion.dt)
-        predict(context, b, motion.dt, prescribed_displacement(context, b, motion.dt, space), space)
+        p, t, Z, displacement = context.patch[b], context.totals[b, run_totals.TIME], space.start, 0.0
+        if loaded and P[p, patch.NOMINAL_LOAD] != 0.0:
+            now = schedule.segment(rows, first, np.int64(schedule.LOAD), t)  # no step crosses a breakpoint
+            P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * schedule.value_of(rows, now, t + dt)
+        if driven:
+            displacement = schedule.mean_rate(rows, first, np.int64(schedule.GAP), t, dt) * dt
+        if P[p, patch.SPRING] != 0.0:
+            height = schedule.value(rows, first, np.int64(schedule.GAP), t + dt) if driven else P[P.shape[0] - 1, patch.HEIGHT]
+            Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_DISPLACEMENT] = height, displacement
+        control.begin_step(context, b, displacement, motion, space)
 
 
 @njit(**BARE_CHUNK)
@@ -117,47 +75,48 @@ def assess_island(m, converged, motion, context, island, scratch):
     error, rotation, landing, V, m = 0.0, 0.0, False, context.settings, max(m, 0)
     pairs = island.n_pairs > 0
     if pairs:
-        call_part(context.pairs_part, ERRORS, 0, m, motion, context, island, scratch)
+        call_part(context.pairs_part, STAGE.ERRORS, 0, m, motion, context, island, scratch)
         rotation, landing = scratch.answer[0], scratch.answer[1] != 0.0
-    of_work = converged and V[step_settings.INERTIAL] != 0.0 and motion.dt > MIN_CUT * V[step_settings.SHORTEST]
+    of_work = converged and V[step_settings.INERTIAL] != 0.0 and motion.dt > books.MIN_CUT * V[step_settings.SHORTEST]
     for a in range(island.n):
         b, space, n = body_at(a, island), space_at(a, scratch), max(scratch.counts[a], 0)
-        landing = landing or lands(context, b, n, space)
+        for q in range(n):
+            landing = landing or space.before[space.slots[q] - context.plate_edges[b]] < 0.0
         y = space.y
-        error = max(error, local_error(context, b, motion.dt, space))
+        error = max(error, control.local_error(context, b, motion.dt, space))
         rotation = max(rotation, math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / space.start[step_start.ARM])
         if of_work and context.force >= 0:
-            lost, scale = work_error_of_plates(context, b, n, motion, space), energy_scale(context, b, n, space)
+            lost, scale = books.work_error_of_plates(context, b, n, motion, space), books.energy_scale(context, b, n, space)
             if pairs:
-                lost, scale = lost + scratch.errors[a, 0], scale + FLOOR * scratch.errors[a, 1]
+                lost, scale = lost + scratch.errors[a, 0], scale + books.FLOOR * scratch.errors[a, 1]
             error = max(error, lost / max(V[step_settings.WORK] * scale, 1e-300))
     return error, rotation, landing
 
 
 @njit(**BARE_CHUNK)
-def accept_island(m, motion, common, context, island, scratch):
-    """Accept the step of all bodies and of the m contacts between them; `common`: see `accept_step.update_ledger`."""
+def accept_island(m, motion, common, ended, context, island, scratch):
+    """Accept the step of all bodies and of the m contacts between them, and update the labeller's memory of the bodies.
+
+    `common`: see `accept_step.update_ledger`; `ended`: see `control.close_step`.
+    """
+    observe = observe_bodies_at(context.observe_bodies)
     for a in range(island.n):
         accept_step(context, body_at(a, island), scratch.counts[a], motion, common, space_at(a, scratch))
     if island.n_pairs > 0:
-        call_part(context.pairs_part, ACCEPT, 0, m, motion, context, island, scratch)
-
-
-@njit(**BARE_CHUNK)
-def label_island(context, island, scratch):
-    """Update the labeller's memory of all bodies after their step."""
-    observe = observe_bodies_at(context.observe_bodies)
+        call_part(context.pairs_part, STAGE.ACCEPT, 0, m, motion, context, island, scratch)
     for a in range(island.n):
         b, A = body_at(a, island), context.totals[body_at(a, island)]
-        observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
-        A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
+        control.close_step(context, b, motion, ended, space_at(a, scratch))
+        if context.labels != 0:
+            observe(b, b + 1, as_observed(context), A, context.observe, scratch.observed, scratch.rows)
+            A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
 @njit(**BARE_CHUNK)
 def step(until, context, island, scratch):
     """Make one step of an island, shortened until it is accepted; set the codes of its bodies if they have to stop."""
     V, time = context.settings, context.totals[body_at(0, island), run_totals.TIME]
-    end = next_breakpoint(time, context, until)
+    end = control.next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
         for a in range(island.n):
@@ -165,16 +124,14 @@ def step(until, context, island, scratch):
             context.totals[b, run_totals.TIME], context.memory[b, step_memory.LAST_DT] = end, 0.0
         return
     for a in range(island.n):
-        b, space = body_at(a, island), space_at(a, scratch)
-        save_start(context, b, space)
-        initial_overlaps(b, context, space.before)
+        save_start(a, context, island, scratch)
     if island.n_pairs > 0:
-        call_part(context.pairs_part, START, 0, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
+        call_part(context.pairs_part, STAGE.START, 0, 0, Motion(0.0, 0.0, 0.0), context, island, scratch)
     (dt, limit), cuts = common_length(context, island, time, end), 0
     while True:
-        whole = dt >= NEARLY * (end - time)
+        whole = dt >= control.NEARLY * (end - time)
         dt = end - time if whole else dt
-        v_x, v_y = plate_velocity(time, context, dt)
+        v_x, v_y = control.plate_velocity(time, context, dt)
         motion = Motion(dt, v_x, v_y)
         begin_steps(motion, context, island, scratch)
         outcome, m, iterations = solve_island(motion, context, island, scratch)
@@ -187,40 +144,40 @@ def step(until, context, island, scratch):
         if converged and error <= 1.0 and rotation <= MAX_ROTATION:
             break
         cuts += 1
-        limit = why_cut(landing, converged, error, rotation)
-        dt *= reduction_factor(converged, error, rotation)
+        limit = control.why_cut(landing, converged, error, rotation)
+        dt *= control.reduction_factor(converged, error, rotation)
         if outcome == Outcome.CROWDED or dt < V[step_settings.SHORTEST]:
             for a in range(island.n):
-                code = Stop.CROWDED if outcome == Outcome.CROWDED else Stop.UNSOLVED
+                code = control.Stop.CROWDED if outcome == Outcome.CROWDED else control.Stop.UNSOLVED
                 context.memory[body_at(a, island), step_memory.CODE] = np.int64(code)
                 reject_step(context, body_at(a, island), space_at(a, scratch))
             return
-    accept_island(m, motion, False, context, island, scratch)
-    ended = end, whole, whole and is_breakpoint(time, context, end)
+    accept_island(m, motion, False, (end, whole, cuts), context, island, scratch)
     for a in range(island.n):
-        accepted = motion, error, iterations <= EASY, cuts, limit
-        finish_step(context, body_at(a, island), accepted, ended, space_at(a, scratch))
-    if context.labels != 0:
-        label_island(context, island, scratch)
+        T = context.memory[body_at(a, island)]
+        if whole and control.is_breakpoint(time, context, end):
+            T[step_memory.LAST_DT], T[step_memory.JUMPED] = 0.0, 0.0  # differences across a breakpoint are invalid
+        T[step_memory.LIMITED + limit] += 1.0
+        control.set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= control.EASY, cuts > 0, limit)
 
 
-@entry(ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
+@entry(workspace.ADVANCE, nogil=True, **OPTIONS, **NO_COUNTS)
 def advance_islands(first, last, until, tries, packed, tables, packed_scratch):
     """Advance the islands `order[first:last]` in sequence to the time `until` [s], with individual time steps.
 
     An island stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
     `memory` (step_memory.CODE) and stays at the end of its last step. Threads may advance different islands at once.
     """
-    context, islands, scratch = context_of(packed), islands_of(tables), scratch_of(packed_scratch)
+    context, islands, scratch = workspace.unpack(packed, tables, packed_scratch)
     for p in range(first, last):
-        island, going = island_at(islands.order[p], islands), True
+        island, going = workspace.island_at(islands.order[p], islands), True
         one = body_at(0, island)
         last_try = context.memory[one, step_memory.TRIES] + tries
         for a in range(island.n):
             measure_arm(context, body_at(a, island), space_at(a, scratch))
         while True:
             for a in range(island.n):
-                going = going and context.memory[body_at(a, island), step_memory.CODE] == Stop.NONE.value
+                going = going and context.memory[body_at(a, island), step_memory.CODE] == control.Stop.NONE.value
             going = going and context.totals[one, run_totals.TIME] < until and context.memory[one, step_memory.TRIES] < last_try
             if not going:
                 break

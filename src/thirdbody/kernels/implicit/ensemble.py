@@ -50,21 +50,6 @@ class OneBody(NamedTuple):
 
 
 @njit(**BARE)
-def waits(b, until, context):
-    """Return whether body b goes on and has not reached a time [s]."""
-    return context.memory[b, step_memory.CODE] == Stop.NONE.value and context.totals[b, run_totals.TIME] < until
-
-
-@njit(**BARE)
-def place_spheres(b, context, one):
-    """Write the spheres of body b."""
-    if one.radii.shape[0] > 0:
-        for s in range(context.start[b], context.start[b + 1]):
-            context.S[s, sphere.RADIUS], context.S[s, sphere.MASS] = one.radii[s], context.B[b, body.MASS]
-        place_as_it_is(b, context.start, context.offsets, context.S, context.B, context.orientations)
-
-
-@njit(**BARE)
 def point_to(table, row, word, packed):
     """Set the address of a table in the packed arguments so that its first row is the one of that number."""
     packed[word] = table.ctypes.data - row * table.strides[0]
@@ -91,13 +76,17 @@ def advance_batch(span, until, tries, packed, tables, packed_scratch, contacts, 
         first, n, after = k - begin, context.plate_edges[b + 1] - k, p
         while after < n_closed and closed.on[after] < first + n:
             after += 1
-        if span.low <= b < span.high and waits(b, until, context):
+        waits = context.memory[b, step_memory.CODE] == Stop.NONE.value and context.totals[b, run_totals.TIME] < until
+        if span.low <= b < span.high and waits:
             expand(n, p, first, closed, one.H, one.R)
             point_to(one.H, k, H_ADDRESS, packed)
             point_to(one.R, k, R_ADDRESS, packed)
             if one.radii.shape[0] > 0:
                 point_to(one.S, context.start[b], S_ADDRESS, packed)
-            place_spheres(b, changing_context_of(packed), one)
+                own = changing_context_of(packed)
+                for s in range(own.start[b], own.start[b + 1]):
+                    own.S[s, sphere.RADIUS], own.S[s, sphere.MASS] = one.radii[s], own.B[b, body.MASS]
+                place_as_it_is(b, own.start, own.offsets, own.S, own.B, own.orientations)
             advance_at(span.advance)(np.int64(b), np.int64(b + 1), until, tries, packed, tables, packed_scratch)
             written = compact(n, written, first, one.H, one.R, new)
         else:

@@ -1,4 +1,4 @@
-"""Damped Newton's method for one step of an island, from one body to many; writes no history.
+"""Damped Newton's method for one step of an island, from one body to many, and limits on its corrections; writes no history.
 
 Corrections are limited for all bodies by the same fraction. The residual that has to fall is, of one body, its norm; of several,
 the root of the sum of squares, each over the forces that act on the body at the first iteration.
@@ -13,14 +13,14 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import plates
-from thirdbody.kernels.implicit.correction_limits import limit_overlap_change, limit_slip_reversal
-from thirdbody.kernels.implicit.jacobian import assemble
-from thirdbody.kernels.implicit.linear import factorise, substitute
-from thirdbody.kernels.implicit.residual import active_contacts, residual, set_configuration
+from thirdbody.kernels.implicit.contact import contact_point, dot, frame_of
+from thirdbody.kernels.implicit.jacobian import assemble, factorise_jacobian, solve_correction
+from thirdbody.kernels.implicit.residual import MAX_ROTATION, active_contacts, residual, set_configuration
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, LIMIT, body_at, call_part, space_at
-from thirdbody.kernels.plates import has_effect_columns
-from thirdbody.kernels.tables import body, body_extra, height_field, patch
+from thirdbody.kernels.implicit.workspace import FREEDOMS, STAGE, body_at, call_part, last_candidate, space_at
+from thirdbody.kernels.plates import has_effect_columns, is_upper
+from thirdbody.kernels.tables import body, body_extra, height_field, patch, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the
@@ -38,6 +38,13 @@ by 2e-6. Not where body effects change from one iteration to the next: the Jacob
 CONTRACTS = 0.1
 """Largest ratio of two successive residuals for which the factors of the last Jacobian tell the next correction: what it leaves
 out (turning frames) is then small."""
+
+OVERLAP_GROWTH = 0.5
+"""Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
+
+AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
+"""A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
+which a correction may reverse it."""
 
 
 class Patience(NamedTuple):
@@ -71,7 +78,6 @@ class Outcome(IntEnum):
 
 @njit(**BARE)
 def euclidean_norm(r):
-    """Return the Euclidean norm of a residual or a correction (7,)."""
     total = 0.0
     for k in range(FREEDOMS):
         total += r[k] * r[k]
@@ -89,24 +95,15 @@ def effect_size(b, E):
 @njit(**BARE)
 def force_scale(context, b, dt, space):
     """Return the sum of all acting forces [N], the scale of the residual."""
-    p, P, y, diagnostics = context.patch[b], context.P, space.trial, space.diagnostics
-    move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    square = 1.0 / (dt * dt)
+    p, P, y = context.patch[b], context.P, space.trial
+    move, square = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]), 1.0 / (dt * dt)
+    move += math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
-    patch_force = (
-        max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD])
-        + P[p, patch.MASS] * abs(y[6]) * square
-        + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
-    )
+    patch_force = max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD]) + P[p, patch.MASS] * abs(y[6]) * square
+    patch_force += P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
     patch_force += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - space.start[step_start.PLATE_HEIGHT])
-    forces = diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
+    forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
     return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_force
-
-
-@njit(**BARE)
-def steepest(field):
-    """Return a bound of the slope of a surface."""
-    return field[height_field.MAX_SLOPE] if field.shape[0] > 0 else 0.0
 
 
 @njit(**BARE)
@@ -120,7 +117,10 @@ def rounding_force(context, b, alone, space):
     if not alone:
         far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
     elif plates.is_rough(context):
-        slope = max(steepest(context.lower), steepest(context.upper))
+        slope = 0.0
+        for field in (context.lower, context.upper):
+            if field.shape[0] > 0:
+                slope = max(slope, field[height_field.MAX_SLOPE])
         far = max(far, slope * abs(B[b, body.POSITION]), slope * abs(B[b, body.POSITION + 1]))
     far = max(far + space.start[step_start.ARM], abs(context.P[context.patch[b], patch.HEIGHT]))
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
@@ -164,7 +164,7 @@ def evaluate(part, motion, context, island, scratch):
         residual(a, scratch.counts[a], motion, context, island, scratch)
     if island.n_pairs == 0:
         return np.int64(0)
-    call_part(context.pairs_part, GATHER, 0, 0, motion, context, island, scratch)
+    call_part(context.pairs_part, STAGE.GATHER, 0, 0, motion, context, island, scratch)
     return np.int64(scratch.answer[0])
 
 
@@ -196,37 +196,11 @@ def measure(first, dt, context, island, scratch):
 def effects_on(context, island):
     """Return a number that changes with force or torque of the effects on a body."""
     total, E = 0.0, context.E
-    if has_effect_columns(E):
-        for a in range(island.n):
-            b = body_at(a, island)
-            for k in range(3):
-                total += (k + 1) * (E[b, body_extra.EFFECT_FORCE + k] + E[b, body_extra.EFFECT_TORQUE + k])
+    for a in range(island.n if has_effect_columns(E) else 0):
+        b = body_at(a, island)
+        for k in range(3):
+            total += (k + 1) * (E[b, body_extra.EFFECT_FORCE + k] + E[b, body_extra.EFFECT_TORQUE + k])
     return total
-
-
-@njit(**BARE)
-def factorise_jacobian(coupled, island, scratch):
-    """Overwrite the Jacobian of the island with its factors; False if it is singular. `coupled`: see `jacobian.assemble`."""
-    n, w = island.n, island.half_width
-    if n == 1 and not coupled:
-        return factorise(scratch.jacobian[0], scratch.pivots, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
-    return factorise(scratch.band, scratch.pivots, FREEDOMS * n, w, 3 * w, w)
-
-
-@njit(**BARE)
-def solve_correction(coupled, island, scratch):
-    """Solve for the corrections of all bodies at the residual with the factors of a Jacobian."""
-    n, w, x = island.n, island.half_width, scratch.solution
-    for a in range(n):
-        for k in range(FREEDOMS):
-            x[FREEDOMS * a + k] = space_at(a, scratch).residual[k]
-    if n == 1 and not coupled:
-        substitute(scratch.jacobian[0], scratch.pivots, x, FREEDOMS, FREEDOMS - 1, FREEDOMS, 0)
-    else:
-        substitute(scratch.band, scratch.pivots, x, FREEDOMS * n, w, 3 * w, w)
-    for a in range(n):
-        for k in range(FREEDOMS):
-            space_at(a, scratch).correction[k] = x[FREEDOMS * a + k]
 
 
 @njit(**BARE)
@@ -243,6 +217,90 @@ def all_settled(context, island, scratch):
 
 
 @njit(**BARE)
+def displacement(x, per_arm, r, upper):
+    """Return the displacement (3,) [m] relative to its plate of a point of the body by the correction x of the coordinates.
+
+    `per_arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
+    """
+    return (
+        x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm,
+        x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm,
+        x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0),
+    )
+
+
+@njit(**BARE)
+def limit_overlap_change(context, b, expected_overlap, space):
+    """Return the fraction of the correction for which overlaps change by at most OVERLAP_GROWTH `expected_overlap` [m].
+
+    Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
+    """
+    x, per_arm = space.correction, 1.0 / space.start[step_start.ARM]
+    arc = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
+    rotation = arc * per_arm
+    fraction = min(1.0, MAX_ROTATION / rotation) if rotation > 0.0 else 1.0
+    if math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) + arc + abs(x[6]) <= OVERLAP_GROWTH * expected_overlap:
+        return fraction  # no point of the body moves farther
+    max_upper, max_lower, change_up, change_low = 0.0, 0.0, 0.0, 0.0
+    for e in range(context.plate_edges[b], last_candidate(b, context)):
+        k = context.plate_incidence[e] >> 1
+        up, overlap = is_upper(context.partner[k]), plates.overlap(k, context)
+        centre = plates.three(context.S, context.own[k], sphere.ARM)
+        change = -dot(plates.normal(k, context), displacement(x, per_arm, centre, up))
+        if change > 0.0:
+            margin = OVERLAP_GROWTH * expected_overlap + max(-overlap, 0.0)
+            if change * fraction > margin:
+                fraction = margin / change
+        if up and overlap > max_upper:
+            max_upper, change_up = overlap, change
+        if not up and overlap > max_lower:
+            max_lower, change_low = overlap, change
+    # the deepest contact of each plate stays closed, or the plate would drop out of the next iteration
+    for maximum, change in ((max_upper, change_up), (max_lower, change_low)):
+        if -change * fraction > OVERLAP_GROWTH * max(maximum, expected_overlap):
+            fraction = OVERLAP_GROWTH * max(maximum, expected_overlap) / -change
+    return fraction
+
+
+@njit(**BARE)
+def is_slipping(q, O):  # noqa: E741
+    """Return whether contact q is at the friction limit."""
+    limit = O[law_output.FRICTION_LIMIT * TILE + q]
+    t_x, t_y = O[law_output.TANGENTIAL_X * TILE + q], O[law_output.TANGENTIAL_Y * TILE + q]
+    return not t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit
+
+
+@njit(**BARE)
+def limit_reversal(q, moved, fraction, tile):
+    """Return the fraction, at most `fraction`, of the correction, which moves contact q by `moved` (3,) [m], that does not
+    reverse its slip, and ends just inside the friction limit.
+
+    Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
+    jumps over it.
+    """
+    I, (_, e, g) = tile.inputs, frame_of(q, tile.geometry)  # noqa: E741
+    s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
+    size, back = math.sqrt(s_x * s_x + s_y * s_y), -(dot(moved, e) * s_x + dot(moved, g) * s_y)
+    margin = size * (size + BACK * tile.outputs[law_output.CRITICAL_SLIP * TILE + q])
+    return margin / back if back * fraction > margin > 0.0 else fraction
+
+
+@njit(**BARE)
+def limit_slip_reversal(context, m, fraction, space):
+    """Return the fraction, at most `fraction`, of the correction that reverses no slip on plates."""
+    per_arm, G = 1.0 / space.start[step_start.ARM], space.geometry
+    for q in range(m):
+        relieved = context.spots_part != 0 and G[geometry.RELIEF * TILE + q] >= space.inputs[law_input.OVERLAP * TILE + q]
+        if relieved or not is_slipping(q, space.outputs):  # relieved wholly it holds nothing
+            continue
+        k = space.slots[q]
+        point = contact_point(q, context.own[k], context.S, G)
+        moved = displacement(space.correction, per_arm, point, is_upper(context.partner[k]))
+        fraction = limit_reversal(q, moved, fraction, space)
+    return fraction
+
+
+@njit(**BARE)
 def limited_part(m, motion, context, island, scratch):
     """Return the fraction of the corrections that is tried first."""
     fraction = 1.0
@@ -254,7 +312,7 @@ def limited_part(m, motion, context, island, scratch):
     if island.n_pairs == 0:
         return fraction
     scratch.answer[0] = fraction
-    call_part(context.pairs_part, LIMIT, 0, m, motion, context, island, scratch)
+    call_part(context.pairs_part, STAGE.LIMIT, 0, m, motion, context, island, scratch)
     return scratch.answer[0]
 
 
@@ -267,7 +325,6 @@ def solve_island(motion, context, island, scratch):
     """
     patience = ALONE if island.n == 1 else TOGETHER
     size, part, whole, halvings, leaps, iterations, effects, m = 1e300, 0.0, 0.0, 0, 0, 0, 0.0, np.int64(0)
-    first = True
     for a in range(island.n):
         for k in range(FREEDOMS):
             space_at(a, scratch).correction[k] = 0.0
@@ -275,8 +332,7 @@ def solve_island(motion, context, island, scratch):
         m = evaluate(part, motion, context, island, scratch)
         if m < 0:
             return Outcome.CROWDED, m, iterations
-        now, enough, solved, nearly = measure(first, motion.dt, context, island, scratch)
-        first = False
+        now, enough, solved, nearly = measure(size == 1e300, motion.dt, context, island, scratch)
         if not now < 1e300:
             return Outcome.UNSOLVED, m, iterations
         better = solved or now < (1.0 - 1e-4 * part) * size

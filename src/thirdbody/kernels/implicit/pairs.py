@@ -4,6 +4,11 @@ A contact acts on the body of its owner with a force, and on that of its partner
 are those of the explicit integrator (`contact_geometry`). Its answers: the number of contacts after GATHER; the largest fraction
 of the correction, given and returned, at LIMIT; the largest angle by which a normal turns in half a step, and whether a contact
 closed, at ERRORS.
+
+Each body gets half of what friction and dashpots dissipate in a contact. What the forces of a contact do on its two bodies, less
+the energy that it stores and dissipates, is the loss of the integrator (`accept_step.update_ledger`); each body gets the part
+that it has in that work. Work that a contact hands on from one body to the other is that of the mean of its forces at both ends
+of the step, as is the work of the plates: else what rolling bodies exchange would count as lost by one and created by the other.
 """
 
 import math
@@ -12,53 +17,79 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
+from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
-from thirdbody.kernels.implicit.accept_pairs import (
-    accept_pairs,
-    ends_of,
-    pair_overlap,
-    pair_work_errors,
-    pair_wrench,
-    partner_point,
-)
-from thirdbody.kernels.implicit.contact import NOWHERE, ZERO_TENSOR, Side, contact_of, cross, dot, owner_side
-from thirdbody.kernels.implicit.correction_limits import AT_LIMIT, BACK, OVERLAP_GROWTH
+from thirdbody.kernels.explicit.tiles import BODY_FRACTION
+from thirdbody.kernels.implicit import books, contact, newton
+from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
 from thirdbody.kernels.implicit.curved import add_curved
 from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
-from thirdbody.kernels.implicit.residual import contact_point, depth_at, frame_of, law_at, scale_slip, vector_at
-from thirdbody.kernels.implicit.tables import step_contacts, step_settings, step_start
-from thirdbody.kernels.implicit.workspace import (
-    ACCEPT,
-    ERRORS,
-    FREEDOMS,
-    GATHER,
-    LIMIT,
-    PART,
-    START,
-    TANGENTS,
-    island_at,
-    pair_at,
-    pair_tile,
-    space_at,
-    tile_count,
-)
-from thirdbody.kernels.rolling_kinematics import gather_rolling
-from thirdbody.kernels.tables import sphere
-from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input
-from thirdbody.kernels.vectors import box_of
+from thirdbody.kernels.implicit.residual import complete_contact, law_at, observe_contact
+from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, body_at, island_at, pair_at, pair_tile, space_at
+from thirdbody.kernels.plates import is_closed, surface_velocity, three
+from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
+from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
+from thirdbody.kernels.vectors import box_of, image
+
+
+@njit(**BARE)
+def pair_overlap(k, context, box):
+    """Return the overlap of candidate k, a pair of spheres [m], negative: a gap; and the unit normal from partner to owner."""
+    S, i, j = context.S, context.own[k], context.partner[k]
+    x = image(S[i, sphere.X] - S[j, sphere.X], box.length_x, box.inverse_x)
+    y = image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y, box.inverse_y)
+    z = S[i, sphere.Z] - S[j, sphere.Z]
+    distance = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / max(distance, 1e-300)
+    return S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - distance, (x * inverse, y * inverse, z * inverse)
+
+
+@njit(**BARE)
+def ends_of(k, context, island):
+    """Return the spheres of candidate k, owner and partner, and the positions of their bodies in the island."""
+    i, j = context.own[k], context.partner[k]
+    return i, j, island.all.position[context.body[i]], island.all.position[context.body[j]]
+
+
+@njit(**BARE)
+def partner_point(q, j, S, G):
+    """Return the point of contact q on its partner, sphere j, from the centre of mass of the partner's body (3,) [m]."""
+    n, a = vector_at(q, geometry.NORMAL, G), G[q + geometry.PARTNER_ARM * TILE]
+    return S[j, sphere.ARM] + a * n[0], S[j, sphere.ARM + 1] + a * n[1], S[j, sphere.ARM + 2] + a * n[2]
+
+
+@njit(**BARE)
+def wrench_of(f, point, partner_point, moment, context):
+    """Return a force f on the owner of a contact [N], and the torques on the bodies of owner and partner [N m]."""
+    (x, y, z), (u, v, w) = cross(point, f), cross(f, partner_point)
+    if has_moments(context):
+        m_x, m_y, m_z = moment
+        x, y, z, u, v, w = x + m_x, y + m_y, z + m_z, u - m_x, v - m_y, w - m_z
+    return f, (x, y, z), (u, v, w)
+
+
+@njit(**BARE)
+def pair_wrench(q, k, context, tile):
+    """Return the `wrench_of` contact q, candidate k."""
+    S, G, moment = context.S, tile.geometry, contact.contact_moment(q, context, tile) if has_moments(context) else NOWHERE
+    point, partner = contact_point(q, context.own[k], S, G), partner_point(q, context.partner[k], S, G)
+    return wrench_of(contact.contact_force(q, tile), point, partner, moment, context)
 
 
 @njit(**BARE_CHUNK)
-def gather_pairs(context, island, motion, scratch):
-    """Gather the contacts of the island between bodies into tiles; return their number."""
-    m, box = np.int64(0), box_of(context.D)
+def evaluate_pairs(context, island, motion, scratch):
+    """Gather the contacts of the island between bodies into tiles; add their forces to the residuals of both. Return their
+    number."""
+    m, S, box = np.int64(0), context.S, box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
         if pair_overlap(k, context, box)[0] + box.reach > 0.0:
             scratch.pair_slots[m // TILE, m % TILE] = k
             m += 1
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
+        (tile, n), slots = pair_tile(t, m, scratch), scratch.pair_slots[t]
         for e in range(n, n + SPARE):
             slots[e] = slots[n - 1]  # read ahead
         gather_pair_contacts(n, slots, context, tile)
@@ -66,144 +97,56 @@ def gather_pairs(context, island, motion, scratch):
         transport_frames(n, motion.dt, tile)
         slip_increment(n, motion.dt, tile)
         for q in range(n):
-            finish_gathering(q, slots[q], motion, context, island, scratch, tile)
-    return m
-
-
-@njit(**BARE)
-def finish_gathering(q, k, motion, context, island, scratch, tile):
-    """Gather the rotation of contact q, candidate k, and scale its slip where it closes within the step."""
-    _, _, a, b = ends_of(k, context, island)
-    if context.rolling > 0:
-        gather_rolling(q, k, context, motion, tile)
-    now = scratch.starts[a, step_start.NOW] + scratch.starts[b, step_start.NOW]
-    at, before = (law_input.HISTORY + context.n_history) * TILE + q, context.initial_overlaps[k]
-    tile.inputs[at + rolling_input.INVERSE_DT * TILE] = 0.5 * now / motion.dt
-    tile.inputs[at + rolling_input.MOVED * TILE] = depth_at(q, context, tile.inputs) - before
-    scale_slip(q, before, context, tile.inputs)
-
-
-@njit(**BARE_CHUNK)
-def add_pair_forces(context, island, m, scratch):
-    """Evaluate the laws for the m contacts between bodies; add their forces to the residuals of both."""
-    for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
+            _, _, a, b = ends_of(slots[q], context, island)
+            weight = 0.5 * (scratch.starts[a, step_start.NOW] + scratch.starts[b, step_start.NOW])
+            complete_contact(q, slots[q], context.initial_overlaps[slots[q]], weight, motion, context, tile)
         law_at(context.law)(tile.inputs, tile.outputs, n, context.pairs)
         for q in range(n):
-            _, _, a, b = ends_of(slots[q], context, island)
+            i, j, a, b = ends_of(slots[q], context, island)
             f, torque, back = pair_wrench(q, slots[q], context, tile)
             r_a, r_b = space_at(a, scratch).residual, space_at(b, scratch).residual
-            per_a = 1.0 / scratch.starts[a, step_start.ARM]
-            per_b = 1.0 / scratch.starts[b, step_start.ARM]
+            per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
             for d in range(3):
                 r_a[d] += f[d]
                 r_b[d] -= f[d]
                 r_a[3 + d] += torque[d] * per_a
                 r_b[3 + d] += back[d] * per_b
-            observe_pair(q, slots[q], context, tile, scratch.diagnostics[a])
-            observe_pair(q, slots[q], context, tile, scratch.diagnostics[b])
+            for c in (a, b):
+                observe_contact(q, slots[q], min(S[i, sphere.RADIUS], S[j, sphere.RADIUS]), tile, scratch.diagnostics[c])
+    return m
 
 
 @njit(**BARE)
-def observe_pair(q, k, context, tile, diagnostics):
-    """Add contact q, candidate k, to the maxima and to the sum of normal forces of one of its bodies (`step_contacts`)."""
-    I, O, S = tile.inputs, tile.outputs, context.S  # noqa: E741
-    overlap = I[law_input.OVERLAP * TILE + q]
-    radius = min(S[context.own[k], sphere.RADIUS], S[context.partner[k], sphere.RADIUS])
-    diagnostics[step_contacts.NORMAL_FORCE] += abs(O[law_output.NORMAL_FORCE * TILE + q])
-    diagnostics[step_contacts.MAX_OVERLAP] = max(diagnostics[step_contacts.MAX_OVERLAP], overlap)
-    diagnostics[step_contacts.MAX_RADIUS] = max(diagnostics[step_contacts.MAX_RADIUS], O[law_output.CONTACT_RADIUS * TILE + q])
-    if overlap > diagnostics[step_contacts.MAX_RATIO] * radius:
-        diagnostics[step_contacts.MAX_RATIO], diagnostics[step_contacts.SLOT] = overlap / radius, k
-
-
-@njit(**BARE)
-def moved(a, point, scratch):
-    """Return the displacement (3,) [m] by the correction of a point of the body at position a."""
-    x, per_arm = space_at(a, scratch).correction, 1.0 / scratch.starts[a, step_start.ARM]
-    return (
-        x[0] + (x[4] * point[2] - x[5] * point[1]) * per_arm,
-        x[1] + (x[5] * point[0] - x[3] * point[2]) * per_arm,
-        x[2] + (x[3] * point[1] - x[4] * point[0]) * per_arm,
-    )
-
-
-@njit(**BARE)
-def minus(a, b):
-    """Return the difference of two vectors."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(**BARE)
-def arm_of(i, S):
-    """Return the centre of sphere i from the centre of mass of its body [m]."""
-    return S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+def relative_move(a, point, b, other_point, scratch):
+    """Return the displacement (3,) [m] by the correction of a point of the body at position a relative to one of that at b."""
+    one, other = space_at(a, scratch).correction, space_at(b, scratch).correction
+    per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
+    moved, behind = newton.displacement(one, per_a, point, False), newton.displacement(other, per_b, other_point, False)
+    return contact.difference(moved, behind)
 
 
 @njit(**BARE_CHUNK)
-def limit_pair_overlaps(context, island, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far."""
-    expected, box = context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
+def limit_pairs(context, island, m, fraction, scratch):
+    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far, and none of the m contacts
+    reverses its slip."""
+    S, expected, box = context.S, context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
         i, j, a, b = ends_of(k, context, island)
         overlap, n = pair_overlap(k, context, box)
-        relative = minus(moved(a, arm_of(i, context.S), scratch), moved(b, arm_of(j, context.S), scratch))
+        relative = relative_move(a, three(S, i, sphere.ARM), b, three(S, j, sphere.ARM), scratch)
         deepest = min(scratch.diagnostics[a, step_contacts.MAX_OVERLAP], scratch.diagnostics[b, step_contacts.MAX_OVERLAP])
-        change, margin = -dot(n, relative), OVERLAP_GROWTH * max(expected, deepest) + max(-overlap, 0.0)
+        change, margin = -dot(n, relative), newton.OVERLAP_GROWTH * max(expected, deepest) + max(-overlap, 0.0)
         if change * fraction > margin:
             fraction = margin / change
-    return fraction
-
-
-@njit(**BARE_CHUNK)
-def limit_pair_reversal(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction that reverses no slip (`limit_slip_reversal`)."""
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
-        I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
-        for q in range(n):
-            limit = O[law_output.FRICTION_LIMIT * TILE + q]
-            t_x, t_y = O[law_output.TANGENTIAL_X * TILE + q], O[law_output.TANGENTIAL_Y * TILE + q]
-            if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
-                continue
-            i, j, a, b = ends_of(slots[q], context, island)
-            one = moved(a, contact_point(q, i, context.S, G), scratch)
-            relative = minus(one, moved(b, partner_point(q, j, context.S, G), scratch))
-            s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
-            (_, e, g), size = frame_of(q, G), math.sqrt(s_x * s_x + s_y * s_y)
-            back = -(dot(relative, e) * s_x + dot(relative, g) * s_y)
-            margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
-            if back * fraction > margin > 0.0:
-                fraction = margin / back
+        (tile, many), G = pair_tile(t, m, scratch), scratch.pair_geometry[t]
+        for q in range(many):
+            if newton.is_slipping(q, tile.outputs):
+                i, j, a, b = ends_of(tile.slots[q], context, island)
+                relative = relative_move(a, contact_point(q, i, S, G), b, partner_point(q, j, S, G), scratch)
+                fraction = newton.limit_reversal(q, relative, fraction, tile)
     return fraction
-
-
-@njit(**BARE)
-def pair_lands(context, m, scratch):
-    """Return whether one of the m contacts between bodies closed within the step."""
-    for p in range(m):
-        if context.initial_overlaps[scratch.pair_slots[p // TILE, p % TILE]] < 0.0:
-            return True
-    return False
-
-
-@njit(**BARE)
-def turn_of_normals(m, scratch):
-    """Return the largest angle [rad] by which the normal of one of the m contacts between bodies turns in half a step."""
-    square = 0.0
-    for p in range(m):
-        q, G = p % TILE, scratch.pair_geometry[p // TILE]
-        x, y, z = cross(vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.MID_NORMAL, G))
-        square = max(square, x * x + y * y + z * z)
-    return math.sqrt(square)
-
-
-@njit(**BARE)
-def bend_between(i, j, overlap, n, S):
-    """Return how the normal n of two spheres turns with their relative displacement, a symmetric tensor [1/m]."""
-    c, (x, y, z) = 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - overlap), n
-    return c * (1.0 - x * x), c * (1.0 - y * y), c * (1.0 - z * z), -c * x * y, -c * x * z, -c * y * z
 
 
 @njit(**BARE_CHUNK)
@@ -211,45 +154,172 @@ def add_tangents(m, dt, context, island, scratch):
     """Add the m contacts between bodies to the band."""
     S, w = context.S, np.int64(island.half_width)
     for t in range((m + TILE - 1) // TILE):
-        n, slots, tile = tile_count(t, m), scratch.pair_slots[t], pair_tile(t, scratch)
+        (tile, n), G = pair_tile(t, m, scratch), scratch.pair_geometry[t]
         give_springs(n, context, tile)
         tangents_at(context.tangents)(tile.inputs, tile.tangents, n, context.pairs)
         for q in range(n):
-            k, G = slots[q], tile.geometry
+            k = tile.slots[q]
             i, j, a, b = ends_of(k, context, island)
-            sides = (
-                owner_side(q, i, FREEDOMS * a, 1.0 / scratch.starts[a, step_start.ARM], S, G),
-                Side(
-                    FREEDOMS * b, -1, 1.0 / scratch.starts[b, step_start.ARM], arm_of(j, S), partner_point(q, j, S, G),
-                    G[q + geometry.PARTNER_ARM * TILE],
-                ),
-            )  # fmt: skip
-            bend = bend_between(i, j, tile.inputs[law_input.OVERLAP * TILE + q], vector_at(q, geometry.NORMAL, G), S)
-            contact = contact_of(q, context.initial_overlaps[k], dt, sides, (bend, NOWHERE, ZERO_TENSOR), context, tile)
-            add_curved(contact, scratch.band, 3 * w, w)
+            per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
+            centre, point, arm = three(S, j, sphere.ARM), partner_point(q, j, S, G), G[q + geometry.PARTNER_ARM * TILE]
+            sides = contact.owner_side(q, i, FREEDOMS * a, per_a, S, G), contact.Side(FREEDOMS * b, -1, per_b, centre, point, arm)
+            # the normal turns with the displacement: (1 - nn)/D
+            x, y, z = vector_at(q, geometry.NORMAL, G)
+            c = 1.0 / (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] - tile.inputs[law_input.OVERLAP * TILE + q])
+            bend = c * (1.0 - x * x), c * (1.0 - y * y), c * (1.0 - z * z), -c * x * y, -c * x * z, -c * y * z
+            shape, before = (bend, NOWHERE, contact.ZERO_TENSOR), context.initial_overlaps[k]
+            add_curved(contact.contact_of(q, before, dt, sides, shape, context, tile), scratch.band, 3 * w, w)
+
+
+@njit(**BARE)
+def pair_opening_work(k, context, motion):
+    """Return the `books.opening_work` [J] of candidate k."""
+    S, j, (overlap, n) = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
+    s = S[j, sphere.RADIUS]
+    u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n[0], s * n[1], s * n[2]))
+    return books.opening_work(k, context.initial_overlaps[k], (overlap, n), u, context, motion.dt)
+
+
+@njit(**BARE_CHUNK)
+def pair_work_errors(context, island, m, motion, scratch):
+    """Write the errors of the friction work of m contacts between bodies, and the energy that they can store, to both bodies."""
+    for a in range(island.n):
+        scratch.errors[a, 0], scratch.errors[a, 1] = 0.0, 0.0
+    p = np.int64(0)
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
+        _, _, a, b = ends_of(k, context, island)
+        error, stored = 0.0, 0.0
+        if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
+            q, (tile, _) = p % TILE, pair_tile(p // TILE, m, scratch)
+            error = books.contact_difference(q, context.initial_overlaps[k], context, tile)
+            stored = books.contact_energy(q, tile)
+            p += 1
+        elif is_closed(k, context.H):
+            error = abs(pair_opening_work(k, context, motion))
+        for c in (a, b):
+            scratch.errors[c, 0] += error
+            scratch.errors[c, 1] += stored
+
+
+@njit(**BARE)
+def work_on(a, force, torque, scratch):
+    """Return the work [J] in the step of a force and a torque on the body at position a."""
+    y, per_arm = space_at(a, scratch).y, 1.0 / scratch.starts[a, step_start.ARM]
+    return dot(force, (y[0], y[1], y[2])) + dot(torque, (y[3], y[4], y[5])) * per_arm
+
+
+@njit(**BARE)
+def works_on(a, b, wrench, scratch):
+    """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
+    f, torque, back = wrench
+    return work_on(a, f, torque, scratch), work_on(b, (-f[0], -f[1], -f[2]), back, scratch)
+
+
+@njit(**BARE)
+def works_of_old(k, a, b, context, scratch):
+    """Return the works [J] in the step of the last force of candidate k on both bodies; 0 where it was open."""
+    if not is_closed(k, context.H):
+        return 0.0, 0.0
+    R, n, moment = context.R, context.R[k, record.NORMAL_FORCE], NOWHERE
+    (n_x, n_y, n_z), (t_x, t_y, t_z) = three(R, k, record.NORMAL), three(R, k, record.TANGENTIAL_FORCE)
+    if has_moments(context):
+        moment = three(R, k, record.MOMENT)
+        if has_twist(context):
+            (m_x, m_y, m_z), twist = moment, R[k, record.TWIST_MOMENT]
+            moment = m_x + twist * n_x, m_y + twist * n_y, m_z + twist * n_z
+    f = n * n_x + t_x, n * n_y + t_y, n * n_z + t_z
+    wrench = wrench_of(f, three(R, k, record.POINT), three(R, k, record.PARTNER_POINT), moment, context)
+    return works_on(a, b, wrench, scratch)
+
+
+@njit(**BARE)
+def add_losses(b, friction, damped, lost, context):
+    """Add to the totals of a body its part of what friction and dashpots dissipated in a contact, and `lost` [J]."""
+    A = context.totals[b]
+    A[run_totals.FRICTION_WORK] += BODY_FRACTION * friction
+    A[run_totals.DAMPING_WORK] += BODY_FRACTION * damped
+    A[run_totals.NUMERICAL_LOSS] += lost
+    context.B[b, body.FRICTION_WORK] += BODY_FRACTION * friction
+
+
+@njit(**BARE)
+def accept_closed(q, tile, context, island, scratch, smooth):
+    """Add contact q of a tile to both bodies. `smooth`: see `accept_pairs`."""
+    (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
+    wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
+    (mean_a, mean_b), weight = works_of_old(tile.slots[q], a, b, context, scratch), 0.5 if smooth else 0.0
+    end_a, end_b = works_on(a, b, wrench, scratch)
+    mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
+    part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
+    friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
+    stored = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q]
+    lost = -(mean_a + mean_b) - (stored - books.stored_energy(tile.slots[q], context)) - friction - damped
+    add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
+    add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
+    for c, sign, torque in ((b_i, 1.0, wrench[1]), (b_j, -1.0, wrench[2])):
+        for d in range(3):
+            B[c, body.FORCE + d] += sign * wrench[0][d]
+            B[c, body.TORQUE + d] += torque[d]
+        if context.loss_column >= 0:
+            context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
+        B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
+        T = context.memory[c]
+        T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
+
+
+@njit(**BARE_CHUNK)
+def accept_pairs(context, island, m, motion, scratch):
+    """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
+    smooth, p = True, np.int64(0)
+    for a in range(island.n):  # forces jump on no body: what is dissipated is the work of their mean (`weight_of_old`)
+        smooth = smooth and scratch.starts[a, step_start.OLD_WEIGHT] > 0.0
+    weight = 0.5 if smooth else 0.0
+    for e in range(island.n_pairs):
+        k = pair_at(e, island)
+        if p < m and scratch.pair_slots[p // TILE, p % TILE] == k:
+            p += 1
+        elif is_closed(k, context.H):
+            _, _, a, b = ends_of(k, context, island)
+            mean_a, mean_b = works_of_old(k, a, b, context, scratch)
+            mean_a, mean_b, gained = weight * mean_a, weight * mean_b, -books.stored_energy(k, context)
+            dragged = pair_opening_work(k, context, motion) if smooth and context.force >= 0 else 0.0
+            friction, damped = books.end_at(context.end_contact)(k, context.initial_overlaps[k], dragged, smooth, context)
+            lost = 0.5 * (-(mean_a + mean_b) - gained - friction - damped)
+            add_losses(body_at(a, island), friction, damped, lost + mean_a, context)
+            add_losses(body_at(b, island), friction, damped, lost + mean_b, context)
+    for t in range((m + TILE - 1) // TILE):
+        tile, n = pair_tile(t, m, scratch)
+        books.book_at(context.book_contacts)(n, context.initial_overlaps, np.int64(0), smooth, motion.dt, context, tile)
+        for q in range(n):
+            accept_closed(q, tile, context, island, scratch, smooth)
+        books.write_at(context.write_contacts)(n, motion, context, tile)
 
 
 @entry(PART, **POINTED, **NO_COUNTS)
 def pairs_part(stage, h, _, m, motion, context, islands, scratch):
     """Do what a stage of a step requires for the contacts between the bodies of island h, m of them once they are gathered."""
     island = island_at(h, islands)
-    if stage == START:
-        box = box_of(context.D)
+    if stage == STAGE.START:
         for e in range(island.n_pairs):
-            k = pair_at(e, island)
+            k, box = pair_at(e, island), box_of(context.D)
             context.initial_overlaps[k] = pair_overlap(k, context, box)[0] + box.reach
-    elif stage == GATHER:
-        m = gather_pairs(context, island, motion, scratch)
-        add_pair_forces(context, island, m, scratch)
-        scratch.answer[0] = m
-    elif stage == TANGENTS:
+    elif stage == STAGE.GATHER:
+        scratch.answer[0] = evaluate_pairs(context, island, motion, scratch)
+    elif stage == STAGE.TANGENTS:
         add_tangents(m, motion.dt, context, island, scratch)
-    elif stage == LIMIT:
-        fraction = limit_pair_overlaps(context, island, scratch.answer[0], scratch)
-        scratch.answer[0] = limit_pair_reversal(context, island, m, fraction, scratch)
-    elif stage == ERRORS:
-        scratch.answer[0], scratch.answer[1] = turn_of_normals(m, scratch), 1.0 if pair_lands(context, m, scratch) else 0.0
+    elif stage == STAGE.LIMIT:
+        scratch.answer[0] = limit_pairs(context, island, m, scratch.answer[0], scratch)
+    elif stage == STAGE.ERRORS:
+        square, scratch.answer[1] = 0.0, 0.0
+        for p in range(m):
+            q, G = p % TILE, scratch.pair_geometry[p // TILE]
+            x, y, z = cross(vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.MID_NORMAL, G))
+            square = max(square, x * x + y * y + z * z)
+            if context.initial_overlaps[scratch.pair_slots[p // TILE, q]] < 0.0:
+                scratch.answer[1] = 1.0
+        scratch.answer[0] = math.sqrt(square)
         if context.force >= 0:
             pair_work_errors(context, island, m, motion, scratch)
-    elif stage == ACCEPT:
+    elif stage == STAGE.ACCEPT:
         accept_pairs(context, island, m, motion, scratch)

@@ -12,9 +12,9 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
 from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
-from thirdbody.kernels.implicit.contact import cross
-from thirdbody.kernels.implicit.residual import contact_point, frame_of
-from thirdbody.kernels.implicit.workspace import FREEDOMS, GATHER, PART, PULL, RELIEVE, RESTORE, TANGENTS, space_at
+from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
+from thirdbody.kernels.implicit.residual import add_force
+from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
 from thirdbody.kernels.plates import is_lower, is_upper
 from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
@@ -53,16 +53,6 @@ def compliance_between(p, q, context, space):
     return context.interaction[0 if low else 1] / max(apart, NEAR * min(S[i, sphere.RADIUS], S[j, sphere.RADIUS]))
 
 
-@njit(**BARE)
-def reduced(x, factor, p, K):
-    """Return the seven strains x less a factor times the relieved strains of contact p."""
-    a = contact_tangent.RELIEVED * TILE + p
-    return (
-        x[0] - factor * K[a], x[1] - factor * K[a + TILE], x[2] - factor * K[a + 2 * TILE], x[3] - factor * K[a + 3 * TILE],
-        x[4] - factor * K[a + 4 * TILE], x[5] - factor * K[a + 5 * TILE], x[6] - factor * K[a + 6 * TILE],
-    )  # fmt: skip
-
-
 @njit(**BARE_CHUNK)
 def relieved_strains(m, context, space):
     """Write the changes of the relieved overlaps of m contacts with the coordinates into the tile."""
@@ -78,7 +68,11 @@ def relieved_strains(m, context, space):
             for p in range(m):
                 g = compliance_between(p, q, context, space) if p != q else 0.0
                 if g > 0.0:
-                    strain = reduced(strain, g * stiffness_of(p, context, space), p, K)
+                    x, w, k = strain, g * stiffness_of(p, context, space), at + p
+                    strain = (
+                        x[0] - w * K[k], x[1] - w * K[k + TILE], x[2] - w * K[k + 2 * TILE], x[3] - w * K[k + 3 * TILE],
+                        x[4] - w * K[k + 4 * TILE], x[5] - w * K[k + 5 * TILE], x[6] - w * K[k + 6 * TILE],
+                    )  # fmt: skip
             for c in range(FREEDOMS):
                 change = max(change, abs(strain[c] - K[at + c * TILE + q]))
                 size = max(size, abs(strain[c]))
@@ -95,9 +89,7 @@ def add_interaction(m, context, space):
     for q in range(m):
         (n, e, g), k = frame_of(q, space.geometry), space.slots[q]
         w, t_1, t_2 = stiffness_of(q, context, space), K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
-        f = (
-            w * n[0] + t_1 * e[0] + t_2 * g[0], w * n[1] + t_1 * e[1] + t_2 * g[1], w * n[2] + t_1 * e[2] + t_2 * g[2],
-        )  # fmt: skip
+        f = scaled_sum(w, n, t_1, e, t_2, g)
         torque, strain = cross(contact_point(q, context.own[k], context.S, space.geometry), f), strain_of(q, context, space)
         for c in range(FREEDOMS):
             change = K[(contact_tangent.RELIEVED + c) * TILE + q] - strain[c]
@@ -108,32 +100,20 @@ def add_interaction(m, context, space):
                 J[FREEDOMS * 6 + c] -= f[2] * change
 
 
-@njit(**BARE)
-def add_spot_pull(q, context, space):
-    """Add the force along the plate on the spot of contact q (`close_spots`), at the centre of its sphere, to the residual."""
-    i, S, G, r = context.own[space.slots[q]], context.S, space.geometry, space.residual
-    f_x, f_y = G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE]
-    x, y, z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
-    r[0] += f_x
-    r[1] += f_y
-    r[3] -= z * f_y
-    r[4] += z * f_x
-    r[5] += x * f_y - y * f_x
-
-
 @entry(PART, **POINTED, **NO_COUNTS)
 def spots_part(stage, _, a, m, motion, context, islands, scratch):
     """Do what a stage of a step requires for the m spots of the body at position a of an island."""
     space = space_at(a, scratch)
-    if stage == GATHER:
+    if stage == STAGE.GATHER:
         solve_body(m, space.slots, context, spots_of(space))
-    elif stage == RELIEVE:
+    elif stage == STAGE.RELIEVE:
         relieve(m, space)
-    elif stage == RESTORE:
+    elif stage == STAGE.RESTORE:
         restore(m, space)
-    elif stage == PULL:
+    elif stage == STAGE.PULL:
         add_interaction_energy(m, space)
-        for q in range(m):
-            add_spot_pull(q, context, space)
-    elif stage == TANGENTS:
+        for q in range(m):  # the forces along the plate, at the centres of the spheres
+            pull = space.geometry[q + geometry.PULL * TILE], space.geometry[q + (geometry.PULL + 1) * TILE], 0.0
+            add_force(pull, plates.three(context.S, context.own[space.slots[q]], sphere.ARM), False, space.residual)
+    elif stage == STAGE.TANGENTS:
         add_interaction(m, context, space)

@@ -40,7 +40,7 @@ step_memory = Table(
     stiffness=number("N/m", "stiffness of the body"),
     limit=number("", "what limits the length of the next step (`implicit.control.StepLimit`)"),
     limited=vector(8, "", "how many steps each cause has limited"),
-    max_energy=number("J", "largest energy that its contacts could store so far (`work`)"),
+    max_energy=number("J", "largest energy that its contacts could store so far (`books`)"),
     candidates=number("", "number of candidates that can touch in this step: the first ones of the body"),
     last_force=vector(2, "N", "rough plates: change of the force on the upper plate along x and y in the last step"),
 )

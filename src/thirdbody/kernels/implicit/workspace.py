@@ -12,14 +12,14 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.arguments import PACKED, Kinds, Packer, Unpacked, function_at, make_unpacker
-from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.options import BARE
 from thirdbody.kernels import arguments, plates
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import contact_sums
 from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
-from thirdbody.kernels.plates import BASINS, is_upper
-from thirdbody.kernels.tables import observed_body, surface_contact
+from thirdbody.kernels.minima import UPDATE, RoughPlates
+from thirdbody.kernels.tables import observed_body
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
 Array = np.ndarray
@@ -34,14 +34,31 @@ MOTION = types.NamedUniTuple(types.float64, 3, Motion)
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 _ROW, _TABLE, _STACK = (types.Array(types.float64, n, "C") for n in (1, 2, 3))
 
+
+def packed(name: str, kinds: Kinds) -> tuple[Any, Unpacked, Any]:
+    """Return a named tuple of packed arguments, numba's type of them, and a function for kernels that unpacks them."""
+    names = namedtuple(name, tuple(kinds))  # type: ignore[misc]
+    kind = Unpacked(kinds, names)
+    return names, kind, make_unpacker(kind)
+
+
 SHARED = (
-    "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "orientations",
-    "P", "Q", "H", "R", "M", "pairs", "interaction", "effect_parameters", "D", "schedule", "first", "lower", "upper", "drag",
-    "n_history", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots", "loss_column",
-    "width", "has_effects", "labels", "law", "effects", "observe", "update_surfaces", "measured", "measure", "measure_parameters",
-    "observe_bodies",
+    "kind", "body", "start", "patch", "offsets", "S", "P", "Q", "pairs", "interaction", "effect_parameters", "D", "schedule",
+    "first", "lower", "upper", "field_begin", "field_size", "rolling", "force", "moment", "twist", "stored", "dashpots",
+    "loss_column", "has_effects", "labels", "law", "effects", "observe", "measured", "measure",
+    "measure_parameters", "observe_bodies",
 )  # fmt: skip
-"""Fields that the explicit integrator has, too."""
+"""Fields that the explicit integrator has, too, beside those of `arguments.Observed`."""
+
+ADDRESSES = (
+    # function that updates the closest points of rough plates (`rough`)
+    "update_minima",
+    # parts of a step that few scenes need (`PART`): contacts between bodies, curved surfaces, spots
+    "pairs_part", "rough_part", "spots_part",
+    # books of contacts (`books`)
+    "book_contacts", "write_contacts", "end_contact",
+)  # fmt: skip
+"""Fields with the address of a compiled function, 0 where a scene needs none."""
 
 KINDS: Kinds = {
     **arguments.OBSERVED, **{name: arguments.KINDS[name] for name in SHARED},
@@ -57,22 +74,12 @@ KINDS: Kinds = {
     "paths": _TABLE,
     # address of the laws' tangents
     "tangents": _I,
-    # addresses of the functions that take the closest points of rough plates as those of an accepted step, and that write what
-    # the Jacobian needs of them (`rough`)
-    "accept_surfaces": _I, "surface_tangents": _I,
-    # addresses of the parts of a step that few scenes need (`PART`), 0 in others: contacts between bodies, curved surfaces, spots
-    "pairs_part": _I, "rough_part": _I, "spots_part": _I,
-    # addresses of the books of contacts (`books`)
-    "book_contacts": _I, "write_contacts": _I, "end_contact": _I,
+    **dict.fromkeys(ADDRESSES, _I),
 }  # fmt: skip
 """Types of all arguments of an implicit step, by name."""
 
-ImplicitContext = namedtuple("ImplicitContext", tuple(KINDS))  # type: ignore[misc]
+ImplicitContext, CONTEXT, context_of = packed("ImplicitContext", KINDS)
 """All tables and numbers of a run; kernels unpack it from an array."""
-
-CONTEXT = Unpacked(KINDS, ImplicitContext)
-context_of = make_unpacker(CONTEXT)
-"""context_of(packed): the `ImplicitContext` in an array of int64."""
 
 ISLANDS: Kinds = {
     # bodies of all islands, island by island; where each island begins, and their number; position of each body in its island
@@ -84,12 +91,8 @@ ISLANDS: Kinds = {
 }  # fmt: skip
 """Types of the tables of the islands, by name."""
 
-IslandTables = namedtuple("IslandTables", tuple(ISLANDS))  # type: ignore[misc]
+IslandTables, ISLAND_TABLES, islands_of = packed("IslandTables", ISLANDS)
 """Tables of the islands; kernels unpack it from an array."""
-
-ISLAND_TABLES = Unpacked(ISLANDS, IslandTables)
-islands_of = make_unpacker(ISLAND_TABLES)
-"""islands_of(packed): the `IslandTables` in an array of int64."""
 
 SPACE: Kinds = {
     # tile (`arguments.Tile`), and candidates of the contacts in it
@@ -104,11 +107,8 @@ SPACE: Kinds = {
 }  # fmt: skip
 """Types of the scratch of one body, by name; of contacts between bodies there is a tile with candidates only."""
 
-Space = namedtuple("Space", tuple(SPACE))  # type: ignore[misc]
+Space, SPACE_TYPE, space_of = packed("Space", SPACE)
 """Scratch of one body of an island, usable as a `Tile`; kernels unpack it from an array."""
-
-SPACE_TYPE = Unpacked(SPACE, Space)
-space_of = make_unpacker(SPACE_TYPE)
 
 SCRATCH: Kinds = {
     # packed `Space` of each body, and of each tile of contacts between bodies, whose candidates are padded
@@ -131,22 +131,21 @@ SCRATCH: Kinds = {
 }  # fmt: skip
 """Types of the scratch of a thread, by name."""
 
-Scratch = namedtuple("Scratch", tuple(SCRATCH))  # type: ignore[misc]
+Scratch, THREAD, scratch_of = packed("Scratch", SCRATCH)
 """Scratch for one island at a time."""
-
-THREAD = Unpacked(SCRATCH, Scratch)
-scratch_of = make_unpacker(THREAD)
-"""scratch_of(packed): the `Scratch` in an array of int64."""
 
 PART = types.void(_I, _I, _I, _I, MOTION, CONTEXT, ISLAND_TABLES, THREAD)
 """part(stage, island, position of the body in it, number of contacts, motion, context, islands, scratch)"""
 
-part_at = function_at(PART)
+UPDATE_MINIMA = types.void(_I, *UPDATE.args)
+"""update_minima(stage, first candidate, last + 1, tables)"""
+
+part_at, update_minima_at = function_at(PART), function_at(UPDATE_MINIMA)
 
 ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKED)
 """Signature of `driver.advance_islands`, which ensembles call through a pointer."""
 
-START, GATHER, RELIEVE, RESTORE, PULL, TANGENTS, LIMIT, ERRORS, ACCEPT = (np.int64(stage) for stage in range(9))
+STAGE = namedtuple("Stages", "START GATHER RELIEVE RESTORE PULL TANGENTS LIMIT ERRORS ACCEPT")(*range(9))
 """Stages of a step for which a part is called: the step begins; a trial: contacts are gathered, spots solved and relieved before
 the laws, restored after them and pulled, pairs evaluated; derivatives are added to the Jacobian; a correction is limited; errors
 of the step; it is accepted."""
@@ -201,18 +200,18 @@ class Island(NamedTuple):
     """The island that is advanced."""
 
     number: int
-    low: int
-    """Where its bodies begin in the table of all."""
-    n: int
-    """Number of its bodies."""
-    first_pair: int
-    """Where the candidates between its bodies begin in the table of all."""
-    n_pairs: int
-    """Number of these candidates."""
-    half_width: int
-    """Half width of the band of its Jacobian."""
-    all: Any
-    """`IslandTables`"""
+    low: int  # where its bodies begin in the table of all
+    n: int  # number of its bodies
+    first_pair: int  # where the candidates between its bodies begin in the table of all
+    n_pairs: int  # number of these candidates
+    half_width: int  # of the band of its Jacobian
+    all: Any  # `IslandTables`
+
+
+@njit(**BARE)
+def unpack(packed, tables, packed_scratch):
+    """Return context, tables of the islands and scratch of a thread."""
+    return context_of(packed), islands_of(tables), scratch_of(packed_scratch)
 
 
 @njit(**BARE)
@@ -225,7 +224,6 @@ def island_at(h, islands):
 
 @njit(**BARE)
 def body_at(a, island):
-    """Return the body at position a of the island."""
     return island.all.bodies[island.low + a]
 
 
@@ -242,53 +240,25 @@ def space_at(a, scratch):
 
 
 @njit(**BARE)
-def pair_tile(t, scratch):
-    """Return tile t of the contacts between bodies."""
-    return space_of(scratch.pair_spaces[t])
+def pair_tile(t, m, scratch):
+    """Return tile t of the m contacts between bodies, and the number of contacts in it."""
+    return space_of(scratch.pair_spaces[t]), min(np.int64(TILE), m - t * TILE)
 
 
 @njit(**BARE)
 def call_part(part, stage, a, m, motion, context, island, scratch):
-    """Call a part of a step for the body at position a of the island, or for all."""
-    part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
+    """Call a part of a step, if there is one, for the body at position a of the island, or for all."""
+    if part != 0:
+        part_at(part)(stage, island.number, np.int64(a), np.int64(m), motion, context, island.all, scratch)
 
 
 @njit(**BARE)
-def tile_count(t, m):
-    """Return the number of contacts in tile t, of m contacts between bodies."""
-    return min(np.int64(TILE), m - t * TILE)
-
-
-@njit(**BARE)
-def rows_of_sphere(k, context):
-    """Return the number of rows of a sphere and a plate, of which k is the first."""
-    return BASINS if (context.upper if is_upper(context.partner[k]) else context.lower).shape[0] > 0 else 1
-
-
-@njit(**BARE)
-def can_touch(k, row, rows, Q):
-    """Return whether the given row of the sphere whose first row is k has a minimum, or had one at the start of the last step."""
-    bits = int(Q[k, surface_contact.MINIMA]) | int(Q[k, surface_contact.ENDED])
-    return rows == 1 or bits >> row & 1 != 0
-
-
-@njit(**BARE_CHUNK)
-def sort_candidates(b, context):
-    """Move the candidates of body b that can touch in this step to the front, and note their number."""
-    Q, low, high = context.Q, context.plate_edges[b], context.plate_edges[b + 1]
-    e, count = low, 0
-    for here in (True, False):
-        k = low
-        while k < high:
-            rows = rows_of_sphere(k, context)
-            for row in range(rows):
-                if can_touch(k, row, rows, Q) == here:
-                    context.plate_incidence[e] = 2 * (k + row)
-                    e += 1
-            k += rows
-        if here:
-            count = e - low
-    context.memory[b, step_memory.CANDIDATES] = count
+def update_rough(stage, b, context):
+    """Update the closest points of all candidates of body b with rough plates, if there are any (`rough.update_minima`)."""
+    if plates.is_rough(context):
+        c, first, last = context, np.int64(context.plate_edges[b]), np.int64(context.plate_edges[b + 1])
+        tables = RoughPlates(c.own, c.partner, c.S, c.P, c.Q, c.D, c.lower, c.upper)
+        update_minima_at(context.update_minima)(stage, first, last, tables)
 
 
 @njit(**BARE)
