@@ -65,9 +65,8 @@ class Packer:
     """Packs the arguments of a kernel into int64: addresses, shapes and scalars; anew (30 us) only where one was replaced."""
 
     def __init__(self, kinds: Kinds) -> None:
-        tables = {name: kind for name, kind in kinds.items() if isinstance(kind, types.Array)}
         self._specs = [
-            (name, as_dtype(tables[name].dtype), kind.ndim) if name in tables else None for name, kind in kinds.items()
+            (name, as_dtype(kind.dtype), kind.ndim) if isinstance(kind, types.Array) else None for name, kind in kinds.items()
         ]
         self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
@@ -114,7 +113,6 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
     key = Unpacked
 
     def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
-        """Return the type of a field; None if there is none of that name."""
         return kind.kinds.get(name)
 
 
@@ -126,7 +124,10 @@ def _load_field(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
         if not kind.changing:
             number.set_metadata("invariant.load", builder.module.add_metadata([]))
         numbers.append(number)
-    return _table(context, builder, kind.kinds[name], *numbers) if len(numbers) > 1 else numbers[0]
+    if len(numbers) == 1:
+        return numbers[0]
+    data = builder.inttoptr(numbers[0], context.get_data_type(kind.kinds[name].dtype).as_pointer())
+    return table_at(context, builder, kind.kinds[name], data, *numbers[1:])
 
 
 def make_unpacker(unpacked: Unpacked) -> Any:
@@ -153,8 +154,8 @@ def make_view(unpacked: Unpacked) -> Any:
     return function
 
 
-def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -> Any:
-    """Return the table at an address, without reference counting."""
+def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) -> Any:
+    """Return the contiguous table at a pointer, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
     strides: list[Any] = []
     step = size
@@ -162,17 +163,10 @@ def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -
         strides.insert(0, step)
         step = builder.mul(step, length)
     parts = {
-        "nitems": builder.sdiv(step, size), "itemsize": size, "shape": _row(builder, lengths), "strides": _row(builder, strides),
-        "data": builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer()),
+        "nitems": builder.sdiv(step, size), "itemsize": size, "data": data,
+        "shape": cgutils.pack_array(builder, lengths), "strides": cgutils.pack_array(builder, strides),
     }  # fmt: skip
     table = context.get_value_type(kind)(None)
     for name, part in parts.items():
         table = builder.insert_value(table, part, model.get_field_position(name))
     return table
-
-
-def _row(builder: Any, values: Any) -> Any:
-    row = ir.ArrayType(_LONG, len(values))(ir.Undefined)
-    for k, value in enumerate(values):
-        row = builder.insert_value(row, value, k)
-    return row

@@ -26,12 +26,7 @@ LINE = 8
 """Numbers in a cache line of the processor."""
 
 
-def _vector_length() -> int:
-    """Return how many numbers a pass over fields computes at once in the code that numba makes: 8 with AVX-512, else 4."""
-    return LINE if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else LANES
-
-
-VECTOR = _vector_length()
+VECTOR = LINE if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else LANES
 """Numbers that a vectorised loop over fields computes at once; a remainder is computed one by one, each at the cost of all."""
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -44,8 +39,6 @@ _INT = types.int64
 
 
 class FourType(types.Type):
-    """The numba type of a vector of four numbers."""
-
     def __init__(self) -> None:
         super().__init__("four")
 
@@ -102,9 +95,7 @@ def _declared(write: Callable, count: int, typed: Callable, literal: bool = Fals
 
 def _code(sig: Any) -> Callable[[Callable], Any]:
     """Return a decorator that makes an intrinsic function of a signature from `write(builder, *values)`."""
-    return lambda write: _declared(
-        write, len(sig.args), lambda *_: (sig, lambda context, builder, sig, args: write(builder, *args))
-    )
+    return lambda write: _declared(write, len(sig.args), lambda *_: (sig, lambda _, builder, sig, args: write(builder, *args)))
 
 
 def _lane_code(result: Any) -> Callable[[Callable], Any]:

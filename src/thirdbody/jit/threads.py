@@ -77,10 +77,7 @@ def allowed_threads() -> int:
 
 
 def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
-    """Return the ranges of bodies into which `first` to `last` - 1 are divided for the threads of this run.
-
-    `tries`: trial steps of each of them, at most.
-    """
+    """Return `pieces_of` for bodies with so many trial steps each, at most."""
     return pieces_of(first, last, max(FEWEST, math.ceil(WORTH / tries)))
 
 
@@ -165,13 +162,11 @@ def _on_word(make: Callable[..., Any], result: Any, *others: Any) -> tuple[Any, 
 
 @_intrinsic
 def load_word(typing: Any, words: Any, at: Any) -> Any:
-    """Return a word."""
     return _on_word(lambda builder, pointer: builder.load_atomic(pointer, "acquire", 8), types.int64)
 
 
 @_intrinsic
 def store_word(typing: Any, words: Any, at: Any, value: Any) -> Any:
-    """Write a word."""
     return _on_word(lambda builder, pointer, new: builder.store_atomic(new, pointer, "release", 8), types.void, types.int64)
 
 
