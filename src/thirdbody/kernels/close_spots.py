@@ -57,12 +57,10 @@ def interact(context):
 @njit(**BARE)
 def place_spots(t, n, filled, spots, G):
     """Write the n spots from number t on into the fields of a tile, and pad up to `filled` with the last one."""
-    for q in range(n):
-        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[t + q], spots.force[t + q]
-        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[t + q], spots.pull_y[t + q]
-    for q in range(n, filled):
-        for field in range(geometry.RELIEF, geometry.PULL + 2):
-            G[q + field * TILE] = G[n - 1 + field * TILE]
+    for q in range(filled):
+        e = t + min(q, n - 1)
+        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
+        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
 
 
 @njit(**BARE)
@@ -92,7 +90,6 @@ def relieve(n, tile):
 
 @njit(**BARE)
 def restore(n, tile):
-    """Restore the overlaps of n contacts."""
     for q in range(n):
         tile.inputs[q + law_input.OVERLAP * TILE] = tile.geometry[q + geometry.OVERLAP * TILE]
 
