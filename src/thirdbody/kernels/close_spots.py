@@ -14,33 +14,23 @@ The equations are those of a minimum of a convex function of the forces (`spot_l
 smaller radius count as at that distance: their contact areas touch, if not more, and are no points for each other.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
-import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.spot_loads import LANES, lane, spot
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
-Array = np.ndarray
-
 FIELDS = 4
 """Numbers of `Spots` per contact."""
-
 
 FLOOR = 1e-9
 """Overlap that laws see of a spot that is relieved wholly, over the whole one: tangents would be infinite at none at all."""
 
 
-class Spots(NamedTuple):
-    """Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
-
-    relief: Array
-    force: Array
-    pull_x: Array
-    pull_y: Array
-    rows: Array
+Spots = namedtuple("Spots", "relief force pull_x pull_y rows")
+"""Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
 
 
 def scratch_of(n):

@@ -12,7 +12,7 @@ the differences of the coefficients (the convex hull of a B-spline): all bounds 
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
@@ -29,19 +29,8 @@ RAMP = 0.05
 (`rounded_jet`)."""
 
 
-class Jet(NamedTuple):
-    """Height of a surface and its derivatives at a point."""
-
-    h: float
-    x: float
-    y: float
-    xx: float
-    xy: float
-    yy: float
-    xxx: float
-    xxy: float
-    xyy: float
-    yyy: float
+Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")
+"""Height of a surface and its derivatives at a point."""
 
 
 @njit(**BARE)

@@ -5,7 +5,7 @@ summed, per body and over the surfaces of the plates (`engine.measures`).
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -67,25 +67,12 @@ def measure_tile(n, slots, dt, context, tile):
         measure_contact(q, slots[q], dt, context, tile)
 
 
-class Collection(NamedTuple):
-    """Tables from which and to which `collect` works: names as in `arguments.Context`.
+Collection = namedtuple("Collection", "own partner body S P Q H W targets sums deposits")
+"""Tables from which and to which `collect` works: names as in `arguments.Context`.
 
-    W: what bodies have of the measures; `targets`: of `laws.measures.Layout`, `sums`: how many of them are sums; `deposits`: on
-    the plates, room for one per candidate, or no rows.
-    """
-
-    own: np.ndarray
-    partner: np.ndarray
-    body: np.ndarray
-    S: np.ndarray
-    P: np.ndarray
-    Q: np.ndarray
-    H: np.ndarray
-    W: np.ndarray
-    targets: np.ndarray
-    sums: int
-    deposits: np.ndarray
-
+W: what bodies have of the measures; `targets`: of `laws.measures.Layout`, `sums`: how many of them are sums; `deposits`: on the
+plates, room for one per candidate, or no rows.
+"""
 
 _TABLE, _S1, _I1 = types.Array(types.float64, 2, "C"), types.Array(types.int32, 1, "C"), types.Array(types.int64, 1, "C")
 _TARGETS, _MAPS = types.Array(types.int64, 2, "C"), types.Array(types.float64, 4, "C")

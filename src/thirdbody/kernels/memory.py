@@ -1,6 +1,6 @@
 """Memory of contacts from step to step: rows of histories, fields of laws, rows of closed contacts only; parameters of a tile."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -95,16 +95,8 @@ def store_history(n, slots, context, tile):
             store_one(np.uint64(slots[q + 3]), q + 3, axes[3], report[3], context, tile)
 
 
-Array = np.ndarray
-
-
-class ClosedContacts(NamedTuple):
-    """Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
-
-    on: Array
-    H: Array
-    R: Array
-
+ClosedContacts = namedtuple("ClosedContacts", "on H R")
+"""Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
 
 _TABLE = types.Array(types.float64, 2, "C")
 CLOSED = types.NamedTuple((types.Array(types.int32, 1, "C"), _TABLE, _TABLE), ClosedContacts)

@@ -11,7 +11,7 @@ Update of the contacts with rough plates: called through a pointer, so that scen
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -32,21 +32,8 @@ from thirdbody.kernels.closest_point import (
 from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
-Array = np.ndarray
-
-
-class RoughPlates(NamedTuple):
-    """Candidates and tables that an update needs; names as in `arguments.Context`."""
-
-    own: Array
-    partner: Array
-    S: Array
-    P: Array
-    Q: Array
-    D: Array
-    lower: Array
-    upper: Array
-
+RoughPlates = namedtuple("RoughPlates", "own partner S P Q D lower upper")
+"""Candidates and tables that an update needs; names as in `arguments.Context`."""
 
 _TABLE, _ROW, _S1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.Array(types.int32, 1, "C")
 UPDATE = types.void(types.int64, types.int64, types.NamedTuple((_S1, _S1, _TABLE, _TABLE, _TABLE, _ROW, _ROW, _ROW), RoughPlates))

@@ -4,7 +4,7 @@ Candidates come out sorted (plates by sphere, side and basin, then pairs by owne
 owns a pair), so history is carried over by one merge and nothing depends on threads.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -21,45 +21,21 @@ from thirdbody.kernels.vectors import images, inverse
 Array = np.ndarray
 
 
-class Grid(NamedTuple):
-    """Cells of the search, each at least as large as the interaction range.
+Grid = namedtuple("Grid", "low size cells periodic length_x length_y")
+"""Cells of the search, each at least as large as the interaction range.
 
-    Lowest corner (3,) and size of a cell (3,) [m], number of cells along each axis (3,), whether x and y are periodic (2,), and
-    their periodic lengths [m] or 0.
-    """
+Lowest corner (3,) and size of a cell (3,) [m], number of cells along each axis (3,), whether x and y are periodic (2,), and
+their periodic lengths [m] or 0.
+"""
 
-    low: Array
-    size: Array
-    cells: Array
-    periodic: Array
-    length_x: float
-    length_y: float
+CellLists = namedtuple("CellLists", "edges cells Q")
+"""Scratch of a search: where each cell begins in Q (zero at first), the cell of each sphere, spheres in order of cells."""
 
+Spheres = namedtuple("Spheres", "body side")
+"""What a search needs of the spheres besides their places: body of each, and what it can touch (`State.side`)."""
 
-class CellLists(NamedTuple):
-    """Scratch of a search: where each cell begins in Q (zero at first), the cell of each sphere, spheres in order of cells."""
-
-    edges: Array
-    cells: Array
-    Q: Array
-
-
-class Spheres(NamedTuple):
-    """What a search needs of the spheres besides their places: body of each, and what it can touch (`State.side`)."""
-
-    body: Array
-    side: Array
-
-
-class CandidateRows(NamedTuple):
-    """Rows first to last of a table with a row per candidate."""
-
-    first: int
-    last: int
-    own: Array
-    partner: Array
-    table: Array
-
+CandidateRows = namedtuple("CandidateRows", "first last own partner table")
+"""Rows first to last of a table with a row per candidate."""
 
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 _S2 = types.Array(types.int32, 2, "C")
