@@ -50,14 +50,12 @@ def function_at(signature: Any) -> Callable[[int], Any]:
     return function  # type: ignore[no-any-return]
 
 
-def _word_count(kind: Any) -> int:
-    """Return the number of words of one argument: address and shape of a table, or the scalar itself."""
-    return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
-
-
 def first_words(kinds: Kinds) -> dict[str, int]:
-    """Return which word of the packed arguments is the first one of each, by name: the address, of a table."""
-    counts = [_word_count(kind) for kind in kinds.values()]
+    """Return which word of the packed arguments is the first one of each, by name: the address, of a table.
+
+    A table has one word more than dimensions: its address, then its shape.
+    """
+    counts = [1 + getattr(kind, "ndim", 0) for kind in kinds.values()]
     return dict(zip(kinds, np.concatenate(([0], np.cumsum(counts)[:-1])).tolist(), strict=True))
 
 
@@ -118,16 +116,16 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
 
 @lower_getattr_generic(Unpacked)
 def _load_field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
-    first, numbers = builder.bitcast(value, _LONG.as_pointer()), []
-    for k in range(_word_count(kind.kinds[name])):
+    first, numbers, field = builder.bitcast(value, _LONG.as_pointer()), [], kind.kinds[name]
+    for k in range(1 + getattr(field, "ndim", 0)):
         number = builder.load(builder.gep(first, [_LONG(kind.words[name] + k)]))
         if not kind.changing:
             number.set_metadata("invariant.load", builder.module.add_metadata([]))
         numbers.append(number)
     if len(numbers) == 1:
         return numbers[0]
-    data = builder.inttoptr(numbers[0], context.get_data_type(kind.kinds[name].dtype).as_pointer())
-    return table_at(context, builder, kind.kinds[name], data, *numbers[1:])
+    data = builder.inttoptr(numbers[0], context.get_data_type(field.dtype).as_pointer())
+    return table_at(context, builder, field, data, *numbers[1:])
 
 
 def make_unpacker(unpacked: Unpacked) -> Any:

@@ -17,13 +17,13 @@ for one minimum per cell.
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, rounded_jet, within_period
+from thirdbody.kernels.height_field import jet_at, jet_beside, rounded_jet, within_period
 from thirdbody.kernels.tables import height_field as head
 
 CLOSE = 1e-6
@@ -43,20 +43,12 @@ FLATTEST = 0.01
 from twice that on, so that its derivatives do not jump."""
 
 
-class Foot(NamedTuple):
-    """A local minimum of the distance between a point and the surface.
+Foot = namedtuple("Foot", "x y distance normal jet inverse evaluations")
+"""A local minimum of the distance between a point and the surface.
 
-    x, y: where it is [m], from straight below the point, the same in every period; distance [m], negative below the surface;
-    normal: upwards; jet: the surface there; inverse: M (xx, xy, yy); evaluations: of the surface, their number.
-    """
-
-    x: float
-    y: float
-    distance: float
-    normal: tuple[float, float, float]
-    jet: Jet
-    inverse: tuple[float, float, float]
-    evaluations: int
+x, y: where it is [m], from straight below the point, the same in every period; distance [m], negative below the surface;
+normal: unit vector, upwards; jet: the surface there; inverse: M (xx, xy, yy); evaluations: number of those of the surface.
+"""
 
 
 @njit(**BARE)
@@ -73,15 +65,8 @@ def inverse_of(a, b, c):
 
 
 @njit(**BARE)
-def smallest_eigenvalue(a, b, c):
-    """Return the smaller eigenvalue of the symmetric matrix (a, b; b, c)."""
-    half = 0.5 * (a - c)
-    return 0.5 * (a + c) - math.sqrt(half * half + b * b)
-
-
-@njit(**BARE)
 def correction_of(g_x, g_y, a, b, c, low):
-    """Return the correction (2,) of Newton's method, downhill also where f is not convex: the smallest eigenvalue `low` <= 0."""
+    """Return the correction (2,) of Newton's method, downhill also where f is not convex: the smaller eigenvalue `low` <= 0."""
     if low <= 0.0:
         a, c = a - low + max(CURVED, -low), c - low + max(CURVED, -low)
     xx, xy, yy = inverse_of(a, b, c)
@@ -124,7 +109,8 @@ def closest(field, centre, o_x, o_y):
     while True:
         below = jet.h - z
         a, b, c = matrix_of(jet, below)
-        low = smallest_eigenvalue(a, b, c)
+        half = 0.5 * (a - c)
+        low = 0.5 * (a + c) - math.sqrt(half * half + b * b)  # the smaller eigenvalue
         m_x, m_y = correction_of(o_x + below * jet.x, o_y + below * jet.y, a, b, c, low)
         convex, small = low > 0.0, math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
         if small and convex or evaluations >= ITERATIONS:

@@ -62,7 +62,6 @@ def read_vector(G, at):
 
 @njit(**BARE)
 def write_vector(G, at, v):
-    """Write a tuple of three numbers into as many fields, the first of them at `at`."""
     G[at], G[at + TILE], G[at + 2 * TILE] = v
 
 
@@ -112,7 +111,6 @@ def columns(rows):
 
 @njit(**BARE)
 def row_differences(a, b):
-    """Return the differences of four pairs of rows."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 

@@ -100,7 +100,6 @@ def rotate(q, x, y, z):
 
 @njit(**BARE)
 def normalise(q):
-    """Return q scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
