@@ -12,7 +12,7 @@ What a stop in the middle of a block lacks is added to what it shows (`rotate_be
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -39,22 +39,9 @@ brings to rest between two plates decays for ever, and arithmetic on denormal nu
 
 _I1, _F2 = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
 
-Vector = Any
-"""A vector of four of `jit.simd`, or a tuple of three."""
-
-
-class BodyMotion(NamedTuple):
-    """Pose of a body at the end of a step; velocity and spin of the step, and those predicted for its end.
-
-    `rotation`: columns of the rotation matrix.
-    """
-
-    position: Vector
-    rotation: tuple[Vector, ...]
-    velocity: Vector
-    spin: Vector
-    end_velocity: Vector
-    end_spin: Vector
+BodyMotion = namedtuple("BodyMotion", "position rotation velocity spin end_velocity end_spin")
+"""Pose of a body at the end of a step, with the columns of its rotation matrix; velocity and spin of the step, and those
+predicted for its end: vectors of four of `jit.simd`, or tuples of three."""
 
 
 @njit(**BARE)
