@@ -50,14 +50,12 @@ def function_at(signature: Any) -> Callable[[int], Any]:
     return function  # type: ignore[no-any-return]
 
 
-def _word_count(kind: Any) -> int:
-    """Return the number of words of one argument: address and shape of a table, or the scalar itself."""
-    return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
-
-
 def first_words(kinds: Kinds) -> dict[str, int]:
-    """Return which word of the packed arguments is the first one of each, by name: the address, of a table."""
-    counts = [_word_count(kind) for kind in kinds.values()]
+    """Return which word of the packed arguments is the first one of each, by name: the address, of a table.
+
+    A table has one word more than dimensions: its address, then its shape.
+    """
+    counts = [1 + getattr(kind, "ndim", 0) for kind in kinds.values()]
     return dict(zip(kinds, np.concatenate(([0], np.cumsum(counts)[:-1])).tolist(), strict=True))
 
 
@@ -65,9 +63,8 @@ class Packer:
     """Packs the arguments of a kernel into int64: addresses, shapes and scalars; anew (30 us) only where one was replaced."""
 
     def __init__(self, kinds: Kinds) -> None:
-        tables = {name: kind for name, kind in kinds.items() if isinstance(kind, types.Array)}
         self._specs = [
-            (name, as_dtype(tables[name].dtype), kind.ndim) if name in tables else None for name, kind in kinds.items()
+            (name, as_dtype(kind.dtype), kind.ndim) if isinstance(kind, types.Array) else None for name, kind in kinds.items()
         ]
         self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
@@ -114,19 +111,21 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
     key = Unpacked
 
     def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
-        """Return the type of a field; None if there is none of that name."""
         return kind.kinds.get(name)
 
 
 @lower_getattr_generic(Unpacked)
 def _load_field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
-    first, numbers = builder.bitcast(value, _LONG.as_pointer()), []
-    for k in range(_word_count(kind.kinds[name])):
+    first, numbers, field = builder.bitcast(value, _LONG.as_pointer()), [], kind.kinds[name]
+    for k in range(1 + getattr(field, "ndim", 0)):
         number = builder.load(builder.gep(first, [_LONG(kind.words[name] + k)]))
         if not kind.changing:
             number.set_metadata("invariant.load", builder.module.add_metadata([]))
         numbers.append(number)
-    return _table(context, builder, kind.kinds[name], *numbers) if len(numbers) > 1 else numbers[0]
+    if len(numbers) == 1:
+        return numbers[0]
+    data = builder.inttoptr(numbers[0], context.get_data_type(field.dtype).as_pointer())
+    return table_at(context, builder, field, data, *numbers[1:])
 
 
 def make_unpacker(unpacked: Unpacked) -> Any:
@@ -153,8 +152,8 @@ def make_view(unpacked: Unpacked) -> Any:
     return function
 
 
-def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -> Any:
-    """Return the table at an address, without reference counting."""
+def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) -> Any:
+    """Return the contiguous table at a pointer, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
     strides: list[Any] = []
     step = size
@@ -162,17 +161,10 @@ def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -
         strides.insert(0, step)
         step = builder.mul(step, length)
     parts = {
-        "nitems": builder.sdiv(step, size), "itemsize": size, "shape": _row(builder, lengths), "strides": _row(builder, strides),
-        "data": builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer()),
+        "nitems": builder.sdiv(step, size), "itemsize": size, "data": data,
+        "shape": cgutils.pack_array(builder, lengths), "strides": cgutils.pack_array(builder, strides),
     }  # fmt: skip
     table = context.get_value_type(kind)(None)
     for name, part in parts.items():
         table = builder.insert_value(table, part, model.get_field_position(name))
     return table
-
-
-def _row(builder: Any, values: Any) -> Any:
-    row = ir.ArrayType(_LONG, len(values))(ir.Undefined)
-    for k, value in enumerate(values):
-        row = builder.insert_value(row, value, k)
-    return row

@@ -66,7 +66,13 @@ def cache_folder() -> Path:
         path = parent / digest.hexdigest()[:16]
         try:
             _make_private(path)
-            _mark(path)
+            if not _is_ours(path):
+                tag = path / TAG
+                if tag.is_dir() and not tag.is_symlink():
+                    shutil.rmtree(tag)
+                tag.unlink(missing_ok=True)
+                tag.write_bytes(TAG_TEXT)
+            os.utime(path)  # the last one used
             with suppress(PermissionError):  # a folder that may not be listed is not pruned
                 _prune(parent)
         except OSError as error:
@@ -210,19 +216,7 @@ def _make_private(path: Path) -> None:
         path.mkdir(mode=0o700)
 
 
-def _mark(path: Path) -> None:
-    """Mark a folder as ours and as the last one used."""
-    if not _is_ours(path):
-        tag = path / TAG
-        if tag.is_dir() and not tag.is_symlink():
-            shutil.rmtree(tag)
-        tag.unlink(missing_ok=True)
-        tag.write_bytes(TAG_TEXT)
-    os.utime(path)
-
-
 def _is_ours(path: Path) -> bool:
-    """Return whether a folder has our mark."""
     try:
         return not (path / TAG).is_symlink() and (path / TAG).read_bytes() == TAG_TEXT
     except OSError:
@@ -245,7 +239,6 @@ def _prune(parent: Path) -> None:
 
 @functools.cache
 def _digest_of(path: str) -> bytes:
-    """Return the SHA-256 of a source file."""
     return hashlib.sha256(Path(path).read_bytes()).digest()
 
 
@@ -256,18 +249,6 @@ def _is_whole(path: str) -> bool:
     except OSError:
         return False
     return hashlib.sha256(content[:-SIZE]).digest() == content[-SIZE:]
-
-
-def _create_folder(path: Path) -> None:
-    """Create a folder, in place of a file of that name; any number of processes may do so at once."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        with suppress(FileNotFoundError, IsADirectoryError):  # another process removed the file, and may have gone on
-            path.unlink()
-        path.mkdir(parents=True, exist_ok=True)
-    if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
-        path.chmod(0o700)
 
 
 def _check_files() -> None:
@@ -297,10 +278,17 @@ def _check_files() -> None:
         def get_source_stamp(self) -> bytes:
             return _digest_of(self._py_file)
 
-        def ensure_cache_path(self) -> None:
+        def ensure_cache_path(self) -> None:  # in place of a file of that name; any number of processes may do so at once
             path = Path(self.get_cache_path())
             try:
-                _create_folder(path)
+                with suppress(FileExistsError):
+                    path.mkdir(parents=True, exist_ok=True)
+                if not path.is_dir():
+                    with suppress(FileNotFoundError, IsADirectoryError):  # another process removed the file, and may have gone on
+                        path.unlink()
+                    path.mkdir(parents=True, exist_ok=True)
+                if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
+                    path.chmod(0o700)
             except OSError as error:
                 raise cannot_write(path, error) from error
 

@@ -13,24 +13,15 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import lower_builtin, type_callable
 
+from thirdbody.jit.arguments import table_at
+
 
 def array_part(size: int, array: np.ndarray, first: int) -> np.ndarray:
-    """Return `size` elements of an array as a view of it.
+    """Return `size` elements of a contiguous array (n,) of float64, from element `first` on, as a view of it.
 
-    Parameters
-    ----------
-    size : int
-        Number of elements; in compiled functions a literal or a constant of the module. It is the first argument since integers
-        behind an array are indices for `numba_pipeline`, which types calls alike whatever their values.
-    array : numpy.ndarray
-        (n,) float64, contiguous.
-    first : int
-        Index of the first element.
-
-    Returns
-    -------
-    numpy.ndarray
-        (size,) float64. Compiled code does not check that `array` has the elements, and must not use the view longer than it.
+    `size`: in compiled functions a literal or a constant of the module. It is the first argument since integers behind an array
+    are indices for `numba_pipeline`, which types calls alike whatever their values. Compiled code does not check that `array`
+    has the elements, and must not use the view longer than it.
     """
     return array[first : first + size]
 
@@ -72,20 +63,15 @@ def _type_stack(_context: Any) -> Callable:
 def _lower_part(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     whole = context.make_array(sig.args[1])(context, builder, args[1])
     first = context.cast(builder, args[2], sig.args[2], types.intp)
-    return _array(context, builder, sig, cgutils.gep_inbounds(builder, whole.data, first))
+    size = context.get_constant(types.intp, sig.args[0].literal_value)
+    return table_at(context, builder, sig.return_type, cgutils.gep_inbounds(builder, whole.data, first), size)
 
 
 @lower_builtin(stack_array, types.IntegerLiteral)
 def _lower_stack(context: Any, builder: Any, sig: Any, _args: Any) -> Any:
+    size = sig.args[0].literal_value
     with builder.goto_entry_block():  # one place however often it is reached; `cgutils.alloca_once` would fill it with zeros
-        storage = builder.alloca(ir.ArrayType(ir.DoubleType(), sig.args[0].literal_value))
+        storage = builder.alloca(ir.ArrayType(ir.DoubleType(), size))
     storage.align = 64
-    return _array(context, builder, sig, builder.bitcast(storage, ir.DoubleType().as_pointer()))
-
-
-def _array(context: Any, builder: Any, sig: Any, data: Any) -> Any:
-    """Return the array of constant size at an address."""
-    array, item = context.make_array(sig.return_type)(context, builder), context.get_constant(types.intp, 8)
-    size = context.get_constant(types.intp, sig.args[0].literal_value)
-    context.populate_array(array, data=data, shape=(size,), strides=(item,), itemsize=item, meminfo=None)
-    return array._getvalue()
+    data = builder.bitcast(storage, ir.DoubleType().as_pointer())
+    return table_at(context, builder, sig.return_type, data, context.get_constant(types.intp, size))

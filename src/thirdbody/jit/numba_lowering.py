@@ -30,11 +30,10 @@ class _Builder(llvm.IRBuilder):  # type: ignore[misc]
     """IR builder that finds the members of aggregates assembled in the same function."""
 
     def extract_value(self, agg: Any, idx: Any, name: str = "") -> Any:
-        """Return a member of a tuple or a structure."""
         path = tuple(idx) if isinstance(idx, tuple | list) else (idx,)
         if len(path) == 1:
             value = agg
-            while isinstance(value, llvm.instructions.InsertValue):
+            while isinstance(value, _i.InsertValue):
                 if tuple(value.indices) == path:
                     return value.value
                 if value.indices[0] == path[0]:
@@ -61,7 +60,6 @@ class _Calls(callconv.CPUCallConv):  # type: ignore[misc]
     """numba's calls; those of functions that return no error are known to succeed."""
 
     def call_function(self, builder: Any, callee: Any, *args: Any, **kwargs: Any) -> tuple[Any, Any]:
-        """Call a function; return its status and its result."""
         status, result = super().call_function(builder, callee, *args, **kwargs)
         return (status._replace(is_error=llvm.Constant(llvm.IntType(1), 0)) if callee.name in _silent else status), result
 
@@ -69,7 +67,6 @@ class _Calls(callconv.CPUCallConv):  # type: ignore[misc]
 class _Context(cpu.CPUContext):  # type: ignore[misc]
     @property
     def call_conv(self) -> Any:
-        """Return how functions are called."""
         return _Calls(self)
 
 
@@ -77,22 +74,13 @@ def _is_pure(instruction: Any) -> bool:
     return isinstance(instruction, PURE) or (type(instruction) is _i.Instruction and instruction.opname in ARITHMETIC)
 
 
-def _operands(instruction: Any) -> list[Any]:
-    if isinstance(instruction, llvm.instructions.PhiInstr):
-        return [value for value, _ in instruction.incomings]
-    return list(instruction.operands)
-
-
 def _prune(function: Any) -> None:
     """Drop instructions whose results are not used."""
+    instructions = [one for block in function.blocks for one in block.instructions]
     uses: Counter[int] = Counter()
-    idle = []
-    for block in function.blocks:
-        for one in block.instructions:
-            uses.update(map(id, _operands(one)))
-    for block in function.blocks:
-        idle += [one for one in block.instructions if _is_pure(one) and not uses[id(one)]]
-    dropped = set()
+    for one in instructions:
+        uses.update(map(id, [value for value, _ in one.incomings] if isinstance(one, _i.PhiInstr) else one.operands))
+    idle, dropped = [one for one in instructions if _is_pure(one) and not uses[id(one)]], set()
     while idle:
         one = idle.pop()
         dropped.add(id(one))
@@ -102,12 +90,6 @@ def _prune(function: Any) -> None:
                 idle.append(operand)
     for block in function.blocks:
         block.instructions[:] = [one for one in block.instructions if id(one) not in dropped]
-
-
-def _positions(index: Any) -> tuple[Any, ...] | None:
-    """Return the types of the indices if all are integers, so that they address one number; else None."""
-    kinds = tuple(index) if isinstance(index, types.UniTuple | types.Tuple) else (index,)
-    return kinds if all(isinstance(kind, types.Integer) for kind in kinds) else None
 
 
 class _Lower(lowering.Lower):  # type: ignore[misc]
@@ -128,10 +110,12 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
 
     def _pointer(self, table: Any, table_type: Any, index: Any, index_type: Any) -> Any:
         """Return the pointer to one number of a contiguous table; None if the index addresses anything else."""
-        kinds = _positions(index_type)
+        kinds = tuple(index_type) if isinstance(index_type, types.UniTuple | types.Tuple) else (index_type,)
         if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, PLAIN)):
             return None
-        if kinds is None or len(kinds) != table_type.ndim or self.context.enable_boundscheck:
+        if len(kinds) != table_type.ndim or not all(isinstance(kind, types.Integer) for kind in kinds):
+            return None
+        if self.context.enable_boundscheck:
             return None
         b, fields = self.builder, self.context.data_model_manager[table_type]
         shape = b.extract_value(table, fields.get_field_position("shape"))
@@ -144,13 +128,11 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
                 length = b.extract_value(shape, k)
                 position = b.select(b.icmp_signed("<", position, position.type(0)), b.add(position, length), position)
             if at is not None:
-                at = b.add(b.mul(at, b.extract_value(shape, k) if length is None else length), position)
-            else:
-                at = position
+                position = b.add(b.mul(at, b.extract_value(shape, k) if length is None else length), position)
+            at = position
         return b.gep(b.extract_value(table, fields.get_field_position("data")), [at])
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
-        """Read one number of a table; else as numba does."""
         kind = self.typeof(value.name)
         pointer = self._pointer(self.loadvar(value.name), kind, self.loadvar(index.name), self.typeof(index.name))
         if pointer is None:
@@ -158,7 +140,6 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return self.context.cast(self.builder, self.builder.load(pointer), kind.dtype, resty)
 
     def lower_setitem(self, target_var: Any, index_var: Any, value_var: Any, signature: Any) -> Any:
-        """Write one number of a table; else as numba does."""
         kind = self.typeof(target_var.name)
         pointer = self._pointer(self.loadvar(target_var.name), kind, self.loadvar(index_var.name), self.typeof(index_var.name))
         if pointer is None:
@@ -176,19 +157,18 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         self._singly_assigned_vars |= {name for name in once if name in given or not self._counted(name)}
 
     def lower_assign(self, ty: Any, inst: Any) -> Any:
-        """Assign a variable; the caller owns an argument that is never replaced: its references are not counted."""
+        # the caller owns an argument that is never replaced: its references are not counted
         if inst.target.name not in self._borrowed or isinstance(self.typeof("arg." + inst.value.name), types.Omitted):
             return super().lower_assign(ty, inst)
         value = inst.value
         return self.context.cast(self.builder, self.fnargs[value.index], self.typeof("arg." + value.name), ty)
 
     def delvar(self, name: str) -> None:
-        """Delete a variable at the end of its life."""
         if name not in self._borrowed and self._counted(name):
             super().delvar(name)
 
     def lower_expr(self, resty: Any, expr: Any) -> Any:
-        """Write an expression; loops over a range with a constant step compare their variable, else as numba does."""
+        # loops over a range with a constant step compare their variable
         if expr.op not in ("getiter", "iternext", "pair_first", "pair_second"):
             return super().lower_expr(resty, expr)
         b, value, kind = self.builder, self.loadvar(expr.value.name), self.typeof(expr.value.name)
@@ -269,8 +249,4 @@ class ShortLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
     """`NativeLowering` with shorter code."""
 
     _name = "short_lowering"  # type: ignore[assignment]
-
-    @property
-    def lowering_class(self) -> type[lowering.Lower]:
-        """Return the class that writes the code."""
-        return _Lower
+    lowering_class = _Lower  # type: ignore[assignment]

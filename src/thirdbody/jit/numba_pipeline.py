@@ -9,14 +9,12 @@ compiled by numba's own, longer pipeline.
 
 import operator
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
 import numba
 from numba import types
-from numba.core import codegen, compiler, compiler_machinery, event, ir, targetconfig, typed_passes, untyped_passes
+from numba.core import codegen, compiler, compiler_machinery, event, ir, targetconfig, typed_passes
 from numba.core.typing import signature
 
 from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
@@ -24,11 +22,11 @@ from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
 TESTED = ("0.67.", "0.68.")
 """Prefixes of the versions of numba whose internals are known."""
 
-UNTYPED = (
+PASSES = (
     "TranslateByteCode", "FixupArgs", "IRProcessing", "NumbersOfModules", "RewriteSemanticConstants", "DeadBranchPrune",
-    "GenericRewrites", "ReconstructSSA",
+    "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "AnnotateTypes",
+    "NativeLowering", "NoPythonBackend",
 )  # fmt: skip
-TYPED = ("NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "AnnotateTypes", "NativeLowering", "NoPythonBackend")
 PLAIN = {operator.add, operator.sub, operator.mul, operator.truediv, operator.lt, operator.le, operator.gt, operator.ge}
 """Operators to which a literal number is like any other of its type."""
 
@@ -46,11 +44,8 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     unliteral = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
     key = id(self), id(context), unliteral, targetconfig.ConfigStack.top_or_none()
     result = _answers.get(key)
-    if result is None:
-        result = _answers[key] = (
-            _original_call_type(self, context, args, kws),
-            self,
-        )  # keep `self` alive, or another object could get its id
+    if result is None:  # keep `self` alive, or another object could get its id
+        result = _answers[key] = (_original_call_type(self, context, args, kws), self)
     return result[0]
 
 
@@ -87,19 +82,6 @@ SHORTER: tuple[tuple[Any, str, Any], ...] = (
 """What replaces functions of numba, by owner and name, while our kernels are compiled."""
 
 
-@contextmanager
-def _remembering() -> Iterator[None]:
-    """Cache the types of calls within the block, and skip what is not needed; numba holds a lock while it compiles."""
-    before = [(owner, name, getattr(owner, name)) for owner, name, _ in SHORTER]
-    try:
-        for owner, name, value in SHORTER:
-            setattr(owner, name, value)
-        yield
-    finally:
-        for owner, name, value in before:
-            setattr(owner, name, value)
-
-
 class _Flags(compiler.Flags):  # type: ignore[misc]
     """Compiler options that are compared by the values set: as in numba, but faster. Their hash is that of their names."""
 
@@ -123,7 +105,7 @@ class _Unbound:
         return getattr(self.own, name)
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing: the library that links this code allocates its own environment."""
+        pass  # the library that links this code allocates its own environment
 
 
 @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
@@ -136,7 +118,6 @@ class NumbersOfModules(compiler_machinery.FunctionPass):  # type: ignore[misc]
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:
-        """Replace them in a function."""
         definitions, blocks = state.func_ir._definitions, state.func_ir.blocks
         uses = Counter(var.name for block in blocks.values() for one in block.body for var in one.list_vars())
         for block in blocks.values():
@@ -151,11 +132,8 @@ class NumbersOfModules(compiler_machinery.FunctionPass):  # type: ignore[misc]
                         uses[used.name] -= 1
                     one.value = ir.Const(value, one.loc)
                     definitions[name] = [one.value]
-            block.body = [
-                one
-                for one in block.body
-                if not (isinstance(one, ir.Assign) and one.target.name in known and uses[one.target.name] == 1)
-            ]
+            unused = {name for name in known if uses[name] == 1}
+            block.body = [one for one in block.body if not (isinstance(one, ir.Assign) and one.target.name in unused)]
         return True
 
 
@@ -203,28 +181,25 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-def _whole(state: Any) -> list[Any]:
-    """Return numba's complete pipeline for Python, with the short lowering."""
-    manager = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
-    plain = typed_passes.NativeLowering
-    manager.passes[:] = [(ShortLowering if one is plain else one, about) for one, about in manager.passes]
-    return [manager]
-
-
 class Own(compiler.CompilerBase):  # type: ignore[misc]
     """Compiler of our kernels, which are plain loops over tables."""
 
     def _compile_core(self) -> Any:
         self.state.flags = _Flags(self.state.flags)
-        with _remembering():
+        before = [(owner, name, getattr(owner, name)) for owner, name, _ in SHORTER]
+        try:  # numba holds a lock while it compiles
+            for owner, name, value in SHORTER:
+                setattr(owner, name, value)
             return super()._compile_core()
+        finally:
+            for owner, name, value in before:
+                setattr(owner, name, value)
 
     def define_pipelines(self) -> list[Any]:
         manager = compiler_machinery.PassManager("own")
-        for module, names in ((untyped_passes, UNTYPED), (typed_passes, TYPED)):
-            for name in names:
-                own = {"NativeLowering": ShortLowering, "NumbersOfModules": NumbersOfModules}.get(name)
-                manager.add_pass(own or getattr(module, name, None) or getattr(compiler, name), name)
+        own = {"NativeLowering": ShortLowering, "NumbersOfModules": NumbersOfModules}
+        for name in PASSES:
+            manager.add_pass(own.get(name) or getattr(compiler, name), name)
         manager.finalize()
         return [manager]
 
@@ -238,36 +213,31 @@ class Inner(Own):
 
 
 class Whole(Own):
-    """Compiler of functions of laws and plug-ins."""
+    """Compiler of functions of laws and plug-ins: numba's complete pipeline for Python, with the short lowering."""
 
     def define_pipelines(self) -> list[Any]:
-        return _whole(self.state)
+        manager = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        plain = typed_passes.NativeLowering
+        manager.passes[:] = [(ShortLowering if one is plain else one, about) for one, about in manager.passes]
+        return [manager]
 
 
-class KernelOnly(Inner):
+class KernelOnly(Inner, Whole):
     """The same for those that only kernels call."""
 
-    def define_pipelines(self) -> list[Any]:
-        return _whole(self.state)
 
-
-def _trust_scipy() -> None:
-    """Let numba assume that SciPy has a BLAS, as we depend on it. The check is a fifth of a start; code that uses the BLAS
-    repeats it."""
+KNOWN = numba.__version__.startswith(TESTED)
+if KNOWN:  # numba may assume that SciPy has a BLAS, as we depend on it: the check is a fifth of a start
     from numba.np import linalg
 
-    original = linalg.ensure_blas
+    _original_check = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
-        linalg.ensure_blas = original
-
-
-if numba.__version__.startswith(TESTED):
-    _trust_scipy()
+        linalg.ensure_blas = _original_check  # code that uses the BLAS repeats it
 
 
 def pipeline_options(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
     """Return the options that select this pipeline, if this version of numba is a tested one."""
-    return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}
+    return {"pipeline_class": pipeline} if KNOWN else {}

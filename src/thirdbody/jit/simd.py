@@ -26,12 +26,7 @@ LINE = 8
 """Numbers in a cache line of the processor."""
 
 
-def _vector_length() -> int:
-    """Return how many numbers a pass over fields computes at once in the code that numba makes: 8 with AVX-512, else 4."""
-    return LINE if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else LANES
-
-
-VECTOR = _vector_length()
+VECTOR = LINE if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else LANES
 """Numbers that a vectorised loop over fields computes at once; a remainder is computed one by one, each at the cost of all."""
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -44,8 +39,6 @@ _INT = types.int64
 
 
 class FourType(types.Type):
-    """The numba type of a vector of four numbers."""
-
     def __init__(self) -> None:
         super().__init__("four")
 
@@ -100,11 +93,17 @@ def _declared(write: Callable, count: int, typed: Callable, literal: bool = Fals
     return make(function)
 
 
-def _code(sig: Any) -> Callable[[Callable], Any]:
+def _result(context: Any, sig: Any, value: Any) -> Any:
+    return context.get_dummy_value() if sig.return_type == types.void else value
+
+
+def code(sig: Any) -> Callable[[Callable], Any]:
     """Return a decorator that makes an intrinsic function of a signature from `write(builder, *values)`."""
-    return lambda write: _declared(
-        write, len(sig.args), lambda *_: (sig, lambda context, builder, sig, args: write(builder, *args))
-    )
+
+    def typed(write: Callable) -> Callable:
+        return lambda *_: (sig, lambda context, builder, sig, args: _result(context, sig, write(builder, *args)))
+
+    return lambda write: _declared(write, len(sig.args), typed(write))
 
 
 def _lane_code(result: Any) -> Callable[[Callable], Any]:
@@ -121,7 +120,7 @@ def _lane_code(result: Any) -> Callable[[Callable], Any]:
     return declare
 
 
-def _memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], Any]:
+def memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], Any]:
     """Return a decorator that makes an intrinsic function (table, `count` indices, ...) from `write(builder, pointer, ...)`.
 
     The pointer is that to a number of a contiguous table, which need not be aligned.
@@ -136,8 +135,7 @@ def _memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], 
                 lengths = builder.extract_value(args[0], fields.get_field_position("shape"))
                 at = builder.add(builder.mul(at, builder.extract_value(lengths, k)), index[k])
             pointer = builder.gep(builder.extract_value(args[0], fields.get_field_position("data")), [at])
-            value = write(builder, pointer, *args[count + 1 :])
-            return context.get_dummy_value() if result == types.void else value
+            return _result(context, sig, write(builder, pointer, *args[count + 1 :]))
 
         number = 1 + count + len(others)
         return _declared(write, number, lambda *kinds: (result(*kinds[: count + 1], *others), make))
@@ -145,37 +143,37 @@ def _memory_code(count: int, result: Any, *others: Any) -> Callable[[Callable], 
     return declare
 
 
-@_memory_code(2, four)
+@memory_code(2, four)
 def load(builder: Any, pointer: Any) -> Any:
     """Load four numbers of row i of the table A from column c on: (A, i, c)."""
     return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-@_memory_code(2, types.void, four)
+@memory_code(2, types.void, four)
 def store(builder: Any, pointer: Any, v: Any) -> None:
     """Store v into row i of the table A from column c on: (A, i, c, v)."""
     builder.store(v, builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-@_memory_code(1, four)
+@memory_code(1, four)
 def get(builder: Any, pointer: Any) -> Any:
     """Load four numbers of a 1-D array from a place on: (G, at)."""
     return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-@_memory_code(1, types.void, four)
+@memory_code(1, types.void, four)
 def put(builder: Any, pointer: Any, v: Any) -> None:
     """Store v into a 1-D array from a place on: (G, at, v)."""
     builder.store(v, builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
 
-@_code(four(types.float64))
+@code(four(types.float64))
 def broadcast(builder: Any, x: Any) -> Any:
     """Return x in all lanes."""
     return _four_times(builder, x)
 
 
-@_code(four(*[types.float64] * LANES))
+@code(four(*[types.float64] * LANES))
 def set4(builder: Any, *numbers: Any) -> Any:
     """Return the vector of four numbers (x, y, z, w)."""
     v = ir.Constant(_VECTOR, ir.Undefined)
@@ -203,13 +201,13 @@ def axis_times_quaternion(builder: Any, q: Any, axis: int) -> Any:
     return _shuffle(builder, q, builder.fneg(q), lanes)
 
 
-@_code(four(four, four))
+@code(four(four, four))
 def with_last(builder: Any, v: Any, w: Any) -> Any:
     """Return the first three lanes of v and the last one of w."""
     return _shuffle(builder, v, w, [0, 1, 2, 7])
 
 
-@_code(four(four, four))
+@code(four(four, four))
 def cross(builder: Any, v: Any, w: Any) -> Any:
     """Return the cross product of the first three lanes of v and of w."""
     v_1, v_2 = (_shuffle(builder, v, v, lanes) for lanes in ([1, 2, 0, 3], [2, 0, 1, 3]))
@@ -217,40 +215,40 @@ def cross(builder: Any, v: Any, w: Any) -> Any:
     return builder.fsub(builder.fmul(v_1, w_2), builder.fmul(v_2, w_1))
 
 
-@_code(four(four))
+@code(four(four))
 def round_to_nearest(builder: Any, v: Any) -> Any:
     """Return v rounded to the nearest integers, halves to the even ones, as `np.rint`."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR])
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.rint.v{LANES}f64"), [v])
 
 
-@_code(_INT(four, four))
+@code(_INT(four, four))
 def less_mask(builder: Any, v: Any, w: Any) -> Any:
     """Return which lanes of v are smaller than those of w, as bits 0 to 3."""
     return builder.zext(builder.bitcast(builder.fcmp_ordered("<", v, w), ir.IntType(LANES)), ir.IntType(64))
 
 
-@_code(types.boolean(four, types.float64))
+@code(types.boolean(four, types.float64))
 def all_below(builder: Any, v: Any, maximum: Any) -> Any:
     """Return whether all lanes of v are smaller than `maximum`; NaN is not."""
     each = builder.bitcast(builder.fcmp_ordered("<", v, _four_times(builder, maximum)), ir.IntType(LANES))
     return builder.icmp_unsigned("==", each, ir.Constant(ir.IntType(LANES), (1 << LANES) - 1))
 
 
-@_code(four(four, four, four, four))
+@code(four(four, four, four, four))
 def select_greater(builder: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
     """Return the lanes of `yes` where v > w, of `no` elsewhere."""
     return builder.select(builder.fcmp_ordered(">", v, w), yes, no)
 
 
-@_code(four(four, types.float64))
+@code(four(four, types.float64))
 def clamp_below(builder: Any, v: Any, minimum: Any) -> Any:
     """Return v, with `minimum` in all lanes that are smaller; NaN is passed on."""
     floor = _four_times(builder, minimum)
     return builder.select(builder.fcmp_ordered("<", v, floor), floor, v)
 
 
-@_code(four(four, types.float64))
+@code(four(four, types.float64))
 def flush_below(builder: Any, v: Any, minimum: Any) -> Any:
     """Return v, with 0 in all lanes of |v| <= `minimum`; NaN is passed on."""
     bits = builder.and_(builder.bitcast(v, _BITS), ir.Constant(_BITS, [(1 << 63) - 1] * LANES))  # without the sign
@@ -258,7 +256,7 @@ def flush_below(builder: Any, v: Any, minimum: Any) -> Any:
     return builder.select(low, ir.Constant(_VECTOR, [0.0] * LANES), v)
 
 
-@_memory_code(1, _INT, four)
+@memory_code(1, _INT, four)
 def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
     """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7): (closed, k, v).
 
@@ -272,7 +270,7 @@ def active_bits(builder: Any, pointer: Any, v: Any) -> Any:
     return builder.or_(bits[0], builder.shl(bits[1], ir.IntType(64)(LANES)))
 
 
-@_memory_code(1, _INT, _INT, _INT)
+@memory_code(1, _INT, _INT, _INT)
 def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
     """Write the numbers k to k + 3 whose bit is set into the list A from m on, (A, m, k, bits); return their number.
 
@@ -286,7 +284,7 @@ def compress_store(builder: Any, pointer: Any, k: Any, bits: Any) -> Any:
     return builder.ctpop(bits)
 
 
-@_code(types.UniTuple(four, LANES)(four, four, four, four))
+@code(types.UniTuple(four, LANES)(four, four, four, four))
 def transpose(builder: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Return rows as columns: the first numbers of a, b, c and d, the second ones, and so on."""
     low, high = _shuffle(builder, a, b, [0, 4, 1, 5]), _shuffle(builder, a, b, [2, 6, 3, 7])
@@ -298,7 +296,7 @@ def transpose(builder: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     return cgutils.pack_array(builder, columns)
 
 
-@_memory_code(2, types.void)
+@memory_code(2, types.void)
 def prefetch(builder: Any, pointer: Any) -> None:
     """Prefetch the cache line of a number that is needed soon, (A, i, c); nothing changes by it."""
     byte = ir.IntType(8).as_pointer()

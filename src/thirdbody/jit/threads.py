@@ -30,9 +30,9 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
 from thirdbody.jit.options import BARE
+from thirdbody.jit.simd import code, memory_code
 
 Piece = TypeVar("Piece")
 
@@ -77,10 +77,7 @@ def allowed_threads() -> int:
 
 
 def parts_of(first: int, last: int, tries: float) -> list[tuple[int, int]]:
-    """Return the ranges of bodies into which `first` to `last` - 1 are divided for the threads of this run.
-
-    `tries`: trial steps of each of them, at most.
-    """
+    """Return `pieces_of` for bodies with so many trial steps each, at most."""
     return pieces_of(first, last, max(FEWEST, math.ceil(WORTH / tries)))
 
 
@@ -147,65 +144,48 @@ def words_of(members: int) -> int:
     return FIRST + LINE * members
 
 
-_WORDS = types.Array(types.int64, 1, "C")
-_LONG, _INT = ir.IntType(64), ir.IntType(32)
-_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument
+_INT = ir.IntType(32)
 
 
-def _on_word(make: Callable[..., Any], result: Any, *others: Any) -> tuple[Any, Callable[..., Any]]:
-    """Return signature and code of a function (words, position, ...), which `make(builder, pointer, ...)` writes."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = builder.extract_value(args[0], context.data_model_manager[sig.args[0]].get_field_position("data"))
-        value = make(builder, builder.gep(data, [context.cast(builder, args[1], sig.args[1], types.int64)]), *args[2:])
-        return context.get_dummy_value() if result == types.void else value
-
-    return result(_WORDS, types.int64, *others), generate
+@memory_code(1, types.int64)
+def load_word(builder: Any, pointer: Any) -> Any:
+    return builder.load_atomic(pointer, "acquire", 8)
 
 
-@_intrinsic
-def load_word(typing: Any, words: Any, at: Any) -> Any:
-    """Return a word."""
-    return _on_word(lambda builder, pointer: builder.load_atomic(pointer, "acquire", 8), types.int64)
+@memory_code(1, types.void, types.int64)
+def store_word(builder: Any, pointer: Any, value: Any) -> None:
+    builder.store_atomic(value, pointer, "release", 8)
 
 
-@_intrinsic
-def store_word(typing: Any, words: Any, at: Any, value: Any) -> Any:
-    """Write a word."""
-    return _on_word(lambda builder, pointer, new: builder.store_atomic(new, pointer, "release", 8), types.void, types.int64)
-
-
-@_intrinsic
-def count_up(typing: Any, words: Any, at: Any) -> Any:
+@memory_code(1, types.int64)
+def count_up(builder: Any, pointer: Any) -> Any:
     """Add 1 to a word and return its value before."""
-    return _on_word(lambda builder, pointer: builder.atomic_rmw("add", pointer, _LONG(1), "acq_rel"), types.int64)
+    return builder.atomic_rmw("add", pointer, ir.IntType(64)(1), "acq_rel")
 
 
-def _calling(name: str, result: Any, *given: int) -> tuple[Any, Callable[..., Any]]:
-    """Return signature and code of a function that calls an external one with 32-bit integers."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        if name:
-            kind = ir.FunctionType(result, [_INT] * len(given))
-            builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [_INT(one) for one in given])
-        return context.get_dummy_value()
-
-    return types.void(), generate
+def _call(builder: Any, result: Any, name: str, *given: int) -> None:
+    """Call an external function with 32-bit integers."""
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(result, [_INT] * len(given)), name)
+    builder.call(function, [_INT(one) for one in given])
 
 
-@_intrinsic
-def pause(typing: Any) -> Any:
+@code(types.void())
+def pause(builder: Any) -> None:
     """Let the core do something else for some 40 cycles, by LLVM's name for the instruction; other processors go on at once."""
     machine = platform.machine().lower()
     if machine in ("aarch64", "arm64"):
-        return _calling("llvm.aarch64.hint", ir.VoidType(), 1)
-    return _calling("llvm.x86.sse2.pause" if machine in ("x86_64", "amd64") else "", ir.VoidType())
+        _call(builder, ir.VoidType(), "llvm.aarch64.hint", 1)
+    elif machine in ("x86_64", "amd64"):
+        _call(builder, ir.VoidType(), "llvm.x86.sse2.pause")
 
 
-@_intrinsic
-def sleep(typing: Any) -> Any:
+@code(types.void())
+def sleep(builder: Any) -> None:
     """Sleep as briefly as the system allows, 1 ms or some 70 us, so that another thread can use the core."""
-    return _calling("Sleep", _INT, 1) if os.name == "nt" else _calling("usleep", _INT, 20)
+    if os.name == "nt":
+        _call(builder, _INT, "Sleep", 1)
+    else:
+        _call(builder, _INT, "usleep", 20)
 
 
 @njit(**BARE)

@@ -64,46 +64,30 @@ class Motion(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step of the explicit integrator; usable as a `Motion`."""
+    """A step of the explicit integrator; usable as a `Motion`.
+
+    `number`: within this call of the step loop; `record`: output or labels need it; `time`: at its end [s]; `pending`: 1: the
+    closing half kick of the last step is pending, 0: it is done; `turn`: time for which the spins of single spheres rotate them
+    in this step [s], mostly 0 (`kernels.bodies`).
+    """
 
     number: int | np.int64
-    """Number within this call of the step loop."""
     record: bool
-    """Whether output or labels need this step."""
     time: float
-    """Time at the end of the step [s]."""
     dt: float
     v_x: float
     v_y: float
     pending: float
-    """1: the closing half kick of the last step is pending; 0: it is done."""
     turn: float
-    """Time for which the spins of single spheres rotate them in this step [s]; mostly 0 (`kernels.bodies`)."""
 
 
-class Tile(NamedTuple):
-    """Contacts side by side, field by field (stride `tile.TILE`)."""
+Tile = namedtuple("Tile", "inputs outputs tangents geometry")
+"""Contacts side by side, field by field (stride `tile.TILE`): `law_input`, `law_output`, `contact_tangent` (empty in explicit
+steps), `geometry`."""
 
-    inputs: Array
-    """`law_input`"""
-    outputs: Array
-    """`law_output`"""
-    tangents: Array
-    """`contact_tangent`; empty in explicit steps."""
-    geometry: Array
-    """`geometry`"""
-
-
-class Box(NamedTuple):
-    """Periodic lengths of the domain [m], 0 where it is not periodic, and their inverses, or 0 (`kernels.vectors`)."""
-
-    length_x: float
-    length_y: float
-    inverse_x: float
-    inverse_y: float
-    reach: float
-    """Distance from touch at which bodies begin to act on each other [m]."""
-
+Box = namedtuple("Box", "length_x length_y inverse_x inverse_y reach")
+"""Periodic lengths of the domain [m], 0 where it is not periodic, and their inverses, or 0 (`kernels.vectors`); distance from
+touch at which bodies begin to act on each other [m]."""
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")

@@ -12,13 +12,14 @@ What a stop in the middle of a block lacks is added to what it shows (`rotate_be
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import all_below, broadcast, cross, extract, less_mask, load, set4, store, with_last
+from thirdbody.kernels.plates import three
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
 from thirdbody.kernels.vectors import matrix, rotate_small, spin
 
@@ -38,22 +39,9 @@ brings to rest between two plates decays for ever, and arithmetic on denormal nu
 
 _I1, _F2 = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
 
-Vector = Any
-"""A vector of four of `jit.simd`, or a tuple of three."""
-
-
-class BodyMotion(NamedTuple):
-    """Pose of a body at the end of a step, and its velocities."""
-
-    position: Vector
-    rotation: tuple[Vector, ...]
-    """Columns of the rotation matrix."""
-    velocity: Vector
-    """Of the step, as the spin."""
-    spin: Vector
-    end_velocity: Vector
-    """Predicted for the end of the step, as the spin then."""
-    end_spin: Vector
+BodyMotion = namedtuple("BodyMotion", "position rotation velocity spin end_velocity end_spin")
+"""Pose of a body at the end of a step, with the columns of its rotation matrix; velocity and spin of the step, and those
+predicted for its end: vectors of four of `jit.simd`, or tuples of three."""
 
 
 @njit(**BARE)
@@ -101,11 +89,8 @@ def vector(v):
 @njit(**BARE)
 def columns(matrix):
     """Return the columns of a matrix, a tuple of nine row by row, as vectors of four."""
-    return (
-        set4(matrix[0], matrix[3], matrix[6], 0.0),
-        set4(matrix[1], matrix[4], matrix[7], 0.0),
-        set4(matrix[2], matrix[5], matrix[8], 0.0),
-    )
+    a, b, c, d, e, f, g, h, i = matrix
+    return set4(a, d, g, 0.0), set4(b, e, h, 0.0), set4(c, f, i, 0.0)
 
 
 @njit(**BARE_CHUNK)
@@ -114,15 +99,8 @@ def place_body(b, start, offsets, S, motion, dt):
 
     `motion`: a `BodyMotion` of tuples of three, with the quaternion of the body as rotation.
     """
-    q = motion.rotation
-    vectors = BodyMotion(
-        vector(motion.position),
-        columns(matrix(q[0], q[1], q[2], q[3])),
-        vector(motion.velocity),
-        vector(motion.spin),
-        vector(motion.end_velocity),
-        vector(motion.end_spin),
-    )
+    x, q, v, w, end_v, end_w = motion
+    vectors = BodyMotion(vector(x), columns(matrix(q[0], q[1], q[2], q[3])), vector(v), vector(w), vector(end_v), vector(end_w))
     for s in range(start[b], start[b + 1]):
         place_sphere(s, offsets, vectors, 0.5 * dt, S)
 
@@ -133,11 +111,8 @@ def spin_body(b, B, E, orientations):
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
-        w = spin(
-            quaternion(b, orientations),
-            (E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2]),
-            (E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2]),
-        )
+        momentum, inertia = three(E, b, body_extra.ANGULAR_MOMENTUM), three(E, b, body_extra.INERTIA)
+        w = spin(quaternion(b, orientations), momentum, inertia)
         B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2] = w
 
 
@@ -145,13 +120,9 @@ def spin_body(b, B, E, orientations):
 def place_all(start, offsets, S, B, E, orientations):
     """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
     for b in range(B.shape[0]):
-        x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
-        v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
-        q = quaternion(b, orientations)
         spin_body(b, B, E, orientations)
         if not is_aliased(S):
-            w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
-            place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v, w), 0.0)
+            place_as_it_is(b, start, offsets, S, B, orientations)
 
 
 @entry(types.void(_I1, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
@@ -164,15 +135,12 @@ def place_as_they_are(start, offsets, S, B, orientations):
 @njit(**BARE_CHUNK)
 def place_as_it_is(b, start, offsets, S, B, orientations):
     """Place the spheres of body b at its present pose, with its present velocity and spin."""
-    x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
-    v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
-    w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
+    x, v, w = three(B, b, body.POSITION), three(B, b, body.VELOCITY), three(B, b, body.SPIN)
     place_body(b, start, offsets, S, BodyMotion(x, quaternion(b, orientations), v, w, v, w), 0.0)
 
 
 @njit(**BARE)
 def quaternion(b, orientations):
-    """Return the orientation of body b."""
     q = orientation.QUATERNION
     return orientations[b, q], orientations[b, q + 1], orientations[b, q + 2], orientations[b, q + 3]
 
@@ -181,13 +149,8 @@ def quaternion(b, orientations):
 def check_position(b, x, relative_distance, limits, bad, out):
     """Update `bad` and `out`: b + 1 if body b or its `relative_distance` is not finite, or if it left the domain."""
     low, high = limits
-    bad = (
-        bad
-        if all_below(x, MAX_DISTANCE) & all_below(broadcast(0.0) - x, MAX_DISTANCE) & (relative_distance < MAX_DISTANCE)
-        else b + 1
-    )
-    out = b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
-    return bad, out
+    finite = all_below(x, MAX_DISTANCE) & all_below(broadcast(0.0) - x, MAX_DISTANCE) & (relative_distance < MAX_DISTANCE)
+    return bad if finite else b + 1, b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
 
 
 @njit(**BARE)

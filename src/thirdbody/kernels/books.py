@@ -47,19 +47,17 @@ ROUNDING = 1.0 + 2.0**-16
 
 @njit(**BARE)
 def bits_of(x):
-    """Return the bits of a number."""
     return np.float64(x).view(np.int64)
 
 
 @njit(**BARE)
 def number_of(bits):
-    """Return the number of these bits."""
     return np.int64(bits).view(np.float64)
 
 
 @njit(**BARE)
 def pack_triple(x, y, z):
-    """Return the number that packs three."""
+    """Return one number that packs three: their common power of two, and 17 bits of each."""
     power = bits_of(max(max(abs(x), abs(y)), max(abs(z), SMALLEST)) * ROUNDING) & POWER
     fraction = number_of((2046 << 52) - power)  # one over the power of two
     a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
@@ -80,10 +78,6 @@ def unpack_triple(one):
     return one_of(bits >> 34, power), one_of(bits >> 17, power), one_of(bits, power)
 
 
-HALF = 0.5
-"""Fraction of the loss between two bodies that each of them gets."""
-
-
 @njit(**BARE)
 def normal_loss_of(q, column, tile):
     """Return the loss of contact q in the step [J]; `column` of the history."""
@@ -92,19 +86,17 @@ def normal_loss_of(q, column, tile):
 
 @njit(**BARE_CHUNK)
 def add_normal_losses(n, slots, context, tile):
-    """Add the losses of the contacts slots[:n] to their bodies; that of a body of another group to its row of F."""
+    """Add the losses of the contacts slots[:n] to their bodies, to each half; that of a body of another group to its row of F."""
     E, body_of = context.E, context.body
     for q in range(n):
         k, work = np.int64(slots[q]), normal_loss_of(q, context.loss_column, tile)
         i, j = context.own[k], context.partner[k]
-        if is_plate(j):
-            E[body_of[i], body_extra.NORMAL_LOSS] += work
-            continue
-        E[body_of[i], body_extra.NORMAL_LOSS] += HALF * work
+        part = work if is_plate(j) else 0.5 * work
+        E[body_of[i], body_extra.NORMAL_LOSS] += part
         if context.outer[k] >= 0:
-            context.F[context.outer[k], remote_force.NORMAL_LOSS] = HALF * work
-        else:
-            E[body_of[j], body_extra.NORMAL_LOSS] += HALF * work
+            context.F[context.outer[k], remote_force.NORMAL_LOSS] = part
+        elif not is_plate(j):
+            E[body_of[j], body_extra.NORMAL_LOSS] += part
 
 
 @njit(**BARE)
@@ -129,10 +121,7 @@ def work_of_mean(q, old, new, displacement, tile):
 
 @njit(**BARE)
 def twist_work_of_mean(q, old, new, twist, tile):
-    """Return the work, at elements q to q + 3, of the mean of an old and a new moment about the normal [J].
-
-    `old`, `twist`: fields of the inputs; `new`: of the outputs.
-    """
+    """Return the same of moments about the normal and of the rotation `twist` about it, one field each."""
     I, O = tile.inputs, tile.outputs  # noqa: E741
     return broadcast(0.5) * ((get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + twist * TILE))
 
@@ -166,13 +155,10 @@ def book_opened(n, context, tile):
     O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
     twist = law_output.HISTORY + max(context.twist, 0)
     for q in range(n):
-        O[q + law_output.DISSIPATED * TILE] = 0.0
-        O[q + law_output.FRICTION_LOSS * TILE] = 0.0
-        O[q + law_output.STORED_TANGENTIAL * TILE] = 0.0
+        O[q + law_output.DISSIPATED * TILE], O[q + law_output.FRICTION_LOSS * TILE] = 0.0, 0.0
+        O[q + law_output.STORED_TANGENTIAL * TILE], O[q + twist * TILE] = 0.0, 0.0
         for k in range(2):
-            O[q + (force + k) * TILE] = 0.0
-            O[q + (moment + k) * TILE] = 0.0
-        O[q + twist * TILE] = 0.0
+            O[q + (force + k) * TILE], O[q + (moment + k) * TILE] = 0.0, 0.0
     book(n, context, tile)
 
 
@@ -220,14 +206,9 @@ def has_dashpot_moments(context):
 @njit(**BARE)
 def separation_rate(q, G):
     """Return the relative velocities along the normals, of the step, at elements q to q + 3 [m/s]."""
-    x = get(G, q + geometry.MID_NORMAL * TILE)
-    y = get(G, q + (geometry.MID_NORMAL + 1) * TILE)
-    z = get(G, q + (geometry.MID_NORMAL + 2) * TILE)
-    return (
-        get(G, q + geometry.MID_VELOCITY * TILE) * x
-        + get(G, q + (geometry.MID_VELOCITY + 1) * TILE) * y
-        + get(G, q + (geometry.MID_VELOCITY + 2) * TILE) * z
-    )
+    n, v = q + geometry.MID_NORMAL * TILE, q + geometry.MID_VELOCITY * TILE
+    x, y, z = get(G, n), get(G, n + TILE), get(G, n + 2 * TILE)
+    return get(G, v) * x + get(G, v + TILE) * y + get(G, v + 2 * TILE) * z
 
 
 @njit(**BARE_CHUNK)
@@ -241,9 +222,8 @@ def book_dashpots(n, dt, context, tile):
     load_dashpot_forces(n, context, I)
     for q in range(0, n, LANES):
         force = get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE)
-        across = work_of_mean(
-            q, np.int64(law_input.VELOCITY_X), behind + rolling_output.VISCOUS_X, np.int64(law_input.SLIP_X), tile
-        )
+        old, slip = np.int64(law_input.VELOCITY_X), np.int64(law_input.SLIP_X)
+        across = work_of_mean(q, old, behind + rolling_output.VISCOUS_X, slip, tile)
         work = half * force * separation_rate(q, tile.geometry) + across
         if has_dashpot_moments(context):
             rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X
@@ -258,13 +238,12 @@ def book_dashpots(n, dt, context, tile):
 @njit(**BARE)
 def book_opened_dashpots(n, dt, context, tile):
     """Return the energy that the dashpots of n contacts dissipated in the step in which they opened [J]."""
-    O = tile.outputs  # noqa: E741
-    for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
-        for q in range(n):
-            O[q + (law_output.HISTORY + context.n_history + h) * TILE] = 0.0
-    if has_twist(context):
-        for q in range(n):
-            O[q + (law_output.HISTORY + context.n_history + rolling_output.VISCOUS_TWIST) * TILE] = 0.0
+    O, behind = tile.outputs, law_output.HISTORY + context.n_history  # noqa: E741
+    for q in range(n):
+        for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
+            O[q + (behind + h) * TILE] = 0.0
+        if has_twist(context):
+            O[q + (behind + rolling_output.VISCOUS_TWIST) * TILE] = 0.0
     book_dashpots(n, dt, context, tile)
     total = 0.0
     for q in range(n):

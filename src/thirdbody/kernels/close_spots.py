@@ -14,33 +14,23 @@ The equations are those of a minimum of a convex function of the forces (`spot_l
 smaller radius count as at that distance: their contact areas touch, if not more, and are no points for each other.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
-import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.kernels.spot_loads import LANES, lane, spot
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 
-Array = np.ndarray
-
 FIELDS = 4
 """Numbers of `Spots` per contact."""
-
 
 FLOOR = 1e-9
 """Overlap that laws see of a spot that is relieved wholly, over the whole one: tangents would be infinite at none at all."""
 
 
-class Spots(NamedTuple):
-    """Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
-
-    relief: Array
-    force: Array
-    pull_x: Array
-    pull_y: Array
-    rows: Array
+Spots = namedtuple("Spots", "relief force pull_x pull_y rows")
+"""Of each spot: relief [m], normal force [N], force along the plate on the sphere [N]; and scratch (`scratch_of`)."""
 
 
 def scratch_of(n):
@@ -57,12 +47,10 @@ def interact(context):
 @njit(**BARE)
 def place_spots(t, n, filled, spots, G):
     """Write the n spots from number t on into the fields of a tile, and pad up to `filled` with the last one."""
-    for q in range(n):
-        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[t + q], spots.force[t + q]
-        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[t + q], spots.pull_y[t + q]
-    for q in range(n, filled):
-        for field in range(geometry.RELIEF, geometry.PULL + 2):
-            G[q + field * TILE] = G[n - 1 + field * TILE]
+    for q in range(filled):
+        e = t + min(q, n - 1)
+        G[q + geometry.RELIEF * TILE], G[q + geometry.SPOT_FORCE * TILE] = spots.relief[e], spots.force[e]
+        G[q + geometry.PULL * TILE], G[q + (geometry.PULL + 1) * TILE] = spots.pull_x[e], spots.pull_y[e]
 
 
 @njit(**BARE)
@@ -92,7 +80,6 @@ def relieve(n, tile):
 
 @njit(**BARE)
 def restore(n, tile):
-    """Restore the overlaps of n contacts."""
     for q in range(n):
         tile.inputs[q + law_input.OVERLAP * TILE] = tile.geometry[q + geometry.OVERLAP * TILE]
 

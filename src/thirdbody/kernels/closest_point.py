@@ -10,19 +10,20 @@ Distance and normal are those along c - p. On a field of zeros they are exactly 
 
 All local minima of the distance between a point and a height field within some reach: where a sphere can touch it.
 
-Cells are visited from blocks to smaller blocks; a block is left out where its highest point is out of reach, and a cell where the
-derivative of the distance is larger at its centre than can vanish within it. In each of the others Newton's method goes downhill
-from its centre, and from those of its quarters where the surface is sharper than the reach allows for one minimum per cell.
+Cells are visited from blocks to smaller blocks, along the curve of Morton; a block is left out where its highest point is out of
+reach, and a cell where the derivative of the distance is larger at its centre than can vanish within it. In each of the others
+Newton's method goes downhill from its centre, and from those of its quarters where the surface is sharper than the reach allows
+for one minimum per cell.
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.kernels.height_field import Jet, jet_at, jet_beside, rounded_jet, within_period
+from thirdbody.kernels.height_field import jet_at, jet_beside, rounded_jet, within_period
 from thirdbody.kernels.tables import height_field as head
 
 CLOSE = 1e-6
@@ -42,28 +43,12 @@ FLATTEST = 0.01
 from twice that on, so that its derivatives do not jump."""
 
 
-class Foot(NamedTuple):
-    """A local minimum of the distance between a point and the surface."""
+Foot = namedtuple("Foot", "x y distance normal jet inverse evaluations")
+"""A local minimum of the distance between a point and the surface.
 
-    x: float
-    """Where it is [m], from straight below the point: the same in every period."""
-    y: float
-    distance: float
-    """Distance [m], negative below the surface."""
-    normal: tuple[float, float, float]
-    """Unit normal, upwards."""
-    jet: Jet
-    """The surface there."""
-    inverse: tuple[float, float, float]
-    """M: xx, xy, yy"""
-    evaluations: int
-    """Number of evaluations of the surface."""
-
-
-@njit(**BARE)
-def gradient_of(jet, o_x, o_y, below):
-    """Return g at the offset (o_x, o_y) from the centre; `below`: h - c_z [m]."""
-    return o_x + below * jet.x, o_y + below * jet.y
+x, y: where it is [m], from straight below the point, the same in every period; distance [m], negative below the surface;
+normal: unit vector, upwards; jet: the surface there; inverse: M (xx, xy, yy); evaluations: number of those of the surface.
+"""
 
 
 @njit(**BARE)
@@ -80,28 +65,17 @@ def inverse_of(a, b, c):
 
 
 @njit(**BARE)
-def smallest_eigenvalue(a, b, c):
-    """Return the smaller eigenvalue of the symmetric matrix (a, b; b, c)."""
-    half = 0.5 * (a - c)
-    return 0.5 * (a + c) - math.sqrt(half * half + b * b)
-
-
-@njit(**BARE)
-def correction_of(g, matrix):
-    """Return the correction (2,) of Newton's method, downhill, and whether f is convex here."""
-    a, b, c = matrix
-    low = smallest_eigenvalue(a, b, c)
+def correction_of(g_x, g_y, a, b, c, low):
+    """Return the correction (2,) of Newton's method, downhill also where f is not convex: the smaller eigenvalue `low` <= 0."""
     if low <= 0.0:
         a, c = a - low + max(CURVED, -low), c - low + max(CURVED, -low)
     xx, xy, yy = inverse_of(a, b, c)
-    return -(xx * g[0] + xy * g[1]), -(xy * g[0] + yy * g[1]), low > 0.0
+    return -(xx * g_x + xy * g_y), -(xy * g_x + yy * g_y)
 
 
 @njit(**BARE)
-def step_off_a_saddle(matrix, spacing):
+def step_off_a_saddle(a, b, c, low, spacing):
     """Return a step (2,) [m] of a quarter cell from a saddle or a maximum, along which f falls fastest."""
-    a, b, c = matrix
-    low = smallest_eigenvalue(a, b, c)
     x, y = (low - c, b) if abs(low - c) >= abs(low - a) else (b, low - a)
     size = math.sqrt(x * x + y * y)
     return (0.25 * spacing * x / size, 0.25 * spacing * y / size) if size > 0.0 else (0.25 * spacing, 0.0)
@@ -121,16 +95,6 @@ def higher_correction(jet, below, d_x, d_y):
     return -(xx * g_x + xy * g_y), -(xy * g_x + yy * g_y)
 
 
-@njit(**BARE)
-def foot_at(centre, offset, jet, evaluations):
-    """Return the `Foot` at an offset (2,) [m] from below the centre (3,) [m]."""
-    n = 1.0 / math.sqrt(1.0 + jet.x * jet.x + jet.y * jet.y)
-    n_x, n_y, below = (0.0 - jet.x) * n, (0.0 - jet.y) * n, jet.h - centre[2]
-    distance = (0.0 - below) * n - (offset[0] * n_x + offset[1] * n_y)
-    a, b, c = matrix_of(jet, below)
-    return Foot(offset[0], offset[1], distance, (n_x, n_y, n), jet, inverse_of(a, b, c), evaluations)
-
-
 @njit(**BARE_CHUNK)
 def closest(field, centre, o_x, o_y):
     """Return the `Foot` of a centre (3,) [m], in the coordinates of the surface, downhill from the offset (o_x, o_y) [m].
@@ -144,13 +108,15 @@ def closest(field, centre, o_x, o_y):
     jet, evaluations = jet_at(field, x + o_x, y + o_y), 1
     while True:
         below = jet.h - z
-        g, matrix = gradient_of(jet, o_x, o_y, below), matrix_of(jet, below)
-        m_x, m_y, convex = correction_of(g, matrix)
-        small = math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
+        a, b, c = matrix_of(jet, below)
+        half = 0.5 * (a - c)
+        low = 0.5 * (a + c) - math.sqrt(half * half + b * b)  # the smaller eigenvalue
+        m_x, m_y = correction_of(o_x + below * jet.x, o_y + below * jet.y, a, b, c, low)
+        convex, small = low > 0.0, math.sqrt(m_x * m_x + m_y * m_y) <= CLOSE * spacing
         if small and convex or evaluations >= ITERATIONS:
             break
         if small:
-            m_x, m_y = step_off_a_saddle(matrix, spacing)
+            m_x, m_y = step_off_a_saddle(a, b, c, low, spacing)
         part = 1.0 / max(1.0, abs(m_x) / d_x, abs(m_y) / d_y)
         m_x, m_y = part * m_x, part * m_y
         square = o_x * o_x + o_y * o_y + below * below
@@ -167,15 +133,11 @@ def closest(field, centre, o_x, o_y):
         more_x, more_y = higher_correction(jet, below, m_x, m_y)
         jet = jet_beside(jet, m_x + more_x, m_y + more_y)
         o_x, o_y = o_x + m_x + more_x, o_y + m_y + more_y
-    return foot_at(centre, (o_x, o_y), jet, evaluations)
-
-
-@njit(**BARE)
-def curvatures(jet):
-    """Return sum and product of the principal curvatures [1/m, 1/m^2], positive where the surface bulges upwards."""
-    square = 1.0 / (1.0 + jet.x * jet.x + jet.y * jet.y)
-    trace = (1.0 + jet.y * jet.y) * jet.xx - 2.0 * jet.x * jet.y * jet.xy + (1.0 + jet.x * jet.x) * jet.yy
-    return (0.0 - trace) * (square * math.sqrt(square)), (jet.xx * jet.yy - jet.xy * jet.xy) * (square * square)
+    n = 1.0 / math.sqrt(1.0 + jet.x * jet.x + jet.y * jet.y)
+    n_x, n_y, below = (0.0 - jet.x) * n, (0.0 - jet.y) * n, jet.h - z
+    distance = (0.0 - below) * n - (o_x * n_x + o_y * n_y)
+    a, b, c = matrix_of(jet, below)
+    return Foot(o_x, o_y, distance, (n_x, n_y, n), jet, inverse_of(a, b, c), evaluations)
 
 
 @njit(**BARE)
@@ -188,21 +150,20 @@ def limited_ratio(ratio):
 
 
 @njit(**BARE)
-def radius_ratio(jet, radius):
-    """Return (R/R_eff)^2 = (1 + R k_1)(1 + R k_2) of a sphere of radius R [m] on the surface, at least FLATTEST."""
-    total, product = curvatures(jet)
-    return limited_ratio(1.0 + radius * (total + radius * product))[0]
-
-
-@njit(**BARE)
 def effective_radius(jet, radius):
-    """Return the effective radius R_eff [m] of a sphere on the surface; exactly its radius on a plane."""
-    return radius / math.sqrt(radius_ratio(jet, radius))
+    """Return the effective radius R_eff [m] of a sphere of radius R [m] on the surface; exactly R on a plane.
+
+    (R/R_eff)^2 = (1 + R k_1)(1 + R k_2), at least FLATTEST; principal curvatures k are positive where it bulges upwards.
+    """
+    square = 1.0 / (1.0 + jet.x * jet.x + jet.y * jet.y)
+    trace = (1.0 + jet.y * jet.y) * jet.xx - 2.0 * jet.x * jet.y * jet.xy + (1.0 + jet.x * jet.x) * jet.yy
+    total, product = (0.0 - trace) * (square * math.sqrt(square)), (jet.xx * jet.yy - jet.xy * jet.xy) * (square * square)
+    return radius / math.sqrt(limited_ratio(1.0 + radius * (total + radius * product))[0])
 
 
 @njit(**BARE)
 def ratio_derivatives(jet, radius):
-    """Return (R/R_eff)^2 (`radius_ratio`) and its derivatives (2,) [1/m] along x and y of the surface."""
+    """Return (R/R_eff)^2 and its derivatives (2,) [1/m] along x and y of the surface."""
     h_x, h_y, xx, xy, yy = jet.x, jet.y, jet.xx, jet.xy, jet.yy
     square = 1.0 / (1.0 + h_x * h_x + h_y * h_y)
     cube, fourth = square * math.sqrt(square), square * square
@@ -264,7 +225,7 @@ MERGE = 1e-3
 
 @njit(**BARE)
 def interleaved(m, first):
-    """Return the number of every second bit of m, from bit `first` on: a coordinate of block m along the curve of Morton."""
+    """Return the number of every second bit of m, from bit `first` on: a coordinate of block m."""
     n, bit = np.int64(0), np.int64(0)
     m >>= first
     while m > 0:
@@ -272,19 +233,6 @@ def interleaved(m, first):
         m >>= 2
         bit += 1
     return n
-
-
-@njit(**BARE)
-def outside(low, high):
-    """Return the distance of 0 from an interval."""
-    return max(low, -high, 0.0)
-
-
-@njit(**BARE)
-def is_unique(field, z):
-    """Return whether the squared distance from any point at the height z is convex: it then has one minimum."""
-    depth = max(abs(z - field[head.MIN_HEIGHT]), abs(field[head.MAX_HEIGHT] - z))
-    return depth * field[head.MAX_CURVATURE] < 1.0
 
 
 @njit(**BARE)
@@ -313,7 +261,8 @@ def insert(foot, reach, merge, minima, n):
 def can_vanish(field, centre, o_x, o_y, half, reach):
     """Return whether the derivative of the squared distance can vanish within `half` [m] of an offset (o_x, o_y) [m]."""
     jet = jet_at(field, centre[0] + o_x, centre[1] + o_y)
-    g_x, g_y = gradient_of(jet, o_x, o_y, jet.h - centre[2])
+    below = jet.h - centre[2]
+    g_x, g_y = o_x + below * jet.x, o_y + below * jet.y
     slope = field[head.MAX_SLOPE]
     largest = 1.0 + slope * slope + (reach + slope * half) * field[head.MAX_CURVATURE]
     return g_x * g_x + g_y * g_y <= largest * largest * half * half
@@ -343,7 +292,7 @@ def is_near(field, level, i, j, low, z, reach):
     across = (n_y + size - 1) >> level
     at = np.int64(field[head.OFFSET + level - 1]) + i * across + j if level > 0 else np.int64(0)
     up = max(z - field[at], 0.0) if level > 0 else 0.0
-    x, y = outside(low[0], low[0] + size * d_x), outside(low[1], low[1] + size * d_y)
+    x, y = max(low[0], -(low[0] + size * d_x), 0.0), max(low[1], -(low[1] + size * d_y), 0.0)
     return x * x + y * y + up * up <= reach * reach
 
 
@@ -379,7 +328,8 @@ def find_minima(field, centre, reach, minima):
         return np.int64(0)
     x, y = within_period(centre[0], length_x), within_period(centre[1], length_y)
     reduced, n = (x, y, centre[2]), np.int64(0)
-    if is_unique(field, centre[2]):
+    depth = max(abs(centre[2] - field[head.MIN_HEIGHT]), abs(field[head.MAX_HEIGHT] - centre[2]))
+    if depth * field[head.MAX_CURVATURE] < 1.0:  # the squared distance is convex: it has one minimum
         return insert(closest(field, reduced, 0.0, 0.0), reach, 0.0, minima, n)
     for i in range(math.floor((x - reach) / length_x), math.floor((x + reach) / length_x) + 1):
         for j in range(math.floor((y - reach) / length_y), math.floor((y + reach) / length_y) + 1):

@@ -55,14 +55,19 @@ def load_history(q, k, context, tile):
 
 
 @njit(**BARE)
+def read_vector(G, at):
+    """Return the numbers of three fields, the first of them at `at`."""
+    return G[at], G[at + TILE], G[at + 2 * TILE]
+
+
+@njit(**BARE)
 def write_vector(G, at, v):
-    """Write a tuple of three numbers into as many fields, the first of them at `at`."""
     G[at], G[at + TILE], G[at + 2 * TILE] = v
 
 
 @njit(**BARE)
-def gather_plate_geometry(q, k, context, motion, tile):
-    """Write normals, overlap, arms and radii of candidate k, a contact with a plate, into element q."""
+def gather_plate_contact(q, k, context, motion, tile):
+    """Gather candidate k, a contact with a plate, into element q."""
     i, S, I, G, half = context.own[k], context.S, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
     r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], plates.velocity(context.partner[k], context.P, motion)
     u_x, u_y, u_z = S[i, sphere.MID_VELOCITY], S[i, sphere.MID_VELOCITY + 1], S[i, sphere.MID_VELOCITY + 2]
@@ -72,16 +77,8 @@ def gather_plate_geometry(q, k, context, motion, tile):
     overlap = plates.overlap(k, context)
     G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r - 0.5 * overlap, 0.0
     G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE] = r, r
-    I[q + law_input.OVERLAP * TILE] = overlap
+    I[q + law_input.OVERLAP * TILE], I[q + law_input.MASS * TILE] = overlap, S[i, sphere.MASS]
     I[q + law_input.RADIUS * TILE] = plates.effective_radius(k, context)
-
-
-@njit(**BARE)
-def gather_plate_contact(q, k, context, motion, tile):
-    """Gather candidate k, a contact with a plate, into element q."""
-    i, j, S, G = context.own[k], context.partner[k], context.S, tile.geometry
-    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], plates.velocity(j, context.P, motion)
-    gather_plate_geometry(q, k, context, motion, tile)
     for t in range(2):
         at, u = q + t * AT_END, sphere.MID_VELOCITY + t * TO_END
         v = S[i, u] - v_x, S[i, u + 1] - v_y, S[i, u + 2] - v_z
@@ -89,7 +86,6 @@ def gather_plate_contact(q, k, context, motion, tile):
         for d in range(3):
             w = S[i, sphere.MID_SPIN + d + t * TO_END]
             G[at + (geometry.MID_SPIN + d) * TILE], G[at + (geometry.MID_RIM + d) * TILE] = w, r * w
-    tile.inputs[q + law_input.MASS * TILE] = S[i, sphere.MASS]
     load_history(q, k, context, tile)
 
 
@@ -115,7 +111,6 @@ def columns(rows):
 
 @njit(**BARE)
 def row_differences(a, b):
-    """Return the differences of four pairs of rows."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
@@ -133,50 +128,23 @@ def gather_spins(q, a, b, r_i, r_j, G):
 
 
 @njit(**BARE)
-def four_kinds(k, context):
-    """Return the rows of the table of material pairs of the four candidates k."""
-    kind = context.kind
-    if kind.shape[0] == 0:
-        return broadcast(0.0)
-    return set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]]))
-
-
-@njit(**BARE)
 def gather_history(q, k, context, tile):
     """Load the histories of the four candidates k into the elements from q on, without fields."""
-    I, G, H = tile.inputs, tile.geometry, context.H  # noqa: E741
+    I, G, H, kind = tile.inputs, tile.geometry, context.H, context.kind  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
     put(G, q + geometry.PREVIOUS_SLIP * TILE, axes[3])
-    put(I, q + law_input.PAIR_TYPE * TILE, four_kinds(k, context))
+    kinds = broadcast(0.0)
+    if kind.shape[0] > 0:
+        kinds = set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]]))
+    put(I, q + law_input.PAIR_TYPE * TILE, kinds)
     first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # a shorter history is padded with zeros
     put_three(I, q + law_input.HISTORY * TILE, first)
     put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
     for h in range(4, context.n_history):
-        if context.field_begin <= h < context.field_begin + context.field_size:
-            continue
-        put(
-            I,
-            q + (law_input.HISTORY + h) * TILE,
-            set4(
-                H[k[0], contact_state.LAW + h],
-                H[k[1], contact_state.LAW + h],
-                H[k[2], contact_state.LAW + h],
-                H[k[3], contact_state.LAW + h],
-            ),
-        )
-
-
-@njit(**BARE)
-def prefetch_contacts(p, slots, context):
-    """Prefetch the rows of four contacts, from position p of the list: partners may be anywhere."""
-    S, H = context.S, context.H
-    for e in range(p, p + 4):
-        k = np.uint64(slots[e])
-        j = np.uint64(context.partner[k])
-        prefetch(S, j, np.int64(sphere.MID_SPIN))
-        prefetch(S, j, np.int64(sphere.END_SPIN))
-        prefetch(H, k, np.int64(contact_state.AXIS))
+        if not context.field_begin <= h < context.field_begin + context.field_size:
+            c = contact_state.LAW + h
+            put(I, q + (law_input.HISTORY + h) * TILE, set4(H[k[0], c], H[k[1], c], H[k[2], c], H[k[3], c]))
 
 
 @njit(**BARE_CHUNK)
@@ -187,23 +155,21 @@ def gather_pair_contacts(n, slots, context, tile):
     """
     own, partner, S, I, G = context.own, context.partner, context.S, tile.inputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
-        prefetch_contacts(q + AHEAD, slots, context)
+        for e in range(q + AHEAD, q + AHEAD + 4):  # rows of later contacts: partners may be anywhere
+            ahead = np.uint64(slots[e])
+            beside = np.uint64(partner[ahead])
+            prefetch(S, beside, np.int64(sphere.MID_SPIN))
+            prefetch(S, beside, np.int64(sphere.END_SPIN))
+            prefetch(context.H, ahead, np.int64(contact_state.AXIS))
         k = np.uint64(slots[q]), np.uint64(slots[q + 1]), np.uint64(slots[q + 2]), np.uint64(slots[q + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
-        x_i, x_j = (
-            four_rows_of(i, np.int64(sphere.POSITION), S),
-            four_rows_of(j, np.int64(sphere.POSITION), S),
-        )  # fourth column: radius
-        u_i, u_j = (
-            four_rows_of(i, np.int64(sphere.MID_VELOCITY), S),
-            four_rows_of(j, np.int64(sphere.MID_VELOCITY), S),
-        )  # fourth column: mass
+        # fourth columns: radius, mass
+        x_i, u_i = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(i, np.int64(sphere.MID_VELOCITY), S)
+        x_j, u_j = four_rows_of(j, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.MID_VELOCITY), S)
+        e_i, e_j = four_rows_of(i, np.int64(sphere.END_VELOCITY), S), four_rows_of(j, np.int64(sphere.END_VELOCITY), S)
         centres, step = with_last_column(row_differences(x_i, x_j), x_i), with_last_column(row_differences(u_i, u_j), x_j)
-        end = with_last_column(
-            row_differences(four_rows_of(i, np.int64(sphere.END_VELOCITY), S), four_rows_of(j, np.int64(sphere.END_VELOCITY), S)),
-            u_i,
-        )
+        end = with_last_column(row_differences(e_i, e_j), u_i)
         r_i, r_j, w_j = centres[3], step[3], with_last_column(four_rows_of(j, np.int64(sphere.MID_SPIN), S), u_j)
         put_three(G, q + geometry.NORMAL * TILE, centres)
         put_three(G, q + geometry.MID_VELOCITY * TILE, step)
@@ -213,14 +179,8 @@ def gather_pair_contacts(n, slots, context, tile):
         put(I, q + law_input.MASS * TILE, end[3])
         put(G, q + geometry.PARTNER_MASS * TILE, w_j[3])
         gather_spins(q, columns(four_rows_of(i, np.int64(sphere.MID_SPIN), S)), w_j, r_i, r_j, G)
-        gather_spins(
-            q + AT_END,
-            columns(four_rows_of(i, np.int64(sphere.END_SPIN), S)),
-            columns(four_rows_of(j, np.int64(sphere.END_SPIN), S)),
-            r_i,
-            r_j,
-            G,
-        )
+        w_i, w_j = columns(four_rows_of(i, np.int64(sphere.END_SPIN), S)), columns(four_rows_of(j, np.int64(sphere.END_SPIN), S))
+        gather_spins(q + AT_END, w_i, w_j, r_i, r_j, G)
         gather_history(q, k, context, tile)
     # the columns of a short history reach into the place of the fields
     for q in range(n if context.field_size > 0 else 0):
@@ -231,31 +191,23 @@ def gather_pair_contacts(n, slots, context, tile):
 def pair_geometry(n, dt, box, tile):
     """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres.
 
-    Slip is a displacement of the step, so its arms are those of the middle of the step: hence the
-    normal of half a step ago.
+    Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
     """
     I, G, half = tile.inputs, tile.geometry, 0.5 * dt  # noqa: E741
     l_x, l_y, c_x, c_y, _ = box
     for q in range(n):
-        x = image(G[q + geometry.NORMAL * TILE], l_x, c_x)
-        y = image(G[q + (geometry.NORMAL + 1) * TILE], l_y, c_y)
-        z = G[q + (geometry.NORMAL + 2) * TILE]
+        x, y, z = read_vector(G, q + geometry.NORMAL * TILE)
+        x, y = image(x, l_x, c_x), image(y, l_y, c_y)
         r_i, r_j = G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE]
         m_i, m_j = I[q + law_input.MASS * TILE], G[q + geometry.PARTNER_MASS * TILE]
         distance = math.sqrt(x * x + y * y + z * z)
-        inverse = 1.0 / max(distance, 1e-300)
-        radii = r_i + r_j
+        inverse, radii = 1.0 / max(distance, 1e-300), r_i + r_j
         overlap = radii - distance
-        p_x = x - half * G[q + geometry.MID_VELOCITY * TILE]
-        p_y = y - half * G[q + (geometry.MID_VELOCITY + 1) * TILE]
-        p_z = z - half * G[q + (geometry.MID_VELOCITY + 2) * TILE]
+        v_x, v_y, v_z = read_vector(G, q + geometry.MID_VELOCITY * TILE)
+        p_x, p_y, p_z = x - half * v_x, y - half * v_y, z - half * v_z
         back = 1.0 / max(math.sqrt(p_x * p_x + p_y * p_y + p_z * p_z), 1e-300)
-        G[q + geometry.NORMAL * TILE] = x * inverse
-        G[q + (geometry.NORMAL + 1) * TILE] = y * inverse
-        G[q + (geometry.NORMAL + 2) * TILE] = z * inverse
-        G[q + geometry.MID_NORMAL * TILE] = p_x * back
-        G[q + (geometry.MID_NORMAL + 1) * TILE] = p_y * back
-        G[q + (geometry.MID_NORMAL + 2) * TILE] = p_z * back
+        write_vector(G, q + geometry.NORMAL * TILE, (x * inverse, y * inverse, z * inverse))
+        write_vector(G, q + geometry.MID_NORMAL * TILE, (p_x * back, p_y * back, p_z * back))
         G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r_i - 0.5 * overlap, r_j - 0.5 * overlap
         I[q + law_input.OVERLAP * TILE] = overlap
         I[q + law_input.RADIUS * TILE] = r_i * r_j / radii
@@ -267,18 +219,11 @@ def transport_frames(n, dt, tile):
     """Transport the frames of n contacts with their normals, rotated by half the sum of spins; initialise at first touch."""
     G, half = tile.geometry, 0.5 * dt
     for q in range(n):
-        n_x = G[q + geometry.NORMAL * TILE]
-        n_y = G[q + (geometry.NORMAL + 1) * TILE]
-        n_z = G[q + (geometry.NORMAL + 2) * TILE]
-        p_x = G[q + geometry.MID_NORMAL * TILE]
-        p_y = G[q + (geometry.MID_NORMAL + 1) * TILE]
-        p_z = G[q + (geometry.MID_NORMAL + 2) * TILE]
-        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
-        twist = half * (
-            G[q + geometry.MID_SPIN * TILE] * p_x
-            + G[q + (geometry.MID_SPIN + 1) * TILE] * p_y
-            + G[q + (geometry.MID_SPIN + 2) * TILE] * p_z
-        )
+        n_x, n_y, n_z = read_vector(G, q + geometry.NORMAL * TILE)
+        p_x, p_y, p_z = read_vector(G, q + geometry.MID_NORMAL * TILE)
+        e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
+        w_x, w_y, w_z = read_vector(G, q + geometry.MID_SPIN * TILE)
+        twist = half * (w_x * p_x + w_y * p_y + w_z * p_z)
         e_x, e_y, e_z = (
             e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
         )  # fmt: skip
@@ -293,25 +238,21 @@ def transport_frames(n, dt, tile):
         e_x, e_y, e_z = e_x - along * p_x, e_y - along * p_y, e_z - along * p_z
         scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
         e_x, e_y, e_z = e_x * scale, e_y * scale, e_z * scale
-        G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE] = e_x, e_y, e_z
-        G[q + geometry.CROSS_AXIS * TILE] = n_y * e_z - n_z * e_y
-        G[q + (geometry.CROSS_AXIS + 1) * TILE] = n_z * e_x - n_x * e_z
-        G[q + (geometry.CROSS_AXIS + 2) * TILE] = n_x * e_y - n_y * e_x
+        write_vector(G, q + geometry.AXIS * TILE, (e_x, e_y, e_z))
+        cross = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
+        write_vector(G, q + geometry.CROSS_AXIS * TILE, cross)
 
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
     """Return the relative velocity of the surfaces [m/s]. `at`, `normal`: offset of the velocities, field of the normal."""
     half = 0.5 * I[q + law_input.OVERLAP * TILE]
-    n = np.uint64(q + normal * TILE)  # unsigned: the compiler cannot see that these are not negative
-    v = np.uint64(q + at + geometry.MID_VELOCITY * TILE)
-    w = np.uint64(q + at + geometry.MID_SPIN * TILE)
-    rw = np.uint64(q + at + geometry.MID_RIM * TILE)
-    x, y, z = G[n], G[n + TILE], G[n + 2 * TILE]
-    o_x, o_y, o_z = G[rw] - half * G[w], G[rw + TILE] - half * G[w + TILE], G[rw + 2 * TILE] - half * G[w + 2 * TILE]
-    return (
-        G[v] - (o_y * z - o_z * y), G[v + TILE] - (o_z * x - o_x * z), G[v + 2 * TILE] - (o_x * y - o_y * x),
-    )  # fmt: skip
+    x, y, z = read_vector(G, q + normal * TILE)
+    v_x, v_y, v_z = read_vector(G, q + at + geometry.MID_VELOCITY * TILE)
+    w_x, w_y, w_z = read_vector(G, q + at + geometry.MID_SPIN * TILE)
+    r_x, r_y, r_z = read_vector(G, q + at + geometry.MID_RIM * TILE)
+    o_x, o_y, o_z = r_x - half * w_x, r_y - half * w_y, r_z - half * w_z
+    return v_x - (o_y * z - o_z * y), v_y - (o_z * x - o_x * z), v_z - (o_x * y - o_y * x)
 
 
 @njit(**BARE_CHUNK)
@@ -319,17 +260,14 @@ def slip_increment(n, dt, tile):
     """Compute the slip of the step and the velocities at its end of n contacts, along normals and frame axes."""
     I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
-        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
-        d_x = G[q + geometry.CROSS_AXIS * TILE]
-        d_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
-        d_z = G[q + (geometry.CROSS_AXIS + 2) * TILE]
+        e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
+        d_x, d_y, d_z = read_vector(G, q + geometry.CROSS_AXIS * TILE)
         x, y, z = relative_velocity(q, np.int64(0), np.int64(geometry.MID_NORMAL), I, G)
         I[q + law_input.SLIP_X * TILE] = (x * e_x + y * e_y + z * e_z) * dt
         I[q + law_input.SLIP_Y * TILE] = (x * d_x + y * d_y + z * d_z) * dt
         x, y, z = relative_velocity(q, np.int64(AT_END), np.int64(geometry.NORMAL), I, G)
-        I[q + law_input.NORMAL_VELOCITY * TILE] = (
-            x * G[q + geometry.NORMAL * TILE] + y * G[q + (geometry.NORMAL + 1) * TILE] + z * G[q + (geometry.NORMAL + 2) * TILE]
-        )
+        n_x, n_y, n_z = read_vector(G, q + geometry.NORMAL * TILE)
+        I[q + law_input.NORMAL_VELOCITY * TILE] = x * n_x + y * n_y + z * n_z
         I[q + law_input.VELOCITY_X * TILE] = x * e_x + y * e_y + z * e_z
         I[q + law_input.VELOCITY_Y * TILE] = x * d_x + y * d_y + z * d_z
 
@@ -339,28 +277,17 @@ def force_and_torques(n, tile):
     """Compute the forces of n contacts on the owners and the torques about both centres, in world axes."""
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
-        f_n = O[q + law_output.NORMAL_FORCE * TILE]
-        t_1 = O[q + law_output.TANGENTIAL_X * TILE]
-        t_2 = O[q + law_output.TANGENTIAL_Y * TILE]
-        n_x = G[q + geometry.NORMAL * TILE]
-        n_y = G[q + (geometry.NORMAL + 1) * TILE]
-        n_z = G[q + (geometry.NORMAL + 2) * TILE]
-        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
-        d_x = G[q + geometry.CROSS_AXIS * TILE]
-        d_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
-        d_z = G[q + (geometry.CROSS_AXIS + 2) * TILE]
+        f_n, t_1, t_2 = read_vector(O, q + law_output.NORMAL_FORCE * TILE)  # and the tangential force
+        n_x, n_y, n_z = read_vector(G, q + geometry.NORMAL * TILE)
+        e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
+        d_x, d_y, d_z = read_vector(G, q + geometry.CROSS_AXIS * TILE)
         half = 0.5 * I[q + law_input.OVERLAP * TILE]
         a_i, a_j = half - G[q + geometry.RADIUS * TILE], half - G[q + geometry.PARTNER_RADIUS * TILE]
         x, y, z = t_1 * d_x - t_2 * e_x, t_1 * d_y - t_2 * e_y, t_1 * d_z - t_2 * e_z  # normal times tangential force
-        G[q + geometry.FORCE * TILE] = f_n * n_x + t_1 * e_x + t_2 * d_x
-        G[q + (geometry.FORCE + 1) * TILE] = f_n * n_y + t_1 * e_y + t_2 * d_y
-        G[q + (geometry.FORCE + 2) * TILE] = f_n * n_z + t_1 * e_z + t_2 * d_z
-        G[q + geometry.TORQUE * TILE] = a_i * x
-        G[q + (geometry.TORQUE + 1) * TILE] = a_i * y
-        G[q + (geometry.TORQUE + 2) * TILE] = a_i * z
-        G[q + geometry.PARTNER_TORQUE * TILE] = a_j * x
-        G[q + (geometry.PARTNER_TORQUE + 1) * TILE] = a_j * y
-        G[q + (geometry.PARTNER_TORQUE + 2) * TILE] = a_j * z
+        force = f_n * n_x + t_1 * e_x + t_2 * d_x, f_n * n_y + t_1 * e_y + t_2 * d_y, f_n * n_z + t_1 * e_z + t_2 * d_z
+        write_vector(G, q + geometry.FORCE * TILE, force)
+        write_vector(G, q + geometry.TORQUE * TILE, (a_i * x, a_i * y, a_i * z))
+        write_vector(G, q + geometry.PARTNER_TORQUE * TILE, (a_j * x, a_j * y, a_j * z))
 
 
 @njit(**BARE_CHUNK)

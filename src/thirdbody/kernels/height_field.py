@@ -12,7 +12,7 @@ the differences of the coefficients (the convex hull of a B-spline): all bounds 
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
@@ -29,32 +29,17 @@ RAMP = 0.05
 (`rounded_jet`)."""
 
 
-class Jet(NamedTuple):
-    """Height of a surface and its derivatives at a point."""
-
-    h: float
-    x: float
-    y: float
-    xx: float
-    xy: float
-    yy: float
-    xxx: float
-    xxy: float
-    xyy: float
-    yyy: float
+Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")
+"""Height of a surface and its derivatives at a point."""
 
 
 @njit(**BARE)
 def spline_weights(t):
     """Return the weights of four coefficients at t in [0, 1) of a cell: of the value and of its three derivatives."""
     u = 1.0 - t
+    second, third = SIXTH * (4.0 + t * t * (3.0 * t - 6.0)), SIXTH * (1.0 + t * (3.0 + t * (3.0 - 3.0 * t)))
     return (
-        (
-            SIXTH * u * u * u,
-            SIXTH * (4.0 + t * t * (3.0 * t - 6.0)),
-            SIXTH * (1.0 + t * (3.0 + t * (3.0 - 3.0 * t))),
-            SIXTH * t * t * t,
-        ),
+        (SIXTH * u * u * u, second, third, SIXTH * t * t * t),
         (-0.5 * u * u, 0.5 * t * (3.0 * t - 4.0), 0.5 * (1.0 + t * (2.0 - 3.0 * t)), 0.5 * t * t),
         (u, 3.0 * t - 2.0, 1.0 - 3.0 * t, t),
         (-1.0, 3.0, -3.0, 1.0),
@@ -63,8 +48,17 @@ def spline_weights(t):
 
 @njit(**BARE)
 def weighted(w, c):
-    """Return the sum of four coefficients with their weights."""
     return w[0] * c[0] + w[1] * c[1] + w[2] * c[2] + w[3] * c[3]
+
+
+@njit(**BARE)
+def four_from(field, at):
+    return field[at], field[at + 1], field[at + 2], field[at + 3]
+
+
+@njit(**BARE)
+def across(w, rows):
+    return weighted(w, rows[0]), weighted(w, rows[1]), weighted(w, rows[2]), weighted(w, rows[3])
 
 
 @njit(**BARE)
@@ -99,17 +93,9 @@ def jet_at(field, x, y):
     stride = np.int64(n_y) + 3
     at = head.WIDTH + i * stride + j
     w, v = spline_weights(t_x), spline_weights(t_y)
-    c_0 = field[at], field[at + 1], field[at + 2], field[at + 3]
-    at += stride
-    c_1 = field[at], field[at + 1], field[at + 2], field[at + 3]
-    at += stride
-    c_2 = field[at], field[at + 1], field[at + 2], field[at + 3]
-    at += stride
-    c_3 = field[at], field[at + 1], field[at + 2], field[at + 3]
-    value = weighted(v[0], c_0), weighted(v[0], c_1), weighted(v[0], c_2), weighted(v[0], c_3)
-    first = weighted(v[1], c_0), weighted(v[1], c_1), weighted(v[1], c_2), weighted(v[1], c_3)
-    second = weighted(v[2], c_0), weighted(v[2], c_1), weighted(v[2], c_2), weighted(v[2], c_3)
-    third = weighted(v[3], c_0), weighted(v[3], c_1), weighted(v[3], c_2), weighted(v[3], c_3)
+    at_1, at_2, at_3 = at + stride, at + 2 * stride, at + 3 * stride
+    rows = four_from(field, at), four_from(field, at_1), four_from(field, at_2), four_from(field, at_3)
+    value, first, second, third = across(v[0], rows), across(v[1], rows), across(v[2], rows), across(v[3], rows)
     return Jet(
         weighted(w[0], value),
         weighted(w[1], value) * rate_x, weighted(w[0], first) * rate_y,
@@ -135,13 +121,6 @@ def jet_beside(jet, d_x, d_y):
 
 
 @njit(**BARE)
-def border_of(u):
-    """Return the border of cells nearest to a coordinate u [cells], and how far beyond it u is."""
-    whole = math.floor(u + 0.5)
-    return whole, u - whole
-
-
-@njit(**BARE)
 def rounded(left, right, beyond, spacing):
     """Return the third derivative near a border, and what its ramp adds to the second one.
 
@@ -161,7 +140,8 @@ def rounded_jet(field, jet, x, y):
     """
     h, s_x, s_y, xx, xy, yy, xxx, xxy, xyy, yyy = jet
     rate_x, rate_y = field[head.RATE_X], field[head.RATE_Y]
-    (i, d_x), (j, d_y) = border_of(x * rate_x), border_of(y * rate_y)
+    i, j = math.floor(x * rate_x + 0.5), math.floor(y * rate_y + 0.5)  # the nearest borders
+    d_x, d_y = x * rate_x - i, y * rate_y - j
     if abs(d_x) < RAMP:
         left, right = jet_at(field, (i - 0.5) / rate_x, y).xxx, jet_at(field, (i + 0.5) / rate_x, y).xxx
         xxx, more = rounded(left, right, d_x, 1.0 / rate_x)
@@ -198,7 +178,7 @@ def _bounds(c: Array, d_x: float, d_y: float) -> tuple[float, float]:
 
 
 def _pyramid(c: Array) -> list[Array]:
-    """Return the levels of the pyramid, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
+    """Return the levels, the finest one first: the largest coefficient of blocks of 2, 4, 8... cells."""
     blocks = c
     for axis in (0, 1):
         n = blocks.shape[axis] - 3

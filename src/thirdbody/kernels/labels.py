@@ -121,21 +121,6 @@ def observe_bodies(first, last, context, A, observe, observed, C):
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 
 
-@njit(**BARE)
-def compact_loaded(C, n):
-    """Move the rows of contacts that carry a load to the front of the table C; return their number.
-
-    Where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing.
-    """
-    m = np.int64(0)
-    for i in range(n):
-        if C[i, loaded_contact.NORMAL_FORCE] != 0.0 or C[i, loaded_contact.LOAD] > 0.0:
-            for k in range(C.shape[1]):
-                C[m, k] = C[i, k]
-            m += 1
-    return m
-
-
 @entry(types.void(PACKED, _F1, types.int64, types.int64, _F2, _F1, _F2), nogil=True, **DIRECT, **NO_COUNTS)
 def label_bodies(packed, A, observe, label, out, observed, table):
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
@@ -145,9 +130,14 @@ def label_bodies(packed, A, observe, label, out, observed, table):
     """
     context = observed_of(packed)
     for b in range(context.B.shape[0]):
-        n = body_contacts(b, context, table)
+        n, m = body_contacts(b, context, table), np.int64(0)
         body_row(b, context, A, observed)
         if A[run_totals.ELAPSED] > 0.0:
             observe_at(observe)(table[:n], n, observed, context.M[b])
-        n = compact_loaded(table, n)
-        label_at(label)(table[:n], n, observed, context.M[b], out[b])
+        # where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing
+        for i in range(n):
+            if table[i, loaded_contact.NORMAL_FORCE] != 0.0 or table[i, loaded_contact.LOAD] > 0.0:
+                for k in range(table.shape[1]):
+                    table[m, k] = table[i, k]
+                m += 1
+        label_at(label)(table[:m], m, observed, context.M[b], out[b])

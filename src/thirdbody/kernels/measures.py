@@ -5,17 +5,18 @@ summed, per body and over the surfaces of the plates (`engine.measures`).
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, entry
+from thirdbody.kernels import plates
 from thirdbody.kernels.arguments import MEASURE, ContactStep
 from thirdbody.kernels.books import normal_loss_of
-from thirdbody.kernels.plates import is_closed, is_lower, is_plate, is_sphere, kind_of, patch_of_partner
-from thirdbody.kernels.tables import patch, sphere, surface_contact
+from thirdbody.kernels.plates import is_closed, is_lower, is_plate, is_sphere, kind_of
+from thirdbody.kernels.tables import sphere, surface_contact
 from thirdbody.kernels.tile import TILE, law_input, law_output
 
 measure_at = function_at(MEASURE)
@@ -33,7 +34,7 @@ BODY, PLATE, POINT, DEPOSIT_RADIUS, AMOUNTS = 0, 1, 2, 4, 5
 @njit(**BARE)
 def measure_contact(q, k, dt, context, tile):
     """Add what contact q of a tile, candidate k, did in a step of length dt [s]."""
-    I, O, H = tile.inputs, tile.outputs, context.H  # noqa: E741
+    I, O = tile.inputs, tile.outputs  # noqa: E741
     x, y, slip = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE], O[q + law_output.SLIP * TILE]
     lost = O[q + law_output.DISSIPATED * TILE]
     if context.loss_column >= 0:
@@ -43,18 +44,20 @@ def measure_contact(q, k, dt, context, tile):
         slip / dt if dt > 0.0 else 0.0, lost, O[q + law_output.CONTACT_RADIUS * TILE],
         O[q + law_output.PEAK_PRESSURE * TILE], I[q + law_input.OVERLAP * TILE], dt, 1.0 if is_plate(context.partner[k]) else 0.0,
     )  # fmt: skip
-    row, at = kind_of(k, context), np.int64(H.shape[1] - context.measured)
-    measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
+    call_measure(k, done, context)
+
+
+@njit(**BARE)
+def call_measure(k, done, context):
+    row, at = kind_of(k, context), np.int64(context.H.shape[1] - context.measured)
+    measure_at(context.measure)(done, row, context.H, np.int64(k), at, context.measure_parameters)
 
 
 @njit(**BARE)
 def measure_opened(k, lost, context):
     """Add what candidate k dissipated in the step in which it opened: `lost` [J]."""
-    H = context.H
     plate = 1.0 if is_plate(context.partner[k]) else 0.0
-    done = ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate)
-    row, at = kind_of(k, context), np.int64(H.shape[1] - context.measured)
-    measure_at(context.measure)(done, row, H, np.int64(k), at, context.measure_parameters)
+    call_measure(k, ContactStep(0.0, 0.0, 0.0, 0.0, 0.0, lost, 0.0, 0.0, 0.0, 0.0, plate), context)
 
 
 @njit(**BARE_CHUNK)
@@ -64,38 +67,16 @@ def measure_tile(n, slots, dt, context, tile):
         measure_contact(q, slots[q], dt, context, tile)
 
 
-class Collection(NamedTuple):
-    """Tables from which and to which `collect` works: names as in `arguments.Context`."""
+Collection = namedtuple("Collection", "own partner body S P Q H W targets sums deposits")
+"""Tables from which and to which `collect` works: names as in `arguments.Context`.
 
-    own: np.ndarray
-    partner: np.ndarray
-    body: np.ndarray
-    S: np.ndarray
-    P: np.ndarray
-    Q: np.ndarray
-    H: np.ndarray
-    W: np.ndarray
-    """What bodies have of the measures."""
-    targets: np.ndarray
-    """`laws.measures.Layout.targets`"""
-    sums: int
-    """How many of them are sums."""
-    deposits: np.ndarray
-    """Deposits on the plates: room for one per candidate, or no rows."""
-
+W: what bodies have of the measures; `targets`: of `laws.measures.Layout`, `sums`: how many of them are sums; `deposits`: on the
+plates, room for one per candidate, or no rows.
+"""
 
 _TABLE, _S1, _I1 = types.Array(types.float64, 2, "C"), types.Array(types.int32, 1, "C"), types.Array(types.int64, 1, "C")
 _TARGETS, _MAPS = types.Array(types.int64, 2, "C"), types.Array(types.float64, 4, "C")
 COLLECTION = types.NamedTuple((_S1, _S1, _I1, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TARGETS, types.int64, _TABLE), Collection)
-
-
-@njit(**BARE)
-def has_news(k, at, width, H):
-    """Return whether the measures of candidate k hold anything."""
-    for h in range(at + 1, at + width):
-        if H[k, h] != 0.0:
-            return True
-    return False
 
 
 @njit(**BARE)
@@ -123,11 +104,8 @@ def write_deposit(n, k, at, tables):
     x, y = S[i, sphere.POSITION], S[i, sphere.POSITION + 1]
     if Q.shape[0] > 0:
         x, y = x + Q[k, surface_contact.OFFSET], y + Q[k, surface_contact.OFFSET + 1]
-    low = is_lower(j)
-    if not low:
-        p = patch_of_partner(j)
-        x, y = x - P[p, patch.DISPLACEMENT], y - P[p, patch.DISPLACEMENT + 1]
-    row[BODY], row[PLATE], row[POINT], row[POINT + 1] = tables.body[i], 0.0 if low else 1.0, x, y
+    x, y, _ = plates.to_surface(j, (x, y, 0.0), P)
+    row[BODY], row[PLATE], row[POINT], row[POINT + 1] = tables.body[i], 0.0 if is_lower(j) else 1.0, x, y
     row[DEPOSIT_RADIUS] = H[k, at + RADIUS]
     return n + 1
 
@@ -142,7 +120,10 @@ def collect(tables):
     width = targets.shape[0] + 1
     at = H.shape[1] - width
     for k in range(tables.own.shape[0]):
-        if not has_news(k, at, width, H):
+        empty = True
+        for h in range(at + 1, at + width):
+            empty &= H[k, h] == 0.0
+        if empty:
             continue
         j = tables.partner[k]
         side = 3 if is_sphere(j) else 1 if is_lower(j) else 2

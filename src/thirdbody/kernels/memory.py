@@ -1,6 +1,6 @@
 """Memory of contacts from step to step: rows of histories, fields of laws, rows of closed contacts only; parameters of a tile."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -23,15 +23,6 @@ def load_field(q, k, context, tile):
     at = (law_input.HISTORY + begin) * TILE + q * size
     for f in range(size):
         I[at + f] = H[k, contact_state.LAW + begin + f]
-
-
-@njit(**BARE)
-def store_field(q, k, context, tile):
-    """Store the field of contact q after the step as that of candidate k."""
-    O, H, begin, size = tile.outputs, context.H, context.field_begin, context.field_size  # noqa: E741
-    at = (law_output.HISTORY + begin) * TILE + q * size
-    for f in range(size):
-        H[k, contact_state.LAW + begin + f] = O[at + f]
 
 
 @njit(**BARE)
@@ -74,12 +65,13 @@ def store_one(k, q, axis, first, context, tile):
 @njit(**BARE_CHUNK)
 def store_around_field(q, k, context, tile):
     """Store the history of candidate k from the fifth number on, where one of the laws has a field."""
-    H, O, end = context.H, tile.outputs, context.field_begin + context.field_size  # noqa: E741
-    for h in range(LANES, context.field_begin):
-        H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
-    store_field(q, k, context, tile)
-    for h in range(max(LANES, end), context.n_history):
-        H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
+    H, O, begin, size = context.H, tile.outputs, context.field_begin, context.field_size  # noqa: E741
+    at = (law_output.HISTORY + begin) * TILE + q * size
+    for f in range(size):
+        H[k, contact_state.LAW + begin + f] = O[at + f]
+    for h in range(LANES, context.n_history):
+        if not begin <= h < begin + size:
+            H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
 
 
 @njit(**BARE_CHUNK)
@@ -103,20 +95,20 @@ def store_history(n, slots, context, tile):
             store_one(np.uint64(slots[q + 3]), q + 3, axes[3], report[3], context, tile)
 
 
-Array = np.ndarray
-
-
-class ClosedContacts(NamedTuple):
-    """Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
-
-    on: Array
-    H: Array
-    R: Array
-
+ClosedContacts = namedtuple("ClosedContacts", "on H R")
+"""Closed contacts of a batch: their candidates, counted from the first one of the batch, in order, and their rows."""
 
 _TABLE = types.Array(types.float64, 2, "C")
 CLOSED = types.NamedTuple((types.Array(types.int32, 1, "C"), _TABLE, _TABLE), ClosedContacts)
 """Type of these tables."""
+
+
+@njit(**BARE)
+def copy_row(H, R, k, to_H, to_R, to):
+    for column in range(H.shape[1]):
+        to_H[to, column] = H[k, column]
+    for column in range(R.shape[1]):
+        to_R[to, column] = R[k, column]
 
 
 @njit(**BARE_CHUNK)
@@ -124,10 +116,7 @@ def expand(n, p, first, closed, H, R):
     """Write the rows of the n candidates of a body, from `first` on: zeros for open ones. p: row of its first closed one."""
     for k in range(n):
         if p < closed.on.shape[0] and closed.on[p] == first + k:
-            for column in range(H.shape[1]):
-                H[k, column] = closed.H[p, column]
-            for column in range(R.shape[1]):
-                R[k, column] = closed.R[p, column]
+            copy_row(closed.H, closed.R, p, H, R, k)
             p += 1
         else:
             H[k, :] = 0.0
@@ -140,10 +129,7 @@ def compact(n, p, first, H, R, closed):
     for k in range(n):
         if H[k, contact_state.SLIP] != 0.0:
             closed.on[p] = first + k
-            for column in range(H.shape[1]):
-                closed.H[p, column] = H[k, column]
-            for column in range(R.shape[1]):
-                closed.R[p, column] = R[k, column]
+            copy_row(H, R, k, closed.H, closed.R, p)
             p += 1
     return p
 
@@ -153,10 +139,7 @@ def keep(low, high, p, closed, new):
     """Copy rows `low` to `high` - 1 of a body that is not advanced, from row p on; return the row after them."""
     for k in range(low, high):
         new.on[p] = closed.on[k]
-        for column in range(closed.H.shape[1]):
-            new.H[p, column] = closed.H[k, column]
-        for column in range(closed.R.shape[1]):
-            new.R[p, column] = closed.R[k, column]
+        copy_row(closed.H, closed.R, k, new.H, new.R, p)
         p += 1
     return p
 

@@ -11,7 +11,7 @@ Update of the contacts with rough plates: called through a pointer, so that scen
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -32,21 +32,8 @@ from thirdbody.kernels.closest_point import (
 from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
-Array = np.ndarray
-
-
-class RoughPlates(NamedTuple):
-    """Candidates and tables that an update needs; names as in `arguments.Context`."""
-
-    own: Array
-    partner: Array
-    S: Array
-    P: Array
-    Q: Array
-    D: Array
-    lower: Array
-    upper: Array
-
+RoughPlates = namedtuple("RoughPlates", "own partner S P Q D lower upper")
+"""Candidates and tables that an update needs; names as in `arguments.Context`."""
 
 _TABLE, _ROW, _S1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"), types.Array(types.int32, 1, "C")
 UPDATE = types.void(types.int64, types.int64, types.NamedTuple((_S1, _S1, _TABLE, _TABLE, _TABLE, _ROW, _ROW, _ROW), RoughPlates))
@@ -116,17 +103,7 @@ def has_more(k, row, Q):
 
 
 @njit(**BARE)
-def next_offset(k, field, Q):
-    """Return the offset (2,) [m] that the minimum of row k has next if it goes on as in the last step."""
-    (x, y), r_x, r_y = offset_of(k, Q), field[height_field.RATE_X], field[height_field.RATE_Y]
-    d_x, d_y = x - Q[k, surface_contact.START], y - Q[k, surface_contact.START + 1]
-    steady = max(abs(d_x) * r_x, abs(d_y) * r_y) <= LOCAL
-    return (x + d_x, y + d_y) if steady else (x, y)
-
-
-@njit(**BARE)
 def set_minimum(k, row, Q):
-    """Note that the given row has a minimum."""
     Q[k, surface_contact.MINIMA] = np.int64(Q[k, surface_contact.MINIMA]) | np.int64(1) << row
 
 
@@ -159,20 +136,6 @@ def write_normal(k, normal, upper, Q):
     Q[k, surface_contact.NORMAL + 2] = -n_z if upper else n_z
 
 
-@njit(**BARE)
-def write_derivatives(k, foot, gradient, upper, Q):
-    """Write the derivatives of normal and effective radius at a minimum into row k, in world axes.
-
-    `gradient`: of the logarithm of the effective radius (3,) [1/m].
-    """
-    up = -1.0 if upper else 1.0
-    xx, xy, xz, yy, yz, zz = normal_derivative(foot)
-    t = surface_contact.NORMAL_GRADIENT
-    Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5] = xx, yy, zz, xy, up * xz, up * yz
-    Q[k, surface_contact.GRADIENT], Q[k, surface_contact.GRADIENT + 1] = gradient[0], gradient[1]
-    Q[k, surface_contact.GRADIENT + 2] = up * gradient[2]
-
-
 @njit(**BARE_CHUNK)
 def follow(k, field, x, start, tables):
     """Move the minimum of row k from an offset `start` (2,) to where it is for a centre x (3,), in the plate's coordinates.
@@ -182,27 +145,35 @@ def follow(k, field, x, start, tables):
     Q, D, radius, upper = tables.Q, tables.D, tables.S[tables.own[k], sphere.RADIUS], is_upper(tables.partner[k])
     curved = D[domain.CURVED + upper] != 0.0
     foot = closest(field, x, start[0], start[1])
+    near = foot.distance < radius + D[domain.REACH]
     Q[k, surface_contact.OFFSET], Q[k, surface_contact.OFFSET + 1] = foot.x, foot.y
     Q[k, surface_contact.DISTANCE] = foot.distance
-    bent = bent_jet(field, x, foot) if curved and foot.distance < radius + D[domain.REACH] else foot.jet
+    bent = bent_jet(field, x, foot) if curved and near else foot.jet
     Q[k, surface_contact.RADIUS] = effective_radius(bent, radius) if curved else radius
     write_normal(k, foot.normal, upper, Q)
-    if foot.distance < radius + D[domain.REACH]:
-        write_derivatives(k, foot, log_radius_gradient(foot, bent, radius) if curved else (0.0, 0.0, 0.0), upper, Q)
+    if near:
+        up, t, d = -1.0 if upper else 1.0, surface_contact.NORMAL_GRADIENT, surface_contact.GRADIENT
+        xx, xy, xz, yy, yz, zz = normal_derivative(foot)
+        Q[k, t], Q[k, t + 1], Q[k, t + 2], Q[k, t + 3], Q[k, t + 4], Q[k, t + 5] = xx, yy, zz, xy, up * xz, up * yz
+        d_x, d_y, d_z = log_radius_gradient(foot, bent, radius) if curved else (0.0, 0.0, 0.0)
+        Q[k, d], Q[k, d + 1], Q[k, d + 2] = d_x, d_y, up * d_z
 
 
 @njit(**BARE_CHUNK)
 def follow_all(k, field, x, shortest, tables):
     """Move all minima of the sphere whose first row is k; of two that meet, the one that jumped to the other ends."""
-    Q, a = tables.Q, 0
+    Q, a, t = tables.Q, 0, surface_contact.START
     while has_more(k, a, Q):
         if has_minimum(k, a, Q):
-            before = offset_of(k + a, Q)
-            follow(k + a, field, x, next_offset(k + a, field, Q), tables)
-            Q[k + a, surface_contact.START], Q[k + a, surface_contact.START + 1] = before
+            o_x, o_y = offset_of(k + a, Q)
+            d_x, d_y = o_x - Q[k + a, t], o_y - Q[k + a, t + 1]
+            # it starts where it is if it goes on as in the last step
+            steady = max(abs(d_x) * field[height_field.RATE_X], abs(d_y) * field[height_field.RATE_Y]) <= LOCAL
+            follow(k + a, field, x, (o_x + d_x, o_y + d_y) if steady else (o_x, o_y), tables)
+            Q[k + a, t], Q[k + a, t + 1] = o_x, o_y
             for b in range(a):
                 if has_minimum(k, b, Q) and is_same(offset_of(k + a, Q), offset_of(k + b, Q), field):
-                    jumped = not is_same(before, offset_of(k + a, Q), field)
+                    jumped = not is_same((o_x, o_y), offset_of(k + a, Q), field)
                     end_minimum(k, a if jumped else b, shortest, Q)
                     break
         a += 1
@@ -210,7 +181,10 @@ def follow_all(k, field, x, shortest, tables):
 
 @njit(**BARE_CHUNK)
 def search_all(k, field, x, limits, tables):
-    """Search for all minima of the sphere whose first row is k; `limits`: see `limits_of`."""
+    """Search for all minima of the sphere whose first row is k.
+
+    `limits` [m]: the largest distance of a minimum that gets a row, and the shortest one without contact.
+    """
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
     n = min(find_minima(field, x, farthest, minima), BASINS)
@@ -234,24 +208,17 @@ def search_all(k, field, x, limits, tables):
 
 
 @njit(**BARE)
-def is_hollow(k, radius, Q):
-    """Return whether the surface at the closest point of row k is a hollow so narrow that the minimum may split.
-
-    The normal turns by the sum of k_i/(1 + k_i D) over the principal curvatures k_i at the distance D: large and negative there.
-    """
-    t = surface_contact.NORMAL_GRADIENT
-    return (Q[k, t] + Q[k, t + 1] + Q[k, t + 2]) * radius < HOLLOW
-
-
-@njit(**BARE)
 def may_split(k, field, radius, reach, Q):
-    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches."""
-    if (radius + reach) * field[height_field.MAX_CURVATURE] < 1.0:
-        return False
-    a = 0
-    while has_more(k, a, Q):
-        if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach and is_hollow(k + a, radius, Q):
-            return True
+    """Return whether a second minimum may begin within reach [m] of the sphere whose first row is k beside one that touches.
+
+    The normal turns by the sum of k_i/(1 + k_i D) over the principal curvatures k_i at the distance D: large and negative in a
+    narrow hollow.
+    """
+    a, t = 0, surface_contact.NORMAL_GRADIENT
+    while (radius + reach) * field[height_field.MAX_CURVATURE] >= 1.0 and has_more(k, a, Q):
+        if has_minimum(k, a, Q) and Q[k + a, surface_contact.DISTANCE] < radius + reach:
+            if (Q[k + a, t] + Q[k + a, t + 1] + Q[k + a, t + 2]) * radius < HOLLOW:
+                return True
         a += 1
     return False
 
@@ -262,75 +229,51 @@ def search_is_due(k, field, x, sphere_reach, Q):
 
     `sphere_reach` (2,): its radius and its reach [m].
     """
-    d_x, d_y = x[0] - Q[k, surface_contact.SEARCHED], x[1] - Q[k, surface_contact.SEARCHED + 1]
-    d_z, (radius, reach) = x[2] - Q[k, surface_contact.SEARCHED + 2], sphere_reach
+    t, (radius, reach) = surface_contact.SEARCHED, sphere_reach
+    d_x, d_y, d_z = x[0] - Q[k, t], x[1] - Q[k, t + 1], x[2] - Q[k, t + 2]
     moved = (MOVED_TOUCHING if may_split(k, field, radius, reach, Q) else MOVED) * radius
     return not d_x * d_x + d_y * d_y + d_z * d_z <= moved * moved
-
-
-@njit(**BARE)
-def limits_of(radius, reach):
-    """Return the largest distance of a minimum that gets a row, and the shortest one without contact [m]."""
-    return radius * (1.0 + 1.1 * MOVED) + reach, APART * (radius + reach)
-
-
-@njit(**BARE)
-def bound_distance(k, height, shortest, upper, radius, Q):
-    """Write a bound of the distance of a sphere without minima into its first row k, for the bound of the time step.
-
-    `height`: of its centre above the highest point of the plate [m].
-    """
-    Q[k, surface_contact.DISTANCE] = max(height, shortest)
-    Q[k, surface_contact.RADIUS] = radius
-    write_normal(k, (0.0, 0.0, 1.0), upper, Q)
-
-
-@njit(**BARE)
-def was_far(k, Q):
-    """Return whether the sphere whose first row is k was out of reach before, with no contact left to end."""
-    none = Q[k, surface_contact.MINIMA] + Q[k, surface_contact.ENDED] == 0.0
-    return none and Q[k, surface_contact.SEARCHED] == math.inf and Q[k, surface_contact.RADIUS] != 0.0
 
 
 @njit(**BARE_CHUNK)
 def update_sphere(k, field, tables):
     """Update the rows k to k + BASINS - 1 of a sphere and a rough plate."""
-    Q, S, i = tables.Q, tables.S, tables.own[k]
-    x, radius = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P), S[i, sphere.RADIUS]
-    height, limits = x[2] - field[height_field.MAX_HEIGHT], limits_of(radius, tables.D[domain.REACH])
+    Q, S, i, upper = tables.Q, tables.S, tables.own[k], is_upper(tables.partner[k])
+    x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
+    radius, reach, height = S[i, sphere.RADIUS], tables.D[domain.REACH], x[2] - field[height_field.MAX_HEIGHT]
+    farthest, shortest = radius * (1.0 + 1.1 * MOVED) + reach, APART * (radius + reach)
     tracked = abs(x[0]) + abs(x[1]) + abs(x[2]) < FARTHEST  # a guard stops a run with others, or with NaN
-    if height > limits[0] and was_far(k, Q):
-        Q[k, surface_contact.DISTANCE] = max(height, limits[1])
+    none = Q[k, surface_contact.MINIMA] + Q[k, surface_contact.ENDED] == 0.0
+    was_far = none and Q[k, surface_contact.SEARCHED] == math.inf and Q[k, surface_contact.RADIUS] != 0.0
+    if height > farthest and was_far:
+        Q[k, surface_contact.DISTANCE] = max(height, shortest)
         return
     reset_ended(k, Q)
-    if tracked and height <= limits[0]:
-        follow_all(k, field, x, limits[1], tables)
-        if search_is_due(k, field, x, (radius, tables.D[domain.REACH]), Q):
-            search_all(k, field, x, limits, tables)
+    if tracked and height <= farthest:
+        follow_all(k, field, x, shortest, tables)
+        if search_is_due(k, field, x, (radius, reach), Q):
+            search_all(k, field, x, (farthest, shortest), tables)
     else:
         for row in range(BASINS):
             if has_minimum(k, row, Q):
-                end_minimum(k, row, limits[1], Q)
+                end_minimum(k, row, shortest, Q)
         Q[k, surface_contact.SEARCHED] = math.inf
     if Q[k, surface_contact.MINIMA] == 0.0 and np.int64(Q[k, surface_contact.ENDED]) & ((1 << BASINS) - 1) == 0:
-        bound_distance(k, height if tracked else math.inf, limits[1], is_upper(tables.partner[k]), radius, Q)
-
-
-@njit(**BARE)
-def update_plane(k, tables):
-    """Update row k of a sphere and a flat plate."""
-    Q, S, i = tables.Q, tables.S, tables.own[k]
-    x = plates.to_surface(tables.partner[k], plates.centre(i, S), tables.P)
-    Q[k, surface_contact.DISTANCE] = x[2]
-    Q[k, surface_contact.NORMAL + 2] = -1.0 if is_upper(tables.partner[k]) else 1.0
-    Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
+        # without minima: a bound of the distance, for the bound of the time step
+        Q[k, surface_contact.DISTANCE] = max(height if tracked else math.inf, shortest)
+        Q[k, surface_contact.RADIUS] = radius
+        write_normal(k, (0.0, 0.0, 1.0), upper, Q)
 
 
 @njit(**BARE)
 def next_rough(k, last, tables):
     """Update the rows of flat plates from k on; return the first row of a sphere and a rough plate, or `last`."""
+    Q, S = tables.Q, tables.S
     while k < last and (tables.upper if is_upper(tables.partner[k]) else tables.lower).shape[0] == 0:
-        update_plane(k, tables)
+        i, upper = tables.own[k], is_upper(tables.partner[k])
+        Q[k, surface_contact.DISTANCE] = plates.height_above(tables.partner[k], i, S, tables.P)
+        Q[k, surface_contact.NORMAL + 2] = -1.0 if upper else 1.0
+        Q[k, surface_contact.RADIUS] = S[i, sphere.RADIUS]
         k += 1
     return k
 

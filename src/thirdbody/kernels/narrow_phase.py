@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put, transpose
+from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put
 from thirdbody.kernels import plates
-from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
+from thirdbody.kernels.contact_geometry import SPARE, columns, four_rows_of
 from thirdbody.kernels.plates import BASINS, is_plate, is_upper
 from thirdbody.kernels.tables import sphere, surface_contact
 from thirdbody.kernels.vectors import image, images, nearest_image
@@ -43,27 +43,19 @@ def plate_overlaps(first, last, context, box, g):
         g[k - first] = plates.plane_overlap(k, context) + box.reach
 
 
-@njit(**BARE)
-def four_overlaps(k, context, box):
-    """Return the overlap measures [m2] of candidates k to k + 3 (`pair_overlaps`)."""
-    own, partner, S = context.own, context.partner, context.S
-    i = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
-    j = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
-    a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
-    x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
-    x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
-    d_x, d_y, d_z, limit = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j + broadcast(box.reach)
-    d_x, d_y = images(d_x, box.length_x, box.inverse_x), images(d_y, box.length_y, box.inverse_y)
-    return limit * limit - (d_x * d_x + d_y * d_y + d_z * d_z)
-
-
 @njit(**BARE_CHUNK)
 def pair_overlaps(first, last, context, box, g):
     """Compute limit^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
     own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
-        put(g, k - first, four_overlaps(k, context, box))
+        i4 = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
+        j4 = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
+        x_i, y_i, z_i, r_i = columns(four_rows_of(i4, np.int64(sphere.POSITION), S))
+        x_j, y_j, z_j, r_j = columns(four_rows_of(j4, np.int64(sphere.POSITION), S))
+        x, y = images(x_i - x_j, box.length_x, box.inverse_x), images(y_i - y_j, box.length_y, box.inverse_y)
+        z, reach = z_i - z_j, r_i + r_j + broadcast(box.reach)
+        put(g, k - first, reach * reach - (x * x + y * y + z * z))
     for k in range(fours, last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
@@ -74,10 +66,10 @@ def pair_overlaps(first, last, context, box, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates within reach, and those that were until the last step.
+    """List the candidates within reach, and those that were until the last step; return both numbers.
 
-    Returns both numbers. `closed`: 1 for those within reach, else 0. The list of the active ones is
-    padded with the last of them as far as it is read ahead; all else after the ends of the lists is undefined.
+    `closed`: 1 for those within reach, else 0. The list of the active ones is padded with the last of them as far as it is read
+    ahead; all else after the ends of the lists is undefined.
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):

@@ -4,7 +4,7 @@ Candidates come out sorted (plates by sphere, side and basin, then pairs by owne
 owns a pair), so history is carried over by one merge and nothing depends on threads.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit, types
@@ -21,51 +21,21 @@ from thirdbody.kernels.vectors import images, inverse
 Array = np.ndarray
 
 
-class Grid(NamedTuple):
-    """Cells of the search, each at least as large as the interaction range."""
+Grid = namedtuple("Grid", "low size cells periodic length_x length_y")
+"""Cells of the search, each at least as large as the interaction range.
 
-    low: Array
-    """Lowest corner (3,) [m]."""
-    size: Array
-    """Size of a cell (3,) [m]."""
-    cells: Array
-    """Number of cells along each axis (3,)."""
-    periodic: Array
-    """Whether x and y are periodic (2,)."""
-    length_x: float
-    """Periodic length [m], 0 where x is not periodic."""
-    length_y: float
+Lowest corner (3,) and size of a cell (3,) [m], number of cells along each axis (3,), whether x and y are periodic (2,), and
+their periodic lengths [m] or 0.
+"""
 
+CellLists = namedtuple("CellLists", "edges cells Q")
+"""Scratch of a search: where each cell begins in Q (zero at first), the cell of each sphere, spheres in order of cells."""
 
-class CellLists(NamedTuple):
-    """Scratch of a search."""
+Spheres = namedtuple("Spheres", "body side")
+"""What a search needs of the spheres besides their places: body of each, and what it can touch (`State.side`)."""
 
-    edges: Array
-    """Where each cell begins in Q; zero at first."""
-    cells: Array
-    """Cell of each sphere."""
-    Q: Array
-    """Spheres in the order of cells (`fill_cells`)."""
-
-
-class Spheres(NamedTuple):
-    """What a search asks of the spheres besides their places."""
-
-    body: Array
-    """Body of each sphere."""
-    side: Array
-    """What it can touch (`columns.sides`)."""
-
-
-class CandidateRows(NamedTuple):
-    """Rows first to last of a table with a row per candidate."""
-
-    first: int
-    last: int
-    own: Array
-    partner: Array
-    table: Array
-
+CandidateRows = namedtuple("CandidateRows", "first last own partner table")
+"""Rows first to last of a table with a row per candidate."""
 
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 _S2 = types.Array(types.int32, 2, "C")
@@ -76,21 +46,6 @@ _SPHERES = types.NamedTuple((_I1, types.Array(types.int8, 1, "C")), Spheres)
 _LIMITS = types.UniTuple(types.Tuple((_I, _F)), 2)
 
 
-@njit(**BARE)
-def list_basins(i, p, S, P, limits, n, own, partner):
-    """List all basins of a plate after the first n candidates if it may be near sphere i; return the new n.
-
-    `p`: patch of the upper plate; -1: the lower plate. `limits`: see `plate_candidates`.
-    """
-    basins, height = limits
-    if plates.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height:
-        for basin in range(basins):
-            if n < own.shape[0]:
-                own[n], partner[n] = i, partner_code(p, basin)
-            n += 1
-    return n
-
-
 @entry(_I(_F2, _F2, _SPHERES, _I1, _LIMITS, _S1, _S1), **DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
     """List the spheres near a plate in own and partner; return their number, also beyond the capacity.
@@ -98,12 +53,16 @@ def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
     `limits`: of the lower plate and of the upper one, the number of basins, 0 without the plate, and the largest height of the
     lowest point of a sphere above its plane [m].
     """
-    n, (lower, upper) = np.int64(0), limits
+    n = np.int64(0)
     for i in range(S.shape[0]):
-        if spheres.side[i] != ONLY_UPPER:
-            n = list_basins(i, np.int64(-1), S, P, lower, n, own, partner)
-        if spheres.side[i] != ONLY_LOWER:
-            n = list_basins(i, patch_of[spheres.body[i]], S, P, upper, n, own, partner)
+        for plate in range(2):
+            basins, height = limits[plate]
+            p = patch_of[spheres.body[i]] if plate == 1 else -1
+            within = plates.height_above(partner_code(p, 0), i, S, P) - S[i, sphere.RADIUS] < height
+            for basin in range(basins if within and spheres.side[i] != (ONLY_LOWER if plate == 1 else ONLY_UPPER) else 0):
+                if n < own.shape[0]:
+                    own[n], partner[n] = i, partner_code(p, basin)
+                n += 1
     return n
 
 
@@ -111,9 +70,7 @@ def plate_candidates(S, P, spheres, patch_of, limits, own, partner):
 def cell_of(x, low, size, count, periodic):
     """Return the cell number along one axis: wrapped if periodic, else clipped to the range."""
     c = np.int64(np.floor((x - low) / size))
-    if periodic:
-        return c % count
-    return min(max(c, 0), count - 1)
+    return c % count if periodic else min(max(c, 0), count - 1)
 
 
 @entry(types.void(_F2, _SPHERES, _GRID, _LISTS), **DIRECT, **NO_COUNTS)
@@ -122,9 +79,7 @@ def fill_cells(S, spheres, grid, lists):
 
     Q (6, n + padding): centre, radius, number and body. `edges`: where each cell begins, shifted by one.
     """
-    low, size, count, periodic, edges, cells, Q = (
-        grid.low, grid.size, grid.cells, grid.periodic, lists.edges, lists.cells, lists.Q
-    )  # fmt: skip
+    (low, size, count, periodic, _, _), (edges, cells, Q) = grid, lists
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, sphere.Y], low[1], size[1], count[1], periodic[1])
@@ -152,16 +107,6 @@ def neighbour(c, step, count, periodic):
     if 0 <= n < count:
         return n
     return n - step * count if periodic else -1
-
-
-@njit(**BARE)
-def sort_in(j, begin, end, result):
-    """Insert j into the sorted numbers result[begin:end]."""
-    p = end
-    while p > begin and result[p - 1] > j:
-        result[p] = result[p - 1]
-        p -= 1
-    result[p] = j
 
 
 @njit(**BARE)
@@ -247,7 +192,11 @@ def order_partners(first, last, at, partner):
     for i in range(first, last):
         end = np.int64(at[i])
         for e in range(begin + 1, end):
-            sort_in(partner[e], begin, e, partner)
+            j, p = partner[e], e
+            while p > begin and partner[p - 1] > j:
+                partner[p] = partner[p - 1]
+                p -= 1
+            partner[p] = j
         begin = end
 
 
@@ -258,11 +207,8 @@ FEWEST = 4096
 def pair_candidates(S, spheres, skin, grid, n, own, partner):
     """Append the sphere pairs within `skin` from candidate n on; return the new number, also beyond the capacity."""
     # allocated here, since a kernel would compile each of these calls
-    many, columns = len(S), int(grid.cells[0] * grid.cells[1])
-    lists = CellLists(
-        edges=np.zeros(int(np.prod(grid.cells)) + 2, np.int32), cells=np.empty(many, np.int32),
-        Q=np.full((6, many + LANES), np.inf),
-    )  # fmt: skip
+    many, columns, edges = len(S), int(grid.cells[0] * grid.cells[1]), np.zeros(int(np.prod(grid.cells)) + 2, np.int32)
+    lists = CellLists(edges, np.empty(many, np.int32), np.full((6, many + LANES), np.inf))
     fill_cells(S, spheres, grid, lists)
     pairs_of: dict[int, Array] = {}
 
@@ -290,19 +236,20 @@ def pair_candidates(S, spheres, skin, grid, n, own, partner):
 
 
 @njit(**BARE)
-def rank(j):
-    """Return the order of partners of one owner within the plates' or the pairs' part."""
-    return j if is_sphere(j) else order_on_sphere(j)
+def rank(own, j):
+    """Return the order of candidates by owner and partner, within the plates' or the pairs' part."""
+    return own, j if is_sphere(j) else order_on_sphere(j)
 
 
 @entry(types.void(_ROWS, _ROWS), nogil=True, **DIRECT, **NO_COUNTS)
 def carry_history(new, old):
     """Copy the rows of candidates that were candidates before, within one sorted part of the list. Both are `CandidateRows`."""
-    own, partner, o = new.own, new.partner, old.first
+    o = old.first
     for k in range(new.first, new.last):
-        while o < old.last and (old.own[o] < own[k] or (old.own[o] == own[k] and rank(old.partner[o]) < rank(partner[k]))):
+        it = rank(new.own[k], new.partner[k])
+        while o < old.last and rank(old.own[o], old.partner[o]) < it:
             o += 1
-        if o < old.last and old.own[o] == own[k] and rank(old.partner[o]) == rank(partner[k]):
+        if o < old.last and rank(old.own[o], old.partner[o]) == it:
             for h in range(new.table.shape[1]):
                 new.table[k, h] = old.table[o, h]
 
@@ -326,10 +273,9 @@ def list_slots(n, own, partner, edges, at, incidence):
         at[s] = edges[s]
         edges[s + 1] += edges[s]
     for k in range(n):
-        s = own[k]
-        incidence[at[s]] = 2 * k
-        at[s] += 1
-        if is_sphere(partner[k]):
-            s = partner[k]
-            incidence[at[s]] = 2 * k + 1
-            at[s] += 1
+        i, j = own[k], partner[k]
+        incidence[at[i]] = 2 * k
+        at[i] += 1
+        if is_sphere(j):
+            incidence[at[j]] = 2 * k + 1
+            at[j] += 1

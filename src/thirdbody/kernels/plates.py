@@ -23,25 +23,21 @@ BASINS = 8
 
 @njit(**BARE)
 def is_sphere(partner):
-    """Return whether the partner is a sphere."""
     return partner >= 0
 
 
 @njit(**BARE)
 def is_plate(partner):
-    """Return whether the partner is a plate."""
     return partner < 0
 
 
 @njit(**BARE)
 def is_lower(partner):
-    """Return whether the partner is the lower plate."""
     return -1 - BASINS < partner < 0
 
 
 @njit(**BARE)
 def is_upper(partner):
-    """Return whether the partner is a patch of the upper plate."""
     return partner < -BASINS
 
 
@@ -49,12 +45,6 @@ def is_upper(partner):
 def patch_of_partner(partner):
     """Return the row of the patch that is the partner; 0 for any other partner, to be read without a branch."""
     return max((-1 - partner) // BASINS - 1, 0)
-
-
-@njit(**BARE)
-def basin_of_partner(partner):
-    """Return the basin of a contact with a plate."""
-    return (-1 - partner) % BASINS
 
 
 @njit(**BARE)
@@ -66,7 +56,7 @@ def partner_code(p, basin):
 @njit(**BARE)
 def order_on_sphere(partner):
     """Return the order of a contact with a plate among those of its sphere: by plate, the lower one first, then by basin."""
-    return basin_of_partner(partner) + (0 if is_lower(partner) else BASINS)
+    return (-1 - partner) % BASINS + (0 if is_lower(partner) else BASINS)
 
 
 @njit(**BARE)
@@ -89,7 +79,6 @@ def is_touching(k, H, R):
 
 @njit(**BARE)
 def has_effect_columns(E):
-    """Return whether the scene has body effects, and the table columns for them."""
     return E.shape[1] > body_extra.WIDTH_WITHOUT_EFFECTS
 
 
@@ -102,11 +91,10 @@ def is_rough(context):
 @njit(**BARE)
 def to_surface(partner, x, P):
     """Return a point in the coordinates of a first body: x and y move with it, z is the height above its plane [m]."""
-    p, upper = patch_of_partner(partner), is_upper(partner)
-    along = x[0] - P[p, patch.DISPLACEMENT] if upper else x[0]
-    across = x[1] - P[p, patch.DISPLACEMENT + 1] if upper else x[1]
-    top = P[p, patch.HEIGHT]
-    return along, across, top - x[2] if upper else x[2]
+    if not is_upper(partner):
+        return x
+    p = patch_of_partner(partner)
+    return x[0] - P[p, patch.DISPLACEMENT], x[1] - P[p, patch.DISPLACEMENT + 1], P[p, patch.HEIGHT] - x[2]
 
 
 @njit(**BARE)
@@ -137,7 +125,6 @@ def overlap(k, context):
 
 @njit(**BARE)
 def three(Q, k, column):
-    """Return three numbers of row k."""
     return Q[k, column], Q[k, column + 1], Q[k, column + 2]
 
 
@@ -150,25 +137,14 @@ def normal(k, context):
 
 
 @njit(**BARE)
-def normal_change(k, move, Q):
-    """Return the change of the normal of candidate k with a displacement of its sphere relative to the first body."""
-    t = surface_contact.NORMAL_GRADIENT
-    x, y, z = move
-    return (
-        Q[k, t] * x + Q[k, t + 3] * y + Q[k, t + 4] * z,
-        Q[k, t + 3] * x + Q[k, t + 1] * y + Q[k, t + 5] * z,
-        Q[k, t + 4] * x + Q[k, t + 5] * y + Q[k, t + 2] * z,
-    )
-
-
-@njit(**BARE)
 def normal_before(k, move, context):
     """Return the unit normal of candidate k before its sphere moved by `move` (3,) relative to the first body [m]."""
-    n_x, n_y, n_z = normal(k, context)
+    Q, t, (n_x, n_y, n_z), (x, y, z) = context.Q, surface_contact.NORMAL_GRADIENT, normal(k, context), move
     if not is_rough(context):
         return n_x, n_y, n_z
-    d_x, d_y, d_z = normal_change(k, move, context.Q)
-    n_x, n_y, n_z = n_x - d_x, n_y - d_y, n_z - d_z
+    n_x = n_x - (Q[k, t] * x + Q[k, t + 3] * y + Q[k, t + 4] * z)
+    n_y = n_y - (Q[k, t + 3] * x + Q[k, t + 1] * y + Q[k, t + 5] * z)
+    n_z = n_z - (Q[k, t + 4] * x + Q[k, t + 5] * y + Q[k, t + 2] * z)
     inverse = 1.0 / math.sqrt(n_x * n_x + n_y * n_y + n_z * n_z)
     return n_x * inverse, n_y * inverse, n_z * inverse
 
@@ -191,33 +167,28 @@ def radius_of_curvature(k, context):
 @njit(**BARE)
 def velocity(partner, P, motion):
     """Return the velocity of the surface of a first body [m/s]."""
-    v_z = P[patch_of_partner(partner), patch.VELOCITY]
     if is_upper(partner):
-        return motion.v_x, motion.v_y, v_z
+        return motion.v_x, motion.v_y, P[patch_of_partner(partner), patch.VELOCITY]
     return 0.0, 0.0, 0.0
 
 
 @njit(**BARE)
 def centre(i, S):
-    """Return the centre of sphere i [m]."""
-    return S[i, sphere.X], S[i, sphere.Y], S[i, sphere.Z]
+    return three(S, i, sphere.POSITION)
 
 
 @njit(**BARE)
 def surface_velocity(i, S, columns, arm):
     """Return the velocity of sphere i's surface at `arm` from its centre [m/s]. `columns`: of velocity and spin."""
     v, w = columns
-    o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
-    r_x, r_y, r_z = arm
+    (o_x, o_y, o_z), (r_x, r_y, r_z) = three(S, i, w), arm
     return S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x
 
 
 @njit(**BARE)
 def partner_velocity(j, context, columns, arm, motion):
     """Return the velocity of the partner's surface at the contact [m/s]; arguments as for `plates`."""
-    if is_plate(j):
-        return velocity(j, context.P, motion)
-    return surface_velocity(j, context.S, columns, arm)
+    return velocity(j, context.P, motion) if is_plate(j) else surface_velocity(j, context.S, columns, arm)
 
 
 @njit(**BARE)

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.kernels.contact_geometry import read_vector
 from thirdbody.kernels.plates import is_plate, is_sphere, partner_velocity, surface_velocity
 from thirdbody.kernels.tables import record, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
@@ -31,13 +32,11 @@ def record_width(rolling):
 
 @njit(**BARE)
 def has_moments(context):
-    """Return whether contacts carry moments."""
     return context.rolling >= MOMENTS
 
 
 @njit(**BARE)
 def has_twist(context):
-    """Return whether contacts carry moments about their normals."""
     return context.rolling >= TWIST
 
 
@@ -46,9 +45,14 @@ def relative_spin(S, i, j, column):
     """Return the angular velocity of the owner relative to the partner [rad/s]. `column`: of the table of spheres."""
     if is_plate(j):
         return S[i, column], S[i, column + 1], S[i, column + 2]
-    return (
-        S[i, column] - S[j, column], S[i, column + 1] - S[j, column + 1], S[i, column + 2] - S[j, column + 2],
-    )  # fmt: skip
+    return S[i, column] - S[j, column], S[i, column + 1] - S[j, column + 1], S[i, column + 2] - S[j, column + 2]
+
+
+@njit(**BARE)
+def component(q, field, v, G):
+    """Return the component of a vector along the unit vector in a field of the tile at contact q."""
+    x, y, z = read_vector(G, q + field * TILE)
+    return v[0] * x + v[1] * y + v[2] * z
 
 
 @njit(**BARE)
@@ -58,9 +62,7 @@ def travel(i, j, q, context, motion, G):
     This is the velocity of the contact point less that of the material. The contact point lies on the line of centres; under a
     sphere on a plate it moves with the sphere.
     """
-    S, n_x = context.S, G[q + geometry.NORMAL * TILE]
-    n_y = G[q + (geometry.NORMAL + 1) * TILE]
-    n_z = G[q + (geometry.NORMAL + 2) * TILE]
+    S, (n_x, n_y, n_z) = context.S, read_vector(G, q + geometry.NORMAL * TILE)
     columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # not literals: callees would be compiled once more
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
     b_x, b_y, b_z = partner_velocity(j, context, columns, (a_j * n_x, a_j * n_y, a_j * n_z), motion)
@@ -73,20 +75,8 @@ def travel(i, j, q, context, motion, G):
     c_x = (1.0 - fraction) * S[i, sphere.MID_VELOCITY] + fraction * p_x - 0.5 * (a_x + b_x)
     c_y = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 1] + fraction * p_y - 0.5 * (a_y + b_y)
     c_z = (1.0 - fraction) * S[i, sphere.MID_VELOCITY + 2] + fraction * p_z - 0.5 * (a_z + b_z)
-    along = c_x * G[q + geometry.AXIS * TILE] + c_y * G[q + (geometry.AXIS + 1) * TILE] + c_z * G[q + (geometry.AXIS + 2) * TILE]
-    across = (
-        c_x * G[q + geometry.CROSS_AXIS * TILE]
-        + c_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
-        + c_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]
-    )
-    return along, across
-
-
-@njit(**BARE)
-def component(q, field, v, G):
-    """Return the component of a vector along the unit vector in a field of the tile at contact q."""
-    at = q + field * TILE
-    return v[0] * G[at] + v[1] * G[at + TILE] + v[2] * G[at + 2 * TILE]
+    c = c_x, c_y, c_z
+    return component(q, np.int64(geometry.AXIS), c, G), component(q, np.int64(geometry.CROSS_AXIS), c, G)
 
 
 @njit(**BARE)
@@ -94,28 +84,16 @@ def gather_rolling(q, k, context, motion, tile):
     """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
     I, G, at = tile.inputs, tile.geometry, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
-    w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
-    I[at + rolling_input.ROTATION_X * TILE] = (
-        w_x * G[q + geometry.AXIS * TILE] + w_y * G[q + (geometry.AXIS + 1) * TILE] + w_z * G[q + (geometry.AXIS + 2) * TILE]
-    ) * dt
-    I[at + rolling_input.ROTATION_Y * TILE] = (
-        w_x * G[q + geometry.CROSS_AXIS * TILE]
-        + w_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
-        + w_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]
-    ) * dt
+    w = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
+    I[at + rolling_input.ROTATION_X * TILE] = component(q, np.int64(geometry.AXIS), w, G) * dt
+    I[at + rolling_input.ROTATION_Y * TILE] = component(q, np.int64(geometry.CROSS_AXIS), w, G) * dt
     if has_twist(context):
-        I[at + rolling_input.TWIST * TILE] = dt * component(q, np.int64(geometry.MID_NORMAL), (w_x, w_y, w_z), G)
-    w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.END_SPIN))
+        I[at + rolling_input.TWIST * TILE] = dt * component(q, np.int64(geometry.MID_NORMAL), w, G)
+    w = relative_spin(S, i, j, np.int64(sphere.END_SPIN))
     if has_twist(context):
-        I[at + rolling_input.TWIST_RATE * TILE] = component(q, np.int64(geometry.NORMAL), (w_x, w_y, w_z), G)
-    I[at + rolling_input.RATE_X * TILE] = (
-        w_x * G[q + geometry.AXIS * TILE] + w_y * G[q + (geometry.AXIS + 1) * TILE] + w_z * G[q + (geometry.AXIS + 2) * TILE]
-    )
-    I[at + rolling_input.RATE_Y * TILE] = (
-        w_x * G[q + geometry.CROSS_AXIS * TILE]
-        + w_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
-        + w_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]
-    )
+        I[at + rolling_input.TWIST_RATE * TILE] = component(q, np.int64(geometry.NORMAL), w, G)
+    I[at + rolling_input.RATE_X * TILE] = component(q, np.int64(geometry.AXIS), w, G)
+    I[at + rolling_input.RATE_Y * TILE] = component(q, np.int64(geometry.CROSS_AXIS), w, G)
     along, across = travel(i, j, q, context, motion, G)
     I[at + rolling_input.TRAVEL_X * TILE], I[at + rolling_input.TRAVEL_Y * TILE] = along * dt, across * dt
 

@@ -44,7 +44,6 @@ def segment(schedule, first, axis, t):
 
 @njit(**BARE)
 def value(schedule, first, axis, t):
-    """Return the value of an axis at time t."""
     return value_of(schedule, segment(schedule, first, axis, t), t)
 
 
@@ -78,11 +77,9 @@ def mean_rate(schedule, first, axis, t, dt):
 @njit(**BARE)
 def next_corner(schedule, first, axis, t):
     """Return the next time after t at which an axis reverses or changes its motion [s]; infinite if it never does."""
-    corner = np.inf
     row = segment(schedule, first, axis, t)
     following = row + 1 if row >= 0 else first[axis]
-    if following < first[axis + 1]:
-        corner = schedule[following, START]
+    corner = schedule[following, START] if following < first[axis + 1] else np.inf
     if row >= 0 and schedule[row, KIND] != POLYNOMIAL:
         half = math.pi / schedule[row, C] if schedule[row, KIND] == SINE else 0.5 / schedule[row, C]
         # a corner that was missed only by rounding counts as passed

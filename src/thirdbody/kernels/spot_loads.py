@@ -107,8 +107,7 @@ def compliance(a, b, c, W):
 def finish(a, force, relief, pull, W, spots):
     """Write the results of the spot in row a."""
     e = np.uint64(W[a + spot.NUMBER])
-    spots.relief[e], spots.force[e] = relief, force
-    spots.pull_x[e], spots.pull_y[e] = pull
+    spots.relief[e], spots.force[e], (spots.pull_x[e], spots.pull_y[e]) = relief, force, pull
 
 
 @njit(**BARE)
@@ -118,21 +117,13 @@ def lone_force(a, W):
     return W[a + spot.FACTOR] * math.sqrt(square) * square
 
 
-@njit(**BARE)
-def store_compliances(first, n, c, G, W):
-    """Write g of n spots in the rows from `first` on into G (n*n), if it is large enough; return whether it is."""
-    if n * n > G.shape[0]:
-        return False
-    for p in range(n):
-        for q in range(n):
-            G[p * n + q] = compliance(first + p * spot.WIDTH, first + q * spot.WIDTH, c, W)[0] if p != q else 0.0
-    return True
-
-
 @njit(**BARE_CHUNK)
 def sweep(first, n, c, W, G, spots):
     """Solve n spots in the rows from `first` on by sweeps. G: scratch for g; where it is too small, g is computed anew."""
-    end, stored = first + n * spot.WIDTH, store_compliances(first, n, c, G, W)
+    end, stored = first + n * spot.WIDTH, n * n <= G.shape[0]
+    for p in range(n if stored else 0):
+        for q in range(n):
+            G[p * n + q] = compliance(first + p * spot.WIDTH, first + q * spot.WIDTH, c, W)[0] if p != q else 0.0
     for a in range(first, end, spot.WIDTH):
         finish(a, lone_force(a, W), 0.0, (0.0, 0.0), W, spots)
     for _ in range(SWEEPS):
@@ -165,15 +156,23 @@ def place_group(t, first, n, c, L, W):
     for p in range(3):
         a, at = first + p * spot.WIDTH, t + p * LANES
         on = p < n
-        L[at + lane.X * LANES], L[at + lane.Y * LANES] = W[a + spot.X] if on else FAR, W[a + spot.Y] if on else FAR
-        L[at + lane.RADIUS * LANES], L[at + lane.SPHERE_RADIUS * LANES] = (
-            W[a + spot.RADIUS] if on else 1.0,
-            W[a + spot.SPHERE_RADIUS] if on else 0.0,
-        )
-        L[at + lane.FACTOR * LANES], L[at + lane.SQUARE * LANES] = (
-            W[a + spot.FACTOR] if on else 0.0,
-            W[a + spot.SQUARE] if on else 1.0,
-        )
+        L[at + lane.X * LANES] = W[a + spot.X] if on else FAR
+        L[at + lane.Y * LANES] = W[a + spot.Y] if on else FAR
+        L[at + lane.RADIUS * LANES] = W[a + spot.RADIUS] if on else 1.0
+        L[at + lane.SPHERE_RADIUS * LANES] = W[a + spot.SPHERE_RADIUS] if on else 0.0
+        L[at + lane.FACTOR * LANES] = W[a + spot.FACTOR] if on else 0.0
+        L[at + lane.SQUARE * LANES] = W[a + spot.SQUARE] if on else 1.0
+
+
+@njit(**BARE)
+def read_lane(at, L):
+    """Return the numbers of the three spots of a lane, the first of them at `at`."""
+    return L[at], L[at + LANES], L[at + 2 * LANES]
+
+
+@njit(**BARE)
+def write_lane(at, L, v):
+    L[at], L[at + LANES], L[at + 2 * LANES] = v
 
 
 @njit(**BARE)
@@ -223,9 +222,9 @@ def solve_lanes(L):
         g, g_x, g_y = lane_compliance(t, 0, 1, L)
         h, h_x, h_y = lane_compliance(t, 0, 2, L)
         k, k_x, k_y = lane_compliance(t, 1, 2, L)
-        r1, r2, r3 = L[t + lane.RADIUS * LANES], L[t + (lane.RADIUS + 1) * LANES], L[t + (lane.RADIUS + 2) * LANES]
-        q1, q2, q3 = L[t + lane.FACTOR * LANES], L[t + (lane.FACTOR + 1) * LANES], L[t + (lane.FACTOR + 2) * LANES]
-        y1, y2, y3 = L[t + lane.SQUARE * LANES], L[t + (lane.SQUARE + 1) * LANES], L[t + (lane.SQUARE + 2) * LANES]
+        r1, r2, r3 = read_lane(t + lane.RADIUS * LANES, L)
+        q1, q2, q3 = read_lane(t + lane.FACTOR * LANES, L)
+        y1, y2, y3 = read_lane(t + lane.SQUARE * LANES, L)
         f1, f2, f3 = q1 * y1 * math.sqrt(y1), q2 * y2 * math.sqrt(y2), q3 * y3 * math.sqrt(y3)
         t1 = f1 * y1 / (y1 + 1.5 * r1 * (g * f2 + h * f3))
         t2 = f2 * y2 / (y2 + 1.5 * r2 * (g * f1 + k * f3))
@@ -240,16 +239,12 @@ def solve_lanes(L):
         worst = max(abs(d1) - STEP * u1, abs(d2) - STEP * u2, abs(d3) - STEP * u3)
         L[t + lane.CONVERGED * LANES] = 1.0 if worst < 0.0 else 0.0  # a NaN compares as false
         f1, f2, f3 = q1 * u1 * u1 * u1, q2 * u2 * u2 * u2, q3 * u3 * u3 * u3
-        L[t + lane.FORCE * LANES], L[t + (lane.FORCE + 1) * LANES], L[t + (lane.FORCE + 2) * LANES] = f1, f2, f3
-        L[t + lane.RELIEF * LANES] = g * f2 + h * f3
-        L[t + (lane.RELIEF + 1) * LANES] = g * f1 + k * f3
-        L[t + (lane.RELIEF + 2) * LANES] = h * f1 + k * f2
-        L[t + lane.PULL_X * LANES] = -f1 * (f2 * g_x + f3 * h_x)
-        L[t + (lane.PULL_X + 1) * LANES] = f2 * (f1 * g_x - f3 * k_x)
-        L[t + (lane.PULL_X + 2) * LANES] = f3 * (f1 * h_x + f2 * k_x)
-        L[t + lane.PULL_Y * LANES] = -f1 * (f2 * g_y + f3 * h_y)
-        L[t + (lane.PULL_Y + 1) * LANES] = f2 * (f1 * g_y - f3 * k_y)
-        L[t + (lane.PULL_Y + 2) * LANES] = f3 * (f1 * h_y + f2 * k_y)
+        write_lane(t + lane.FORCE * LANES, L, (f1, f2, f3))
+        write_lane(t + lane.RELIEF * LANES, L, (g * f2 + h * f3, g * f1 + k * f3, h * f1 + k * f2))
+        x = -f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x)
+        y = -f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y)
+        write_lane(t + lane.PULL_X * LANES, L, x)
+        write_lane(t + lane.PULL_Y * LANES, L, y)
 
 
 @njit(**BARE_CHUNK)

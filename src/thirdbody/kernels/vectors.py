@@ -26,13 +26,18 @@ def matrix(w, x, y, z):
 
 
 @njit(**BARE)
+def _to_body(w, x, y, z, v):
+    """Return a vector in body axes."""
+    a, b, c, d, e, f, g, h, i = matrix(w, x, y, z)
+    return a * v[0] + d * v[1] + g * v[2], b * v[0] + e * v[1] + h * v[2], c * v[0] + f * v[1] + i * v[2]
+
+
+@njit(**BARE)
 def spin(q, angular_momentum, inertia):
     """Return the angular velocity of a body [rad/s] from its angular momentum, both in world axes."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
-    l_x, l_y, l_z = angular_momentum
-    p_x = (a * l_x + d * l_y + g * l_z) / inertia[0]
-    p_y = (b * l_x + e * l_y + h * l_z) / inertia[1]
-    p_z = (c * l_x + f * l_y + i * l_z) / inertia[2]
+    l_x, l_y, l_z = _to_body(q[0], q[1], q[2], q[3], angular_momentum)
+    p_x, p_y, p_z = l_x / inertia[0], l_y / inertia[1], l_z / inertia[2]
     return a * p_x + b * p_y + c * p_z, d * p_x + e * p_y + f * p_z, g * p_x + h * p_y + i * p_z
 
 
@@ -50,13 +55,6 @@ def _about(w, x, y, z, angle):
 
 
 @njit(**BARE)
-def _body_momentum(w, x, y, z, l_x, l_y, l_z):
-    """Return the angular momentum in body axes."""
-    a, b, c, d, e, f, g, h, i = matrix(w, x, y, z)
-    return a * l_x + d * l_y + g * l_z, b * l_x + e * l_y + h * l_z, c * l_x + f * l_y + i * l_z
-
-
-@njit(**BARE)
 def free_rotation(q, angular_momentum, inertia, dt):
     """Return the orientation after dt with constant angular momentum.
 
@@ -64,15 +62,12 @@ def free_rotation(q, angular_momentum, inertia, dt):
     second order, time-reversible; the angular momentum, stored in world axes, is constant to the last bit. A single sphere needs
     no splitting (`rotate_small`).
     """
-    w, x, y, z = q
-    i_x, i_y, i_z = inertia
-    l_x, l_y, l_z = angular_momentum
-    half = 0.5 * dt
-    w, z, x, y = _about(w, z, x, y, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[2] / i_z)
-    w, y, z, x = _about(w, y, z, x, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[1] / i_y)
-    w, x, y, z = _about(w, x, y, z, dt * _body_momentum(w, x, y, z, l_x, l_y, l_z)[0] / i_x)
-    w, y, z, x = _about(w, y, z, x, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[1] / i_y)
-    w, z, x, y = _about(w, z, x, y, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[2] / i_z)
+    (w, x, y, z), (i_x, i_y, i_z), momentum, half = q, inertia, angular_momentum, 0.5 * dt
+    w, z, x, y = _about(w, z, x, y, half * _to_body(w, x, y, z, momentum)[2] / i_z)
+    w, y, z, x = _about(w, y, z, x, half * _to_body(w, x, y, z, momentum)[1] / i_y)
+    w, x, y, z = _about(w, x, y, z, dt * _to_body(w, x, y, z, momentum)[0] / i_x)
+    w, y, z, x = _about(w, y, z, x, half * _to_body(w, x, y, z, momentum)[1] / i_y)
+    w, z, x, y = _about(w, z, x, y, half * _to_body(w, x, y, z, momentum)[2] / i_z)
     return normalise((w, x, y, z))
 
 
@@ -105,7 +100,6 @@ def rotate(q, x, y, z):
 
 @njit(**BARE)
 def normalise(q):
-    """Return q scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
