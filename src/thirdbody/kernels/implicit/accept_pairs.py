@@ -13,7 +13,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.books import normal_loss_of
-from thirdbody.kernels.explicit.tiles import BODY_FRACTION
+from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit.books import book_at, end_at, write_at
 from thirdbody.kernels.implicit.contact import cross
 from thirdbody.kernels.implicit.residual import contact_force, contact_moment, contact_point, vector_at
