@@ -29,35 +29,17 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
-from thirdbody.kernels import close_spots, plates
+from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kinematics
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
 from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
-from thirdbody.kernels.contact_geometry import (
-    SPARE,
-    add_gradient_force,
-    force_and_torques,
-    gather_pair_contacts,
-    gather_plate_contact,
-    padded,
-    pair_geometry,
-    slip_increment,
-    transport_frames,
-)
+from thirdbody.kernels.contact_geometry import SPARE
 from thirdbody.kernels.explicit.tables import body_force, contact_sums
 from thirdbody.kernels.measures import measure_opened, measure_tile
 from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
 from thirdbody.kernels.plates import is_lower, is_plate, is_sphere, partner_velocity, surface_velocity
-from thirdbody.kernels.rolling_kinematics import (
-    add_moments,
-    add_twist_moments,
-    gather_rolling,
-    has_moments,
-    has_twist,
-    record_rolling,
-)
 from thirdbody.kernels.spot_loads import solve_bodies
 from thirdbody.kernels.tables import body_extra, record, remote_force, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
@@ -233,8 +215,8 @@ def write_record(q, k, context, motion, tile):
     R[k, record.STORED_NORMAL] = O[q + law_output.STORED_NORMAL * TILE]
     R[k, record.STORED_TANGENTIAL] = O[q + law_output.STORED_TANGENTIAL * TILE]
     R[k, record.EFFECTIVE_RADIUS] = I[q + law_input.RADIUS * TILE]
-    if has_moments(context):
-        record_rolling(q, k, context, tile)
+    if rolling_kinematics.has_moments(context):
+        rolling_kinematics.record_rolling(q, k, context, tile)
 
 
 @njit(**BARE_CHUNK)
@@ -242,57 +224,50 @@ def gather_tile(n, slots, flat, context, motion, box, tile):
     """Gather contacts slots[:n] into a tile: geometry, slip, velocities, rotation, history. `flat`: all are with plates."""
     if flat:
         for q in range(n):
-            gather_plate_contact(q, slots[q], context, motion, tile)
+            contact_geometry.gather_plate_contact(q, slots[q], context, motion, tile)
     else:
-        gather_pair_contacts(n, slots, context, tile)
-        pair_geometry(n, motion.dt, box, tile)
-    transport_frames(n, motion.dt, tile)
-    slip_increment(n, motion.dt, tile)
+        contact_geometry.gather_pair_contacts(n, slots, context, tile)
+        contact_geometry.pair_geometry(n, motion.dt, box, tile)
+    contact_geometry.transport_frames(n, motion.dt, tile)
+    contact_geometry.slip_increment(n, motion.dt, tile)
     if context.rolling > 0:
         for q in range(n):
-            gather_rolling(q, slots[q], context, motion, tile)
+            rolling_kinematics.gather_rolling(q, slots[q], context, motion, tile)
 
 
 @njit(**BARE)
-def end_contacts(n, c, opened, context, tile):
-    """End the contacts opened[:n], of row c of the sums; return the energy that they lost [J].
+def end_contacts(o, c, opened, flat, context, step, box, tile):
+    """End the contacts opened[:o], of row c of the sums; return what friction and dashpots dissipated in them [J].
 
-    The loss is in the tile if `books` books it, else in the history (`memory.spring_energy`).
+    The former is in the tile if `books` books it, else in the history (`memory.spring_energy`).
     """
     partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
-    shift, total = np.int64(context.force_rows[c >> 1]), 0.0
-    for e in range(n):
-        k = np.int64(opened[e])
-        saved = reset_history(k, context)
-        lost = tile.outputs[e + law_output.DISSIPATED * TILE] if context.force >= 0 else saved
-        total += lost
-        if context.measured > 0:
-            measure_opened(k, lost, context)
-        fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
-        forces[body_of[context.own[k]] + shift, body_force.FRICTION_WORK] += fraction
-        if outer[k] >= 0:
-            context.F[outer[k], remote_force.FRICTION_WORK] = fraction
-        elif is_sphere(partner[k]):
-            forces[body_of[partner[k]] + shift, body_force.FRICTION_WORK] += fraction
-    return total
-
-
-@njit(**BARE)
-def book_losses(o, c, opened, flat, context, step, box, tile):
-    """End the contacts opened[:o] of row c of the sums; return what friction and dashpots dissipated in them [J]."""
-    lost, damped = 0.0, 0.0
+    shift, friction, damped = np.int64(context.force_rows[c >> 1]), 0.0, 0.0
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # padding for prefetching
     for t in range(0, o, TILE):
-        n, here = min(TILE, o - t), opened[t:]
+        n, total = min(TILE, o - t), 0.0
         if context.force >= 0 or context.dashpots >= 0:
-            gather_tile(n + -n % 4, here, flat, context, step, box, tile)
+            gather_tile(n + -n % 4, opened[t:], flat, context, step, box, tile)
         if context.force >= 0:
             book_opened(n, context, tile)
         if context.dashpots >= 0:
             damped += book_opened_dashpots(n, step.dt, context, tile)
-        lost += end_contacts(n, c, here, context, tile)
-    return lost, damped
+        for e in range(n):
+            k = np.int64(opened[t + e])
+            saved = reset_history(k, context)
+            lost = tile.outputs[e + law_output.DISSIPATED * TILE] if context.force >= 0 else saved
+            total += lost
+            if context.measured > 0:
+                measure_opened(k, lost, context)
+            fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
+            forces[body_of[context.own[k]] + shift, body_force.FRICTION_WORK] += fraction
+            if outer[k] >= 0:
+                context.F[outer[k], remote_force.FRICTION_WORK] = fraction
+            elif is_sphere(partner[k]):
+                forces[body_of[partner[k]] + shift, body_force.FRICTION_WORK] += fraction
+        friction += total
+    return friction, damped
 
 
 @njit(**BARE)
@@ -314,15 +289,15 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         book(n, context, tile)
     if context.dashpots >= 0:
         book_dashpots(n, step.dt, context, tile)
-    force_and_torques(n, tile)
+    contact_geometry.force_and_torques(n, tile)
     if interacting:
         close_spots.add_pull(n, tile)
     if flat and plates.is_rough(context):
-        add_gradient_force(n, slots, context, tile)
-    if has_moments(context):
-        add_moments(n, context.n_history, tile)
-    if has_twist(context):
-        add_twist_moments(n, context.n_history, tile)
+        contact_geometry.add_gradient_force(n, slots, context, tile)
+    if rolling_kinematics.has_moments(context):
+        rolling_kinematics.add_moments(n, context.n_history, tile)
+    if rolling_kinematics.has_twist(context):
+        rolling_kinematics.add_twist_moments(n, context.n_history, tile)
 
 
 @njit(**BARE)
@@ -372,13 +347,13 @@ def contact_forces(group, side, part, context, step, law):
     sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
     store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
     store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
-    lost, damped = book_losses(o, c, opened, flat, context, step, box, tile)
+    lost, damped = end_contacts(o, c, opened, flat, context, step, box, tile)
     spots, sums_of_tile = close_spots.spots_in(gaps), (broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0))
     if flat and close_spots.interact(context):
         solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
-        filled = padded(count, context.n_history)  # with the last contact
+        filled = contact_geometry.padded(count, context.n_history)  # with the last contact
         if flat and close_spots.interact(context):
             close_spots.place_spots(t, count, filled, spots, tile.geometry)
         evaluate_laws(filled, here, flat, context, step, law, box, tile)

@@ -6,6 +6,7 @@ get matrices and bounds of their eigenvalues (in a dense layer of spheres 3 ns p
 """
 
 import math
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +16,9 @@ from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
-from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere
-from thirdbody.kernels.explicit.stiffness_matrix import (
-    SAFE,
-    add_stiffness,
-    contact_jacobian,
-    eigenvalue,
-    eigenvalue_upper_bound,
-    frame,
-    normalise,
-    square_matrix,
-)
+from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.explicit.tables import contact_stiffness
 from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
@@ -37,25 +29,11 @@ from thirdbody.kernels.vectors import box_of, image
 Array = np.ndarray
 
 
-class Assembly(NamedTuple):
-    """Bodies, patches and candidates; usable as a context of `narrow_phase`. Names as in `arguments.Context`."""
+FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E", "orientations", "P", "Q", "D", "pairs")
 
-    n_plates: int
-    """Number of candidates with plates, which come first."""
-    own: Array
-    partner: Array
-    kind: Array
-    edges: Array
-    incidence: Array
-    body: Array
-    S: Array
-    B: Array
-    E: Array
-    orientations: Array
-    P: Array
-    Q: Array
-    D: Array
-    pairs: Array
+Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
+"""Number of candidates with plates, which come first; then bodies, patches and candidates by their names in
+`arguments.Context`. Usable as a context of `narrow_phase`."""
 
 
 class Horizon(NamedTuple):
@@ -182,7 +160,7 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
 
 @njit(**BARE_CHUNK)
 def assemble(b, context, near, tables):
-    """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`)."""
+    """Return the sums of stiffness and damping over the contacts of body b (`stiffness_matrix.add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
     row_of, stiffnesses = tables.row_of, tables.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
@@ -194,9 +172,9 @@ def assemble(b, context, near, tables):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(row_of[k])
         normal = load(stiffnesses, r, np.int64(contact_stiffness.NORMAL))
-        g = contact_jacobian(normal, arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0))
-        K = add_stiffness(K, load(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS)), g)
-        C = add_stiffness(C, load(stiffnesses, r, np.int64(contact_stiffness.DAMPING)), g)
+        g = stiffness_matrix.contact_jacobian(normal, arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0))
+        K = stiffness_matrix.add_stiffness(K, load(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS)), g)
+        C = stiffness_matrix.add_stiffness(C, load(stiffnesses, r, np.int64(contact_stiffness.DAMPING)), g)
     return K, C
 
 
@@ -206,16 +184,16 @@ def candidate_bound(b, sums, context, m, tables, shortest):
     with damping [s]. Returns the number of rows then, and the shortest steps."""
     by_frequency, by_both = shortest
     number, bodies, matrices = tables.number, tables.bodies, tables.matrices
-    X, mass = frame(b, context.E, context.orientations), context.B[b, body.MASS]
+    X, mass = stiffness_matrix.frame(b, context.E, context.orientations), context.B[b, body.MASS]
     K, K_2, C, C_2 = matrices[0], matrices[1], matrices[2], matrices[3]
-    along, around = normalise(sums[0], mass, X, K)
-    c_along, c_around = normalise(sums[1], mass, X, C)
+    along, around = stiffness_matrix.normalise(sums[0], mass, X, K)
+    c_along, c_around = stiffness_matrix.normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
-    maximum = SAFE * scale * square_matrix(K, K_2) ** 0.25  # from traces of fourth powers
-    worst = SAFE * c_scale * square_matrix(C, C_2) ** 0.25
+    maximum = stiffness_matrix.SAFE * scale * stiffness_matrix.square_matrix(K, K_2) ** 0.25  # from traces of fourth powers
+    worst = stiffness_matrix.SAFE * c_scale * stiffness_matrix.square_matrix(C, C_2) ** 0.25
     if stable_step(maximum, 0.0) > by_frequency and stable_step(maximum, worst) > by_both:
         return m, by_frequency, by_both
-    every, rate = scale * eigenvalue(K, K_2), c_scale * eigenvalue(C, C_2)
+    every, rate = scale * stiffness_matrix.eigenvalue(K, K_2), c_scale * stiffness_matrix.eigenvalue(C, C_2)
     number[m], bodies[m, 0], bodies[m, 1] = b, along, around
     bodies[m, 2], bodies[m, 3] = stable_step(every, 0.0), stable_step(every, rate)
     return m + 1, min(by_frequency, bodies[m, 2]), min(by_both, bodies[m, 3])
@@ -224,7 +202,7 @@ def candidate_bound(b, sums, context, m, tables, shortest):
 _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = function_at(LAW)
-ASSEMBLY = types.NamedTuple((_I, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly)
+ASSEMBLY = types.NamedTuple((_I, *(KINDS[name] for name in FIELDS)), Assembly)
 TABLES = types.NamedTuple((_F2, _S1, _F2, _F2, _I1, _F2, _F3), Tables)
 SCRATCH, HORIZON = types.NamedTuple((_F1, _F1, _S1), Scratch), types.NamedUniTuple(types.float64, 4, Horizon)
 
@@ -259,8 +237,8 @@ def bound_bodies(first, last, context, near, tables):
         K, C = assemble(b, context, near, tables)
         u = 1.0 / B[b, body.MASS]
         v = 1.0 / min(E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2])
-        maximum = eigenvalue_upper_bound(K, u, v)
-        minimum[b, 0], minimum[b, 1] = stable_step(maximum, 0.0), stable_step(maximum, eigenvalue_upper_bound(C, u, v))
+        square, rate = stiffness_matrix.eigenvalue_upper_bound(K, u, v), stiffness_matrix.eigenvalue_upper_bound(C, u, v)
+        minimum[b, 0], minimum[b, 1] = stable_step(square, 0.0), stable_step(square, rate)
 
 
 @njit(**BARE)

@@ -31,22 +31,8 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
-from thirdbody.kernels.bodies import (
-    BODIES,
-    MAX_DISTANCE,
-    NEGLIGIBLE_MOMENTUM,
-    NEGLIGIBLE_SPEED,
-    NEGLIGIBLE_SPIN,
-    BodyMotion,
-    check_position,
-    columns,
-    is_aliased,
-    limits_of,
-    place_sphere,
-    rotate_sphere,
-    store_three,
-    vector,
-)
+from thirdbody.kernels import bodies
+from thirdbody.kernels.bodies import BODIES, is_aliased, vector
 from thirdbody.kernels.explicit.tables import chunk_motion, drift_scratch
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, sphere
 from thirdbody.kernels.vectors import free_rotation, matrix, spin
@@ -70,17 +56,17 @@ def drift_ball(b, s, context, step, extrema):
     # dt/2 over mass, inertia and radius in one division
     fraction = broadcast(0.5 * dt) / set4(extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0)
     change, rotation = broadcast_lane(fraction, 0) * with_last(force, none), broadcast_lane(fraction, 1) * with_last(torque, none)
-    v = flush_below(v + again * change, NEGLIGIBLE_SPEED) + change
-    w = flush_below(w + again * rotation, NEGLIGIBLE_SPIN) + rotation
+    v = flush_below(v + again * change, bodies.NEGLIGIBLE_SPEED) + change
+    w = flush_below(w + again * rotation, bodies.NEGLIGIBLE_SPIN) + rotation
     x = with_last(x + broadcast(dt) * v, x)
     store(B, b, body.POSITION, x)
     store(B, b, body.VELOCITY, v)
     store(B, b, body.SPIN, w)
     if step.turn != 0.0:
         q = load(context.orientations, b, orientation.QUATERNION)
-        store(context.orientations, b, orientation.QUATERNION, rotate_sphere(q, w, step.turn))
+        store(context.orientations, b, orientation.QUATERNION, bodies.rotate_sphere(q, w, step.turn))
     if not is_aliased(S):
-        store_three(S, s, np.int64(sphere.POSITION), x)
+        bodies.store_three(S, s, np.int64(sphere.POSITION), x)
         store(S, s, sphere.MID_VELOCITY, v)
         store(S, s, sphere.MID_SPIN, w)
         force, torque = none, w  # what follows them in the row of a sphere has no meaning
@@ -100,13 +86,13 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
     fastest, farthest, strange, low, high = extrema
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)
-    there = all_below(high, MAX_DISTANCE) & all_below(broadcast(0.0) - low, MAX_DISTANCE) & all_below(strange, 1.0)
+    there = all_below(high, bodies.MAX_DISTANCE) & all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE) & all_below(strange, 1.0)
     maximum, number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
     if not ((outside == 0) & there & (step <= D[domain.TRAVEL_GUARD])):
         for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
             if B[b, body.SPHERE_INERTIA] != 0.0:
                 ratio = math.sqrt(norm_squared(load(B, b, body.VELOCITY))) * dt / S[start[b], sphere.RADIUS]
-                bad, out = check_position(b, load(B, b, body.POSITION), ratio, limits, bad, out)
+                bad, out = bodies.check_position(b, load(B, b, body.POSITION), ratio, limits, bad, out)
                 maximum, number = (ratio, np.int64(b)) if ratio > maximum else (maximum, number)
     return distance, step, number, bad, out
 
@@ -156,12 +142,13 @@ def drift_tile(n, dt, left, scratch):
         kick = half / scratch[p + body.MASS * BODIES]
         f_x, f_y, f_z = three(scratch, p + body.FORCE * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = half_kick(three(scratch, p + body.VELOCITY * BODIES), left, change, NEGLIGIBLE_SPEED)
+        v_x, v_y, v_z = half_kick(three(scratch, p + body.VELOCITY * BODIES), left, change, bodies.NEGLIGIBLE_SPEED)
         x, y, z = three(scratch, p + body.POSITION * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(scratch, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
+        momentum = three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES)
+        momentum = half_kick(momentum, left, rotation, bodies.NEGLIGIBLE_MOMENTUM)
         inertia = three(scratch, p + drift_scratch.INERTIA * BODIES)
         at = p + drift_scratch.QUATERNION * BODIES
         old = (scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES], scratch[at + 3 * BODIES])
@@ -223,9 +210,9 @@ def scatter_body(p, b, context, step, scratch):
     for k in range(4):
         context.orientations[b, orientation.QUATERNION + k] = scratch[p + (drift_scratch.QUATERNION + k) * BODIES]
     one, two, last = three(scratch, rotation), three(scratch, rotation + 3 * BODIES), three(scratch, rotation + 6 * BODIES)
-    motion = BodyMotion(
+    motion = bodies.BodyMotion(
         vector(three(scratch, position)),
-        columns((*one, *two, *last)),
+        bodies.columns((*one, *two, *last)),
         vector(three(scratch, velocity)),
         vector(three(scratch, p + drift_scratch.MID_SPIN * BODIES)),
         vector(three(scratch, p + drift_scratch.END_VELOCITY * BODIES)),
@@ -234,7 +221,7 @@ def scatter_body(p, b, context, step, scratch):
     begin = context.start[b] if everything else np.int64(context.beginning[b])
     end = context.start[b + 1] if everything else np.int64(context.beginning[b + 1])
     for e in range(begin, end):
-        place_sphere(e if everything else np.int64(context.near[e]), context.offsets, motion, 0.5 * step.dt, context.S)
+        bodies.place_sphere(e if everything else np.int64(context.near[e]), context.offsets, motion, 0.5 * step.dt, context.S)
 
 
 @njit(**BARE_CHUNK)
@@ -243,7 +230,7 @@ def drift_bodies(c, context, step, scratch, listed):
     start, S, B, D, moves = context.start, context.S, context.B, context.D, context.moves
     longest, ratio, number, bad, out = 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0)
     balls = 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
-    limits, n = limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
+    limits, n = bodies.limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         ahead = np.uint64(min(b + AHEAD, B.shape[0] - 1))  # hardware prefetchers stop at page boundaries, every dozen bodies
         for line in range(0, body.WIDTH, LINE):
@@ -264,7 +251,7 @@ def drift_bodies(c, context, step, scratch, listed):
         b = np.int64(listed[p])
         scatter_body(p, b, context, step, scratch)
         path = scratch[p + drift_scratch.PATH * BODIES]
-        bad, out = check_position(b, load(B, b, body.POSITION), path / S[start[b], sphere.RADIUS], limits, bad, out)
+        bad, out = bodies.check_position(b, load(B, b, body.POSITION), path / S[start[b], sphere.RADIUS], limits, bad, out)
         number = b if path / S[start[b], sphere.RADIUS] > ratio else number
         longest, ratio = max(longest, path), max(ratio, path / S[start[b], sphere.RADIUS])
     path, largest, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)

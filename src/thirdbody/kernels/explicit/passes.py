@@ -10,36 +10,17 @@ from numba import njit
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.jit.simd import broadcast, broadcast_lane, extract, flush_below, load, set4, store, with_last
-from thirdbody.kernels.arguments import (
-    EARLY,
-    EFFECTS,
-    LATE,
-    LAW,
-    OBSERVATION,
-    OBSERVE_BODIES,
-    SWEEP,
-    WORK,
-    as_observed,
-    context_of,
-)
-from thirdbody.kernels.bodies import (
-    BODIES,
-    NEGLIGIBLE_MOMENTUM,
-    NEGLIGIBLE_SPEED,
-    NEGLIGIBLE_SPIN,
-    REMOTE,
-    WITH_PLATE,
-    WITH_SPHERE,
-    reset_plate_forces,
-    spin_body,
-)
+from thirdbody.kernels import arguments, bodies
+from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, SWEEP, WORK, as_observed, context_of
+from thirdbody.kernels.bodies import BODIES, REMOTE, WITH_PLATE, WITH_SPHERE, reset_plate_forces, spin_body
 from thirdbody.kernels.explicit.contact_forces import GROUP, add_force, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.tables import body_force, chunk_motion
 from thirdbody.kernels.plates import is_rough
 from thirdbody.kernels.tables import body, body_extra, remote_force
 
-law_at, effects_at, observe_bodies_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE_BODIES)
+law_at, effects_at = function_at(arguments.LAW), function_at(arguments.EFFECTS)
+observe_bodies_at = function_at(arguments.OBSERVE_BODIES)
 
 
 @njit(**BARE)
@@ -50,12 +31,12 @@ def kick_body(b, context, force, torque, dt):
     inertia = extract(w, 3)  # moment of inertia of a single-sphere body, else 0
     fraction = broadcast(half) / set4(extract(v, 3), inertia, 1.0, 1.0)
     push, rotation = with_last(force, none), with_last(torque, none)
-    store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, NEGLIGIBLE_SPEED))
+    store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, bodies.NEGLIGIBLE_SPEED))
     if inertia != 0.0:
-        store(B, b, body.SPIN, flush_below(w + broadcast_lane(fraction, 1) * rotation, NEGLIGIBLE_SPIN))
+        store(B, b, body.SPIN, flush_below(w + broadcast_lane(fraction, 1) * rotation, bodies.NEGLIGIBLE_SPIN))
     else:
         momentum = load(E, b, body_extra.ANGULAR_MOMENTUM) + broadcast(half) * rotation
-        store(E, b, body_extra.ANGULAR_MOMENTUM, flush_below(momentum, NEGLIGIBLE_MOMENTUM))
+        store(E, b, body_extra.ANGULAR_MOMENTUM, flush_below(momentum, bodies.NEGLIGIBLE_MOMENTUM))
     spin_body(b, B, E, context.orientations)
 
 
@@ -114,12 +95,6 @@ def gather_forces(c, context, step, effects):
 
 
 @njit(**BARE)
-def end_of(group, context):
-    """Return the chunk after the last one of a group."""
-    return min((group + 1) * GROUP, context.moves.shape[0])
-
-
-@njit(**BARE)
 def drift_groups(task, group, alone, part, context, step):
     """Drift the bodies that this pass of a group needs, unless they have been drifted in this step.
 
@@ -132,7 +107,7 @@ def drift_groups(task, group, alone, part, context, step):
         h = np.int64(needs[e]) if e >= needs[group] else group
         if moved[h] != step.number:
             moved[h] = step.number
-            for c in range(h * GROUP, end_of(h, context)):
+            for c in range(h * GROUP, min((h + 1) * GROUP, context.moves.shape[0])):
                 drift_bodies(c, context, step, context.scratch[part], context.marks[part])
                 if is_rough(context):  # candidates are many, most of them without a minimum
                     for b in range(c * BODIES, min((c + 1) * BODIES, E.shape[0])):
@@ -158,7 +133,7 @@ def work(task, part, begin, end, step, packed):
             for side in range(WITH_PLATE, WITH_SPHERE + 1):
                 contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):
-            for c in range(group * GROUP, end_of(group, context)):
+            for c in range(group * GROUP, min((group + 1) * GROUP, context.moves.shape[0])):
                 gather_forces(c, context, step, effects)
         if task == OBSERVATION:
             observe = observe_bodies_at(context.observe_bodies)
