@@ -11,8 +11,7 @@ from steel import scene_text
 import thirdbody
 from thirdbody.assembly.populate import populate, sphere_centres
 from thirdbody.assembly.rough_start import depth_in_lower, plate_heights
-from thirdbody.assembly.surface_scales import MERGING, NARROW, NOTICED, surface_scales
-from thirdbody.assembly.surfaces import plate_surfaces
+from thirdbody.assembly.surfaces import MERGING, NARROW, NOTICED, plate_surfaces, surface_scales
 from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels import minima as contacts_of_spheres

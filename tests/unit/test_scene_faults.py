@@ -8,7 +8,7 @@ from each import each
 from steel import STEEL
 
 from thirdbody import units
-from thirdbody.assembly.csv_series import rows_of
+from thirdbody.assembly.schedule import rows_of
 from thirdbody.bodies.clumps_from_table import load_bodies
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene, Spheres

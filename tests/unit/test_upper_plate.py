@@ -10,9 +10,8 @@ from steel import scene_text
 from theory.plain import plain
 
 from thirdbody.assembly.inertial_number import inertial_number
-from thirdbody.assembly.schedule import schedule
+from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
-from thirdbody.assembly.swings import why_swings
 from thirdbody.engine.time_step import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError

@@ -70,7 +70,10 @@ def persson_parameters(heights: Sequence[Array], size: tuple[float, float]) -> t
     if not any(np.ptp(z) > 0.0 for z in heights):
         raise ValueError("flat surfaces have no spectrum")
     q, power = (np.concatenate(parts) for parts in zip(*(_spectrum(z, size) for z in heights), strict=True))
-    q, power = _shells(q, power)
+    # wavenumbers in rising order, each once, and the sums over their modes; modes equal but for rounding are one
+    scale = float(q.min())
+    numbers, shell = np.unique(np.round(q / scale, 9), return_inverse=True)
+    q, power = numbers * scale, np.bincount(shell, power).astype(np.float64)
     slopes = q * q * power
     # half of the mean squared slope up to q; a mode counts half at its own wavenumber
     w = 1.0 / np.sqrt(0.5 * np.maximum(np.cumsum(slopes) - 0.5 * slopes, 1e-300))
@@ -78,13 +81,6 @@ def persson_parameters(heights: Sequence[Array], size: tuple[float, float]) -> t
     total = float(weight.sum())
     ln_beta = -float(weight @ np.log(w)) / total - 0.5 * EULER + 3.0 * (1.0 - GAMMA) / GAMMA * FULL_CONTACT
     return float(np.exp(ln_beta)), float(np.sqrt(np.pi)) * GAMMA * total
-
-
-def _shells(q: Array, power: Array) -> tuple[Array, Array]:
-    """Return the wavenumbers in rising order, each once, and the sums over their modes; modes equal but for rounding are one."""
-    scale = float(q.min())
-    numbers, shell = np.unique(np.round(q / scale, 9), return_inverse=True)
-    return numbers * scale, np.bincount(shell, power).astype(np.float64)
 
 
 def _spectrum(z: Array, size: tuple[float, float]) -> tuple[Array, Array]:

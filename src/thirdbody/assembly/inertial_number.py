@@ -38,7 +38,10 @@ def inertial_number(state: State) -> Inertial | None:
     mass, load = _per_body(state)
     if not (load > 0.0).all():
         return None
-    length = np.minimum(_diameters(state), shortest_stroke(upper.schedule))
+    # of each body: twice the distance of its farthest surface point from its centre of mass
+    centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
+    distance = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
+    length = np.minimum(2.0 * np.maximum.reduceat(distance, state.start[:-1]), shortest_stroke(upper.schedule))
     speed = upper.schedule.top_speed()
     numbers = speed * np.sqrt(mass / (load * length))
     body = int(np.argmax(numbers))
@@ -75,13 +78,6 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
     if len(upper.heights) == n:
         return B + upper.mass[upper.patch], minimum * upper.load[upper.patch]
     return B + float(upper.mass.sum()) / n, np.full(n, minimum * float(upper.load.sum()) / n)
-
-
-def _diameters(state: State) -> np.ndarray:
-    """Return twice the distance of each body's farthest surface point from its centre of mass, (n,) [m]."""
-    centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
-    distance = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
-    return 2.0 * np.maximum.reduceat(distance, state.start[:-1])
 
 
 def shortest_stroke(schedule: Schedule) -> float:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from thirdbody import units
-from thirdbody.assembly.initial_checks import position_key, refuse_outside
 from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.populate import position_key, refuse_outside
 from thirdbody.assembly.schedule import first_load
 from thirdbody.bodies.bed_relaxation import Outcome, Walls
 from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps
@@ -121,7 +121,7 @@ def relax_start(scene: Scene, choice: CompiledPhysics, placed: Placed) -> tuple[
     positions[members], quaternions[members] = x, q
     result = replace(placed, positions=positions, quaternions=quaternions)
     refuse_outside(scene, result)
-    return result, _change(before, after, expected, displacements, start.height_gain())
+    return result, _change(before, after, expected, displacements, (start.highest() - start.top) * start.unit)
 
 
 def expected_overlap(scene: Scene, choice: CompiledPhysics, placed: Placed) -> float:
@@ -155,14 +155,21 @@ class _Start:
         self.scene, self.placed, self.members = scene, placed, members
         clumps = [placed.clumps[k] for k in members]
         self.unit = float(np.mean([body.radii.mean() for body in clumps]))
-        low, high = _box(scene)
+        # the space in which bodies are pushed apart: infinite where nothing bounds it
+        plate, low, high = scene.plates.upper, np.full(3, -math.inf), np.full(3, math.inf)
+        if scene.domain.periodic or scene.plates.lower is not None:
+            low[:2], high[:2] = 0.0, scene.domain.size
+        if scene.plates.lower is not None:
+            low[2] = 0.0
+        if plate is not None and plate.support == "rigid" and plate.gap is not None:
+            high[2] = plate.gap
         walls = Walls(low / self.unit, high / self.unit, scene.domain.periodic, _CLEARANCE)
         meet = scene.contact.debris_contact != "none"
         self.removal = OverlapRemoval([body.scaled(1.0 / self.unit) for body in clumps], walls, meet)
         self.removal.X, self.removal.Q = placed.positions[members] / self.unit, placed.quaternions[members].copy()
         self.first = self.removal.X.copy(), self.removal.Q.copy()
         self.volume = sum(body.volume for body in clumps)
-        self.top = self._highest()
+        self.top = self.highest()
 
     def refuse_coincident(self) -> None:
         """Raise InputError for bodies whose centres of mass coincide."""
@@ -205,11 +212,8 @@ class _Start:
         given = self.placed.positions[self.members], self.placed.quaternions[self.members]
         return np.where(fixed_x, given[0], X * self.unit), np.where(fixed_q, given[1], Q)
 
-    def height_gain(self) -> float:
-        """Return the rise of the highest point [m]."""
-        return (self._highest() - self.top) * self.unit
-
-    def _highest(self) -> float:
+    def highest(self) -> float:
+        """Return the height of the highest point, in units."""
         self.removal.overlaps()  # computes the spheres
         return float((self.removal.S[:, 2] + self.removal.radii).max())
 
@@ -235,16 +239,3 @@ class _Start:
         single = all(len(self.placed.clumps[k].radii) == 1 for k in self.members[[a, max(a, b)]])
         why = "too little room" if single else "they are interlocked, or have too little room"
         return f"{what}: {why}"
-
-
-def _box(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners [m] of the space in which bodies are pushed apart: infinite where nothing bounds it."""
-    plate, inf = scene.plates.upper, math.inf
-    low, high = np.array([-inf, -inf, -inf]), np.array([inf, inf, inf])
-    if scene.domain.periodic or scene.plates.lower is not None:
-        low[:2], high[:2] = 0.0, scene.domain.size
-    if scene.plates.lower is not None:
-        low[2] = 0.0
-    if plate is not None and plate.support == "rigid" and plate.gap is not None:
-        high[2] = plate.gap
-    return low, high

@@ -111,12 +111,12 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
     """
     wanted, obstacle = scene.solver.integrator, _obstacle(scene, choice, state)
     if wanted != "explicit":
-        _refuse_leaving_behind(scene, state)
-        _refuse_unloading(scene, state)
+        _refuse_free_bodies(scene, state)
     if wanted == "implicit" and obstacle:
         raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
-    together = carried_together(state)
-    if obstacle or not (together or _own_loads(state)):
+    together, plate = carried_together(state), state.world.upper
+    own = plate is not None and plate.foundation is None and plate.free and len(plate.heights) == state.n_bodies
+    if obstacle or not (together or own):  # a layer of bodies with loads and patches of their own moves as in slow sliding
         chosen = Plan("explicit", obstacle)
     else:
         islands = expected_islands(state)
@@ -126,8 +126,10 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, befo
     chosen = _automatic(scene, state, chosen, obstacle)
     if before and before != chosen.kind and not (obstacle and before == "implicit"):
         chosen = replace(chosen, kind=before, reason="the run began with it", estimated=False)
-    if chosen.kind == "explicit":
-        _refuse_implicit_keys(scene, chosen.reason)
+    given = [key for key in IMPLICIT_KEYS if getattr(scene.solver, key) is not None]
+    if chosen.kind == "explicit" and given:
+        message = f"is for the implicit integrator, and this scene needs the explicit one: {chosen.reason}"
+        raise InputError([scene.fault(("solver", key), message) for key in given])
     return chosen
 
 
@@ -187,20 +189,6 @@ def _number(value: float) -> str:
     return f"{float(f'{value:.2g}'):.0f}" if value >= 10.0 else f"{value:.1g}"
 
 
-def _refuse_implicit_keys(scene: Scene, obstacle: str) -> None:
-    """Raise InputError for keys of the implicit integrator in a scene that needs the explicit one."""
-    given = [key for key in IMPLICIT_KEYS if getattr(scene.solver, key) is not None]
-    if given:
-        message = f"is for the implicit integrator, and this scene needs the explicit one: {obstacle}"
-        raise InputError([scene.fault(("solver", key), message) for key in given])
-
-
-def _own_loads(state: State) -> bool:
-    """Return whether every body carries a load and a patch of its own, so that a layer's motion is that of slow sliding."""
-    upper = state.world.upper
-    return upper is not None and upper.foundation is None and upper.free and len(upper.heights) == state.n_bodies
-
-
 def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
     """Return why `auto` does not take the implicit integrator for bodies that may meet, or an empty text."""
     if scene.solver.inertial_number is not None:
@@ -228,15 +216,12 @@ def _obstacle_of_meeting(scene: Scene, state: State, expected: Plan) -> str:
     return ""
 
 
-def _refuse_leaving_behind(scene: Scene, state: State) -> None:
-    """Raise InputError for `on_failure = "continue"` where all bodies carry one plate together."""
+def _refuse_free_bodies(scene: Scene, state: State) -> None:
+    """Raise InputError where nothing would hold the bodies, no load and no inertia, and for `on_failure = "continue"` where all
+    bodies carry one plate together."""
     if scene.solver.on_failure == "continue" and carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
-
-
-def _refuse_unloading(scene: Scene, state: State) -> None:
-    """Raise InputError where nothing would hold the bodies: no load and no inertia."""
     upper = state.world.upper
     loads = () if upper is None else upper.schedule.load
     minimum = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
@@ -247,18 +232,14 @@ def _refuse_unloading(scene: Scene, state: State) -> None:
 
 def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
     """Return why the implicit integrator cannot run a scene, or an empty text."""
-    bare = choice.chain.without_tangent
     late = [effect.name for effect in choice.effects if effect.sees_forces]
-    upper = state.world.upper
-    if upper is None:
+    if state.world.upper is None:
         return "no upper plate holds the bodies"
     if choice.chain.reaching and (state.lower_surface.size or state.upper_surface.size):
         return f"{', '.join(choice.chain.reaching)} acts beyond touch, which an implicit step on rough plates does not have"
-    if bare:
+    if bare := choice.chain.without_tangent:
         return f"{', '.join(bare)} has no tangent"
-    if late:
-        return f"{', '.join(late)} acts on unbalanced forces, which an implicit step does not have"
-    return ""
+    return f"{', '.join(late)} acts on unbalanced forces, which an implicit step does not have" if late else ""
 
 
 def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, warnings: list[str]) -> Implicit:
@@ -269,10 +250,9 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
         maximum = f"{LARGEST_FRICTION:g}"
         warnings.append(f"friction coefficients above {maximum} count as {maximum} in the implicit integrator")
-    solver = scene.solver
-    given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
-    options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    chosen = Accuracy(**options, skip_unsolved=solver.on_failure == "continue")
+    keys = [key for key in ("tolerance", "largest_step", "inertia") if getattr(scene.solver, key) is not None]
+    options: dict[str, Any] = {key: getattr(scene.solver, key) for key in keys}
+    chosen = Accuracy(**options, skip_unsolved=scene.solver.on_failure == "continue")
     smallest = float(np.min(state.spheres.radius))
     from thirdbody.engine.implicit import Implicit
     from thirdbody.engine.implicit_ensemble import ImplicitEnsemble, is_ensemble

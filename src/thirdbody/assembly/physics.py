@@ -1,16 +1,14 @@
 """Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from thirdbody.assembly.option_values import effect_values, option_values, pair_value_faults
-from thirdbody.assembly.pull_off import pull_off_forces
-from thirdbody.assembly.spot_interaction import interaction_table
-from thirdbody.assembly.swings import chosen_memory
+from thirdbody.assembly.schedule import chosen_memory
 from thirdbody.engine.measures import Measures
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest, short
@@ -55,15 +53,10 @@ class CompiledPhysics:
 
     def reach(self, radius: float) -> float:
         """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
-        reaching = [law for law in self.chain.laws if law.reach]
-        distances = [
-            law.reach(pair, law.options_of(pair, self.options[law.name]), radius)
-            for law in reaching
-            for pair in self.pairs
-            if law.reach
-        ]
+        reaching = [(law, law.reach) for law in self.chain.laws if law.reach]
+        distances = [f(p, law.options_of(p, self.options[law.name]), radius) for law, f in reaching for p in self.pairs]
         if not all(0.0 <= distance < math.inf for distance in distances):
-            raise UsageError(f"the reach of {', '.join(law.name for law in reaching)} must be a finite length, at least 0")
+            raise UsageError(f"the reach of {', '.join(law.name for law, _ in reaching)} must be a finite length, at least 0")
         return max(distances, default=0.0)
 
     def set_parameters(self, integrator: str, largest: float = math.inf) -> None:
@@ -106,10 +99,10 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     if any(effect.settling for effect in effects):
         effect_row.append(math.inf)  # end of settling: set by `assembly.simulation`
     labeller = family.labeller or _any_labeller(registry)
-    table = interaction_table(scene, interactions, chain, materials, pairs, values)
+    table = _interaction_table(scene, interactions, chain, materials, pairs, values)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, _for_output(scene, labeller), table)
-        physics = replace(physics, pull_off=pull_off_forces(chain.laws, pairs, options))
+        physics = replace(physics, pull_off=_pull_off_forces(chain.laws, pairs, options))
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
     if measures:
@@ -220,54 +213,42 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
     return {law.name: option_values(scene, law.options, given, ("contact",), faults) for law in laws}
 
 
+def _named(scene: Scene, table: str, known: Mapping[str, Any], faults: list[Fault]) -> tuple[list[Any], dict[str, Any]]:
+    """Return what a table of the scene names of what is installed, by name, and the option values of each."""
+    chosen, values = list[Any](), dict[str, Any]()
+    for name, given in sorted(getattr(scene, table).named.items()):
+        location = (table, name)
+        if name not in known:
+            message = f"no {table[:-1]} '{short(name)}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"
+            faults.append(scene.fault(location, message))
+            continue
+        chosen.append(known[name])
+        values[name] = effect_values(scene, known[name], given, location, faults)
+        for key in getattr(known[name], "materials", ()):
+            lacking = [material for material, properties in scene.materials.items() if getattr(properties, key) is None]
+            message = f"required key '{key}' is missing: {table}.{name} needs it"
+            faults += [scene.fault(("materials", material), message) for material in lacking]
+    return chosen, values
+
+
 def _effects(
     scene: Scene, registry: Registry, faults: list[Fault]
 ) -> tuple[list[Law], tuple[BodyEffect, ...], tuple[SpotInteraction, ...], dict[str, dict[str, Any]]]:
     """Return contact effects, body effects (gravity first, then by name), interactions of spots and the option values of each."""
     known = registry.effects
-    named: dict[str, Any] = dict(scene.effects.named)
-    contact_effects: list[Law] = []
-    body_effects: list[BodyEffect] = []
-    interactions: list[SpotInteraction] = []
-    values: dict[str, dict[str, Any]] = {}
+    chosen, values = _named(scene, "effects", known, faults)
     if scene.effects.gravity is not None:
-        body_effects += [effect for name, effect in known.items() if name == "gravity" and isinstance(effect, BodyEffect)]
+        chosen = [*(effect for name, effect in known.items() if name == "gravity"), *chosen]
         values["gravity"] = {"acceleration": scene.effects.gravity}
-    for name in sorted(named):
-        location = ("effects", name)
-        if name not in known:
-            faults.append(scene.fault(location, f"no effect '{short(name)}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
-            continue
-        effect, given = known[name], named[name]
-        values[name] = effect_values(scene, effect, given, location, faults)
-        if isinstance(effect, Law):
-            contact_effects.append(effect)
-        elif isinstance(effect, SpotInteraction):
-            interactions.append(effect)
-        else:
-            body_effects.append(effect)
     faults += pair_value_faults(scene, known)
-    return contact_effects, tuple(body_effects), tuple(interactions), values
+    body_effects = tuple(effect for effect in chosen if isinstance(effect, BodyEffect))
+    interactions = tuple(effect for effect in chosen if isinstance(effect, SpotInteraction))
+    return [effect for effect in chosen if isinstance(effect, Law)], body_effects, interactions, values
 
 
 def _measures(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[tuple[Measure, ...], dict[str, dict[str, Any]]]:
     """Return the measures that the scene names, by name, and the option values of each."""
-    known, chosen = registry.measures, []
-    values: dict[str, dict[str, Any]] = {}
-    for name, given in sorted(scene.measures.named.items()):
-        location = ("measures", name)
-        if name not in known:
-            text = f"no measure '{short(name)}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"
-            faults.append(scene.fault(location, text))
-            continue
-        chosen.append(known[name])
-        values[name] = effect_values(scene, known[name], given, location, faults)
-        for key in known[name].materials:
-            for material, properties in scene.materials.items():
-                if getattr(properties, key) is None:
-                    faults.append(
-                        scene.fault(("materials", material), f"required key '{key}' is missing: measures.{name} needs it")
-                    )
+    chosen, values = _named(scene, "measures", registry.measures, faults)
     drawn = any(amount.map for measure in chosen for amount in measure.amounts)
     if scene.measures.cell is not None and not drawn:
         faults.append(scene.fault(("measures", "cell"), "no measure of this scene has a map"))
@@ -296,6 +277,47 @@ def _compiled_measures(
         raise _not_compiled(measures, problem) from problem
     rows = [[x for measure in measures for x in _mixed(measure, pair, values[measure.name])] for pair in pairs]
     return Measures(function, np.array(rows, float).ravel(), layout, cells_of(scene))
+
+
+def _interaction_table(
+    scene: Scene, interactions: Sequence[SpotInteraction], chain: Chain, materials: Sequence[Material], pairs: Sequence[Pair],
+    values: Mapping[str, Mapping[str, Any]],
+) -> np.ndarray:  # fmt: skip
+    """Return the compliances of the lower and the upper plate [m2/N], then the stiffness of each pair [Pa]; empty without any
+    interaction of spots (`kernels.close_spots`). Raises InputError for two, rough plates, another normal law than Hertz' and
+    adhesion."""
+    if not interactions:
+        return np.zeros(0)
+    effect, options, reason = interactions[0], values[interactions[0].name], ""
+    plates = [scene.plates.lower, scene.plates.upper]
+    other = [law.name for law in chain.laws if law.stage == "adhesion" or (law.stage == "normal" and law.name != "hertz")]
+    if len(interactions) > 1:
+        reason = f"two interactions of spots: {', '.join(effect.name for effect in interactions)}"
+    elif any(plate is not None and plate.surface is not None for plate in plates):
+        reason = "the interaction of spots on rough plates is not built: the plates must be flat"
+    elif other:
+        reason = f"the interaction of spots is that of Hertz' contacts, not of {', '.join(other)}"
+    if reason:
+        raise InputError(scene.fault(("effects", effect.name), reason))
+    by_name = {material.name: material for material in materials}
+    compliances = [0.0 if plate is None else effect.compliance(by_name[plate.material], options) for plate in plates]
+    return np.array([*compliances, *(effect.stiffness(pair, options) for pair in pairs)], float)
+
+
+def _pull_off_forces(laws: Sequence[Law], pairs: Sequence[Pair], options: Mapping[str, Any]) -> Callable[..., Any] | None:
+    """Return the pull-off forces [N] of contacts by their pairs and effective radii [m], or None without adhesion."""
+    law = next((law for law in laws if law.pull_off), None)
+    if law is None or law.pull_off is None:
+        return None
+    rule, values = law.pull_off, options[law.name]
+
+    def forces(kinds: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        result = np.zeros(len(radius))
+        for k, pair in enumerate(pairs):
+            result[kinds == k] = rule(pair, law.options_of(pair, values), radius[kinds == k])
+        return result
+
+    return forces
 
 
 def _for_output(scene: Scene, labeller: Labeller | None) -> Labeller | None:

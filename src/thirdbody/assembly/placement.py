@@ -1,7 +1,6 @@
 """Positions and orientations of debris: a resting layer, a dilute cloud, or a dense bed."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -36,11 +35,14 @@ def place_bodies(
     bodies placed before; or all dense ones are packed together, mixed. Warnings give the solid fraction. Raises InputError.
     """
     how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
-    headings = np.array([getattr(debris, "heading", None) for debris in scene.debris], float)[populations]
-    for placement, placing in (("layer", partial(_lay, headings)), ("dilute", _scatter), ("dense", _pack)):
-        members = np.flatnonzero(how == placement)
-        if len(members):
-            placing(scene, clumps, members, x, q, warnings)
+    layer, dilute, dense = (np.flatnonzero(how == placement) for placement in ("layer", "dilute", "dense"))
+    if len(layer):
+        headings = np.array([getattr(debris, "heading", None) for debris in scene.debris], float)[populations]
+        _lay(scene, clumps, layer, x, q, headings)
+    if len(dilute):
+        _scatter(scene, clumps, dilute, x, q, warnings)
+    if len(dense):
+        _pack(scene, clumps, dense, x, q, warnings)
 
 
 def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> None:
@@ -59,7 +61,11 @@ def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> No
                 message = f'"{placement}" and the "dense" of {other} would occupy the same space: make all of them "dense"'
                 faults.append(scene.fault(("debris", i, "placement"), message))
     for placement in ("dilute", "dense"):
-        faults += _disagreements(scene, placement)
+        keys = _volume_keys(scene, placement)
+        for i, key, value in keys:
+            if (key, value) != keys[0][1:]:
+                message = f'all "{placement}" bodies share one volume; debris[{keys[0][0]}] gives a different {keys[0][1]}'
+                faults.append(scene.fault(("debris", i, key), message))
     faults = faults or _crowds(scene, contexts)
     if faults:
         raise InputError(faults)
@@ -73,18 +79,6 @@ def _volume_keys(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
         if debris.placement_name == placement
         for key in ("height", "solid_fraction")
         if (value := getattr(debris, key, None)) is not None
-    ]
-
-
-def _disagreements(scene: Scene, placement: str) -> list[Fault]:
-    volume_keys = _volume_keys(scene, placement)
-    return [
-        scene.fault(
-            ("debris", i, key),
-            f'all "{placement}" bodies share one volume; debris[{volume_keys[0][0]}] gives a different {volume_keys[0][1]}',
-        )
-        for i, key, value in volume_keys
-        if (key, value) != volume_keys[0][1:]
     ]
 
 
@@ -111,15 +105,7 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
     return faults
 
 
-def _lay(
-    headings: np.ndarray,
-    scene: Scene,
-    clumps: list[Clump],
-    members: np.ndarray,
-    x: np.ndarray,
-    q: np.ndarray,
-    warnings: list[str],
-) -> None:
+def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, headings: np.ndarray) -> None:
     """Give the bodies of the layer a stable pose with the given heading (n,) [rad] or any (NaN), a height and a position."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
     laid = [clumps[b] for b in members]

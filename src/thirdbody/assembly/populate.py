@@ -1,14 +1,20 @@
-"""Initial bodies of a scene, from its debris tables."""
+"""Initial bodies of a scene, from its debris tables.
+
+Their checks: overlaps, positions outside the domain, sizes in a wrong unit.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from thirdbody import units
 from thirdbody.assembly.clumps import make_bodies, read_populations
-from thirdbody.assembly.initial_checks import refuse_start
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
-from thirdbody.assembly.rough_start import lift_bodies
+from thirdbody.assembly.rough_start import depth_in_lower, lift_bodies
+from thirdbody.bodies.layer_packing import overlaps
 from thirdbody.engine.placed import Placed
+from thirdbody.errors import Fault, InputError
+from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
 from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene
@@ -16,6 +22,14 @@ from thirdbody.surfaces.surface import Surface
 
 UNPLACED = (float("nan"),) * 3
 """Position of a body before its placement."""
+
+_REFUSED = "solver.initial_overlap = 'refuse' ('relax' pushes bodies apart)"
+
+TINY = 1e-11
+"""Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
+
+CLOSED = 1.01
+"""Largest distance over the sum of radii of balls at the seam of a raft: they are packed to touch, a few per mille apart."""
 
 
 def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] | None = None) -> Placed:
@@ -45,20 +59,12 @@ def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] 
     )
     place_bodies(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
     lower = (surfaces or {}).get("lower")
-    if lower is not None:
-        _lift(scene, placed, lower)
+    if lower is not None:  # layers are set onto a rough lower plate, and what else was placed is raised out of it
+        how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
+        lift_bodies(scene, clumps, np.flatnonzero(how == "layer"), placed.positions, placed.quaternions, lower)
+        placed.positions[(how == "dilute") | (how == "dense"), 2] += float(lower.heights.max())
     refuse_start(scene, placed, lower)
     return placed
-
-
-def _lift(scene: Scene, placed: Placed, lower: Surface) -> None:
-    """Set the bodies of a layer onto a rough lower plate, and raise what else was placed out of it."""
-    how = np.array([debris.placement_name or "given" for debris in scene.debris])[placed.populations]
-    clumps, x, q = list(placed.clumps), placed.positions, placed.quaternions
-    lift_bodies(scene, clumps, np.flatnonzero(how == "layer"), x, q, lower)
-    others = np.flatnonzero((how == "dilute") | (how == "dense"))
-    if len(others):
-        x[others, 2] += float(lower.heights.max())
 
 
 def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:
@@ -70,3 +76,109 @@ def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[fl
 def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return centres (n, 3) [m], radii (n,) [m] and body (n,) of every sphere."""
     return spheres_of(placed.clumps, placed.positions, placed.quaternions)
+
+
+def refuse_start(scene: Scene, placed: Placed, lower: Surface | None = None) -> None:
+    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside.
+
+    `lower`: the surface of a rough lower plate. With initial_overlap = "relax" overlaps are refused for bodies bound to a plate
+    only: the others are moved later.
+    """
+    centres, radii, body = spheres_of(placed.clumps, placed.positions, placed.quaternions)
+    sides, relax = placed.sides(), scene.solver.initial_overlap == "relax"
+    faults: list[Fault] = []
+    small = np.flatnonzero(np.array([clump.radii.min() for clump in placed.clumps]) < TINY * max(scene.domain.size))
+    if len(small):  # below the floating-point resolution of the domain: a wrong unit
+        size = units.pretty(float(placed.clumps[small[0]].radii.min()), "length")
+        of = f"less than {TINY:g} of the domain, {units.pretty(max(scene.domain.size), 'length')}; is the unit right?"
+        message = f"a sphere of body {small[0]} has the radius {size}, {of}"
+        faults.append(scene.fault(position_key(scene, placed, int(small[0])), message))
+    faults += _outside(scene, placed) + _own_images(scene, placed, centres, radii, body)
+    if scene.contact.debris_contact != "none" and not relax:
+        free = sides == EVERYTHING
+        result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
+        overlapping = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
+        if overlapping:
+            a, b, depth = overlapping[0]
+            more = f" ({len(overlapping)} pairs overlap)" if len(overlapping) > 1 else ""
+            how_much = units.pretty(depth, "length")
+            message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; {_REFUSED}"
+            faults.append(scene.fault(position_key(scene, placed, b), message))
+    if scene.plates.lower is not None:
+        excluded = (sides == ONLY_UPPER) | ((sides == EVERYTHING) & relax)
+        depth_below = np.where(excluded, -np.inf, depth_in_lower(lower, centres, radii))
+        lowest = int(np.argmax(depth_below))
+        if depth_below[lowest] > 1e-9 * radii[lowest]:
+            how_much = units.pretty(float(depth_below[lowest]), "length")
+            message = (
+                f"body {body[lowest]} starts {how_much} deep in the lower plate{' (z = 0)' if lower is None else ''}; {_REFUSED}"
+            )
+            faults.append(scene.fault(position_key(scene, placed, int(body[lowest])), message))
+    if faults:
+        raise InputError(faults)
+
+
+def _own_images(scene: Scene, placed: Placed, centres: np.ndarray, radii: np.ndarray, body: np.ndarray) -> list[Fault]:
+    """Return a fault for the first body longer than the period in x or y that overlaps an image of itself.
+
+    Bodies given by spots are left out: radii of curvature are no extents.
+    """
+    if not scene.domain.periodic:
+        return []
+    starts, reach, size = np.searchsorted(body, np.arange(len(placed.clumps))), radii[:, None], np.array(scene.domain.size)
+    extent = np.maximum.reduceat(centres[:, :2] + reach, starts) - np.minimum.reduceat(centres[:, :2] - reach, starts)
+    whole = np.array([clump.sides is None for clump in placed.clumps])
+    long = np.argwhere((extent >= size) & whole[:, None])
+    meeting = {b: _meets_itself(centres[body == b], radii[body == b], size) for b in set(long[:, 0].tolist())}
+    long = long[[meeting[int(b)] for b in long[:, 0]]] if len(long) else long
+    if not len(long):
+        return []
+    b, axis = (int(k) for k in long[0])
+    length, period = units.pretty(float(extent[b, axis]), "length"), units.pretty(scene.domain.size[axis], "length")
+    more = f", as are {len(np.unique(long[:, 0])) - 1} others" if len(np.unique(long[:, 0])) > 1 else ""
+    message = f"body {b} is {length} long in {'xy'[axis]}{more}, and meets its own image in the period of {period}; "
+    return [scene.fault(position_key(scene, placed, b), message + "enlarge domain.size, or turn or shorten it")]
+
+
+def _meets_itself(centres: np.ndarray, radii: np.ndarray, size: np.ndarray) -> bool:
+    """Return whether spheres of a body overlap those of its images by more than rounding, unless it is a raft.
+
+    A raft is a flat sheet that closes with its images both in x and in y, to a gap of CLOSED.
+    """
+    from scipy.spatial import KDTree  # imported here: 0.2 s
+
+    def meets(x: int, y: int, within: float = 1.0 - 1e-9) -> bool:
+        image = KDTree(centres + (x * size[0], y * size[1], 0.0))
+        near = KDTree(centres).sparse_distance_matrix(image, 2.0 * CLOSED * float(radii.max())).tocoo()
+        return bool(np.any(near.data < (radii[near.row] + radii[near.col]) * within))
+
+    height = float((centres[:, 2] + radii).max() - (centres[:, 2] - radii).min())
+    raft = height < 0.5 * size.min() and meets(1, 0, CLOSED) and meets(0, 1, CLOSED)
+    return not raft and any(meets(x, y) for x, y in ((1, 0), (0, 1), (1, 1), (1, -1)))
+
+
+def refuse_outside(scene: Scene, placed: Placed) -> None:
+    """Raise InputError for a body whose centre is outside a domain that is not periodic."""
+    if faults := _outside(scene, placed):
+        raise InputError(faults)
+
+
+def position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
+    """Return the key that gives the position of a body: entry of `positions`, file, or population."""
+    population = int(placed.populations[body])
+    first = int(np.searchsorted(placed.populations, population))
+    return ("debris", population, *scene.debris[population].position_key(body - first))
+
+
+def _outside(scene: Scene, placed: Placed) -> list[Fault]:
+    """Return a fault for the first body whose centre is given outside a domain that is not periodic."""
+    if scene.domain.periodic or scene.plates.lower is None:
+        return []
+    x = placed.positions[:, :2]
+    beyond = np.flatnonzero(((x < 0.0) | (x > np.array(scene.domain.size))).any(axis=1))
+    if not len(beyond):
+        return []
+    where = ", ".join(units.pretty(float(v), "length") for v in x[beyond[0]])
+    width, depth = (units.pretty(v, "length") for v in scene.domain.size)
+    message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
+    return [scene.fault(position_key(scene, placed, int(beyond[0])), message)]

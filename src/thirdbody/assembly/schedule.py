@@ -1,14 +1,27 @@
-"""Schedule of the upper plate, from the motion and load in a scene."""
+"""Schedule of the upper plate, from the motion and load in a scene and from CSV files of a quantity over time; whether loads can
+swing, and the memory of tangential springs that `memory = "auto"` chooses by it."""
 
+import csv
 import math
+from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
-from thirdbody.assembly.csv_series import rows_of
+from thirdbody import units
+from thirdbody.bodies.bounded_read import MAX_ROWS, read_bytes
 from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time
+from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
+from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Scene
 from thirdbody.scene.motion import Constant, Pause, Ramp, Stroke
+
+MAX_BYTES = 100 * MAX_ROWS
+"""Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
+
+ROUNDING = 1e-12
+"""Relative jump between the segments of a schedule that is no change of it."""
 
 
 def schedule(scene: Scene, start: float) -> Schedule:
@@ -23,9 +36,8 @@ def schedule(scene: Scene, start: float) -> Schedule:
     gap: Axis = ()
     if plate.gap is not None and plate.closing:
         gap = (Segment(0.0, POLYNOMIAL, plate.gap, -plate.closing),)
-    motion = plate.motion
-    loading = _loading(scene, plate.loading or (), start)
-    return Schedule(_axis(scene, "x", motion.x or (), start), _axis(scene, "y", motion.y or (), start), gap, loading)
+    x, y = (_axis(scene, name, getattr(plate.motion, name) or (), start) for name in "xy")
+    return Schedule(x, y, gap, _loading(scene, plate.loading or (), start))
 
 
 def first_load(scene: Scene) -> float:
@@ -92,8 +104,109 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         return [Segment(t, TRIANGLE, x, stage.stroke, stage.frequency)], length, 0.0
     table = rows_of(scene, ("plates", "upper", "motion", name, "table"), stage.table, "displacement", "length")
     rows = [(t_0 / stage.speed, x_0) for t_0, x_0 in table]
-    segments = [
-        Segment(t + t_0, POLYNOMIAL, x + x_0, (x_1 - x_0) / (t_1 - t_0))
-        for (t_0, x_0), (t_1, x_1) in zip(rows, rows[1:], strict=False)
-    ]
+    pieces = pairwise(rows)
+    segments = [Segment(t + t_0, POLYNOMIAL, x + x_0, (x_1 - x_0) / (t_1 - t_0)) for (t_0, x_0), (t_1, x_1) in pieces]
     return segments, rows[-1][0], segments[-1].b
+
+
+def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
+    """Read rows (time [s], value in SI) of a file with the header `time (unit), <word> (unit)`.
+
+    Time and displacement begin at 0, a load is never negative. Raises InputError at the key `location` of the scene, with the
+    line.
+    """
+    path = scene.beside(file)
+
+    def fault(message: str) -> InputError:
+        return InputError(scene.fault(location, f"{path}: {message}"))
+
+    try:
+        data = read_bytes(path)
+    except InputError as error:
+        raise InputError([scene.fault(location, str(entry)) for entry in error.faults]) from None
+    if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS:
+        raise fault(f"is too large: at most {MAX_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise fault(f"is not UTF-8 text ({error.reason} at byte {error.start})") from None
+    reader = csv.reader(text.splitlines())
+    try:
+        lines = [(reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise fault(f"line {reader.line_num}: {error}") from None
+    scales = _header(lines[0][1] if lines else [], word, dimension, fault)
+    rows: list[tuple[float, float]] = []
+    for number, row in lines[1:]:
+        rows.append(_row(row, scales, lambda message, number=number: fault(f"line {number}: {message}")))  # type: ignore[misc]
+        if dimension == "force" and rows[-1][1] < 0.0:
+            raise fault(f"line {number}: a load is never negative")
+        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+            raise fault(f"line {number}: times must grow")
+    if len(rows) < 2:
+        raise fault("needs at least two rows")
+    if rows[0][0] != 0.0 or (dimension == "length" and rows[0][1] != 0.0):
+        raise fault("the first row must be time 0" + (f", {word} 0" if dimension == "length" else ""))
+    return rows
+
+
+def _row(cells: list[str], scales: tuple[float, float], fault: Callable[[str], InputError]) -> tuple[float, float]:
+    try:
+        t, x = (float(cell) * scale for cell, scale in zip(cells, scales, strict=True))
+    except ValueError:
+        raise fault(f"expected 2 numbers, got {', '.join(cells)}") from None
+    if not (math.isfinite(t) and math.isfinite(x)):
+        raise fault("not a finite number")
+    return t, x
+
+
+def _header(cells: list[str], word: str, dimension: str, fault: Callable[[str], InputError]) -> tuple[float, float]:
+    """Return the scales of the two columns from a header such as `time (us), displacement (um)`."""
+    scales = []
+    for cell, (name, kind) in zip(cells, (("time", "time"), (word, dimension)), strict=False):
+        given, _, unit = cell.strip().partition("(")
+        if given.strip() != name or not unit.endswith(")"):
+            raise fault(f"line 1: expected '{name} (unit)', got '{cell.strip()}'")
+        try:
+            scales.append(units.parse(f"1 {unit[:-1]}", kind))
+        except ValueError as error:
+            raise fault(f"line 1: {error}") from None
+    if len(scales) != 2 or len(cells) != 2:
+        raise fault(f"line 1: expected the header 'time (unit), {word} (unit)'")
+    return scales[0], scales[1]
+
+
+def why_swings(scene: Scene) -> str:
+    """Return why load and shear of a contact can swing together, again and again; "" where nothing makes them.
+
+    Loads swing where the motion or the load of the upper plate turns, or a plate is rough: what slides on it goes up and down. A
+    drag that goes on in one direction leaves contacts no time: they slide, roll on or open within a few radii of slip. Raises
+    InputError for a table that cannot be read.
+    """
+    drive = schedule(scene, 0.0)
+    if _reverses(drive.x) or _reverses(drive.y):
+        return "the motion of the upper plate turns"
+    if _reverses(drive.load):
+        return "the load of the upper plate turns"
+    for side in ("lower", "upper"):
+        plate = getattr(scene.plates, side)
+        if plate is not None and plate.surface is not None:
+            return f"the {side} plate is rough"
+    return ""
+
+
+def chosen_memory(scene: Scene, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of a law with the memory that "auto" stands for in this scene."""
+    if values.get(MEMORY.name) != "auto":
+        return values
+    return values | {MEMORY.name: "two_rings" if why_swings(scene) else "two_number"}
+
+
+def _reverses(axis: Axis) -> bool:
+    """Whether a schedule turns: it rises and falls, a reciprocating segment or linear ones of either sign."""
+    rates = [rate for s, after in pairwise(axis) for rate in (s.rate(s.start), s.rate(after.start))]
+    last = [s.rate(t) for s in axis[-1:] for t in (s.start, s.start + 1.0)]
+    jumps = [after.a - s.value(after.start) for s, after in pairwise(axis)]
+    size = max((abs(s.a) for s in axis), default=0.0)
+    changes = [*rates, *last, *(jump for jump in jumps if abs(jump) > ROUNDING * size)]
+    return any(s.kind != POLYNOMIAL for s in axis) or min(changes, default=0.0) < 0.0 < max(changes, default=0.0)

@@ -11,19 +11,24 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from thirdbody import units
-from thirdbody.assembly.bed import Bed, bed_of, fast_bed_warnings
-from thirdbody.assembly.effect_reminders import effect_reminders
+from thirdbody.assembly.bed import Bed, SpeedScale, at_computed_speed, bed_of, fast_bed_warnings, refuse_scale, speed_scale
 from thirdbody.assembly.inertial_number import examine_inertia
 from thirdbody.assembly.initial_relaxation import RelaxedStart, relax_start
 from thirdbody.assembly.integrator import Plan, implicit, plan, units_of
+from thirdbody.assembly.load_checks import clumps_that_fly, spinning_balls
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.schedule import schedule
-from thirdbody.assembly.speed_scaling import SpeedScale, at_computed_speed, refuse_scale, speed_scale
-from thirdbody.assembly.surface_scales import SurfaceScales, surface_scales
-from thirdbody.assembly.surfaces import plate_surfaces, refuse_curvature, surface_notes, with_surfaces
+from thirdbody.assembly.surfaces import (
+    SurfaceScales,
+    plate_surfaces,
+    refuse_curvature,
+    surface_notes,
+    surface_scales,
+    with_surfaces,
+)
 from thirdbody.assembly.upper_plate import Upper, upper_plate
-from thirdbody.engine.placed import Placed, in_columns
+from thirdbody.engine.placed import in_columns
 from thirdbody.engine.state import State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
@@ -181,8 +186,11 @@ def build(
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed, relaxed = relax_start(scene, choice, populate(scene, warnings, rough))
     warnings += [relaxed.text(len(placed.clumps))] if relaxed else []
-    debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
-    order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
+    # bodies given by spots touch plates only
+    meet = sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
+    debris_contact = scene.contact.debris_contact == "auto" and meet > 1
+    diameter = float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
+    order = in_columns(placed.positions, diameter) if debris_contact else np.arange(len(placed.clumps))
     placed = placed.reordered(order)
     requested, bed = scene, bed_of(scene, choice, placed) if debris_contact else None
     scale = speed_scale(scene, choice, bed)
@@ -191,44 +199,56 @@ def build(
     _end_settling(scene, choice, upper.settle)
     lower = None if scene.plates.lower is None else list(scene.materials).index(scene.plates.lower.material)
     bounded = not scene.domain.periodic and lower is not None
-    flat = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
-    radii = np.concatenate([clump.radii for clump in placed.clumps])
-    world = with_surfaces(flat, rough)
+    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
+    world, radii = with_surfaces(world, rough), np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
-    fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state, upper, before)
     ready(units_of(chosen, state))
-    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state), *effect_reminders(scene, choice, state)]
+    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
+    warnings += [*spinning_balls(scene, choice, state), *clumps_that_fly(scene, choice, state)]
+    integrator: Explicit | Implicit
     if chosen.kind == "implicit":
         refuse_scale(scene, scale)
-        slow = implicit(scene, choice, state, upper, warnings)
-        given = scene, requested, choice, choice.labeller, state, slow, chosen, upper, warnings, force, relaxed, bed
-        return _examined(Simulation(*given, surfaces=rough))
-    warnings += fast_bed_warnings(scene, bed) if bed else []
-    # imported here, as is the implicit one: a run loads one of them
-    from thirdbody.engine.explicit import Explicit
-
-    choice.set_parameters(chosen.kind)
-    integrator = Explicit(state, list(choice.materials), fixed, force=force)
-    integrator.start()
-    if fixed is not None and not force:
-        _refuse_large_step(scene, integrator, fixed)
+        integrator = implicit(scene, choice, state, upper, warnings)
+    else:
+        warnings += fast_bed_warnings(scene, bed) if bed else []
+        integrator = _explicit(scene, choice, state, force)
     simulation = Simulation(
         scene, requested, choice, choice.labeller, state, integrator, chosen, upper, warnings, force, relaxed, bed, scale, rough
     )  # fmt: skip
-    _refuse_endless(_examined(simulation), integrator, force)
+    _examine_length(simulation)
+    for side, scales in simulation.surface_scales.items():
+        warnings += scales.warnings(side)
+    if chosen.kind == "explicit":
+        _refuse_endless(simulation, force)
     return simulation
 
 
-def _diameter(placed: Placed) -> float:
-    """Return the mean volume-equivalent diameter of the bodies [m]."""
-    return float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
+def _explicit(scene: Scene, choice: CompiledPhysics, state: State, force: bool) -> Explicit:
+    """Return the explicit integrator of a scene, started. Raises InputError for a fixed time step above its bound."""
+    # imported here, as is the implicit one: a run loads one of them
+    from thirdbody.engine.explicit import Explicit
 
-
-def _number_that_meet(placed: Placed) -> int:
-    """Return the number of bodies that can touch other debris: bodies given by spots touch plates only."""
-    return sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
+    choice.set_parameters("explicit")
+    step = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
+    integrator = Explicit(state, list(choice.materials), step, force=force)
+    integrator.start()
+    if step is None or force:
+        return integrator
+    bound = integrator.bound
+    assert bound is not None
+    limit = min(bound.rayleigh, bound.stability)
+    if step > limit:
+        what = "Rayleigh time" if limit == bound.rayleigh else "stability limit"
+        message = (
+            f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} ({what} of body {bound.body}); "
+            f'"auto" would take {units.pretty(bound.step, "time")}'
+        )
+        fault = scene.fault(("solver", "time_step"), message)
+        remedy = " runs it all the same"
+        raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
+    return integrator
 
 
 def _end_settling(scene: Scene, choice: CompiledPhysics, settle: float) -> None:
@@ -243,15 +263,12 @@ def _end_settling(scene: Scene, choice: CompiledPhysics, settle: float) -> None:
 
 
 def _similarity_warnings(choice: CompiledPhysics) -> list[str]:
-    warnings = []
-    for pair in choice.pairs:
-        beta = dundurs_beta(pair.a, pair.b)
-        if abs(beta) > MISMATCH:
-            warnings.append(
-                f"{pair.a.name}/{pair.b.name} are not elastically similar (Dundurs beta {beta:+.3f}): "
-                "normal and tangential contact are coupled there, which Hertz-Mindlin theory neglects"
-            )
-    return warnings
+    return [
+        f"{pair.a.name}/{pair.b.name} are not elastically similar (Dundurs beta {beta:+.3f}): normal and tangential contact are "
+        "coupled there, which Hertz-Mindlin theory neglects"
+        for pair in choice.pairs
+        if abs(beta := dundurs_beta(pair.a, pair.b)) > MISMATCH
+    ]
 
 
 def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
@@ -280,43 +297,13 @@ def _refuse_narrow_domain(scene: Scene, state: State) -> None:
         raise InputError(scene.fault(("domain", "size"), message))
 
 
-def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
-    bound = integrator.bound
-    assert bound is not None
-    limit = min(bound.rayleigh, bound.stability)
-    if step > limit:
-        what = "Rayleigh time" if limit == bound.rayleigh else "stability limit"
-        message = (
-            f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} ({what} of body {bound.body}); "
-            f'"auto" would take {units.pretty(bound.step, "time")}'
-        )
-        fault = scene.fault(("solver", "time_step"), message)
-        remedy = " runs it all the same"
-        raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
-
-
-def _examined(simulation: Simulation) -> Simulation:
-    """Return the simulation after checks of its length, outputs and surfaces, with their warnings. Raises InputError."""
-    _refuse_unreached(simulation)
-    _examine_interval(simulation)
-    for side, scales in simulation.surface_scales.items():
-        simulation.warnings += scales.warnings(side)
-    return simulation
-
-
-def _refuse_unreached(simulation: Simulation) -> None:
-    """Raise InputError for a distance that is never reached."""
+def _examine_length(simulation: Simulation) -> None:
+    """Raise InputError for a distance that is never reached, and for an interval that makes too many frames; warn of an interval
+    longer than the run. (An interval longer than a given distance is refused when the scene is read.)"""
+    scene = simulation.scene
     if math.isinf(simulation.planned_time):
         message = f"{units.pretty(simulation.end_distance, 'length')} is never reached: the motion ends before"
-        raise InputError(simulation.scene.fault(("solver", "distance"), message))
-
-
-def _examine_interval(simulation: Simulation) -> None:
-    """Raise InputError for an interval that makes too many frames; warn of an interval longer than the run.
-
-    (An interval longer than a given distance is refused when the scene is read.)
-    """
-    scene = simulation.scene
+        raise InputError(scene.fault(("solver", "distance"), message))
     every, by_time = scene.output.every, scene.output.every_kind == "time"
     whole = simulation.planned_time if by_time else simulation.planned_distance
     kind = "time" if by_time else "length"
@@ -338,14 +325,14 @@ def _examine_interval(simulation: Simulation) -> None:
         raise InputError(scene.fault(("output", "every"), message))
 
 
-def _refuse_endless(simulation: Simulation, integrator: Explicit, force: bool) -> None:
-    """Raise InputError for a run that would take months."""
+def _refuse_endless(simulation: Simulation, force: bool) -> None:
+    """Raise InputError for an explicit run that would take months."""
     scene, state, planned = simulation.scene, simulation.state, simulation.planned_time
     steps = planned / state.dt
     wall = steps * state.n_spheres * SPHERE_STEP
     if steps < STEPS and (wall < PATIENCE or force):
         return
-    bound = integrator.bound
+    bound = cast("Explicit", simulation.integrator).bound
     assert bound is not None
     years = f"about {wall / (365.25 * 86400.0):.2g} years" if wall > PATIENCE else f"about {wall / 86400.0:.2g} days"
     message = (

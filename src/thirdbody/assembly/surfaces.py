@@ -1,15 +1,18 @@
-"""From the surfaces of a scene to heights on grids."""
+"""From the surfaces of a scene to heights on grids, and their scales against the debris: does Hertz's theory hold, do spheres
+touch at several points?"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.laws.contract import Law
 from thirdbody.laws.hertz import HERTZ
+from thirdbody.quantity import percent
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import key_location
 from thirdbody.scene.surface_checks import SIDES, spacing_of
@@ -18,10 +21,31 @@ from thirdbody.surfaces import grid
 from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.read_scan import read_scan
 from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
 from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
+from thirdbody.units import pretty
 
 Size = tuple[float, float]
+
+NARROW = 0.1
+"""Contact radius over the shortest wavelength, or over the radius of the sharpest crest, from which on a warning is given.
+
+At 0.1 the fourth-order term of a wave is 3 % of the second-order one at the edge of the contact: (2 pi 0.1)^2/12.
+"""
+
+MERGING = 0.4
+"""Energy of a contact over load times overlap (Hertz): at most about as much is made or lost where two contacts of a hollow
+become one. Measured: 0.28 (`tests/theory/test_sharp_hollows.py`).
+"""
+
+NOTICED = 3e-3
+"""That energy over the work of the load along the shortest wavelength, from which on a warning is given: with a friction of 0.3 a
+contact that merges once in each wave changes the work by 1 %.
+"""
+
+STEEP = 1.0
+"""Slope from which on a warning is given: 45 degrees, as steep as the edge of a step becomes when it is smoothed."""
 
 
 def plate_surfaces(scene: Scene) -> dict[str, Surface]:
@@ -70,7 +94,10 @@ def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:
 def _surface(scene: Scene, given: SelfAffine | Waves | SurfaceFile, stream: int) -> Surface:
     size = scene.domain.size
     if isinstance(given, SurfaceFile):
-        return replace(_measured(scene, given), curvature=given.curvature)
+        crop = (given.crop.x, given.crop.y) if given.crop else (None, None)
+        options = ScanOptions(given.level or "plane", crop, given.short, given.join, given.missing)
+        scan = read_scan(scene.beside(given.file), "file", given.unit, given.spacing)
+        return replace(periodic_scan(scan, size, options), curvature=given.curvature)
     shape = grid.grid_counts(size, spacing_of(given, size))
     if isinstance(given, SelfAffine):
         spectrum = Spectrum(given.rms, given.hurst, given.long, given.short)
@@ -87,26 +114,112 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
     return groove_heights(phase, GrooveProfile(wave.depth, wave.width, wave.run(), wave.corner(), waves.wavelength))
 
 
-def _measured(scene: Scene, given: SurfaceFile) -> Surface:
-    crop = (given.crop.x, given.crop.y) if given.crop else (None, None)
-    options = ScanOptions(given.level or "plane", crop, given.short, given.join, given.missing)
-    scan = read_scan(scene.beside(given.file), "file", given.unit, given.spacing)
-    return periodic_scan(scan, scene.domain.size, options)
-
-
 @contextmanager
 def _faults_of(scene: Scene, side: str) -> Iterator[None]:
-    """Give the faults of a file their place in the scene."""
+    """Give the faults of a file their place in the scene: the key that they are about, or the name of the file."""
     try:
         yield
     except InputError as error:
-        keys = type(getattr(scene.plates, side).surface).model_fields
-        raise InputError(_at(scene, side, keys, fault) for fault in error.faults) from None
+        keys, faults = type(getattr(scene.plates, side).surface).model_fields, []
+        for fault in error.faults:
+            key = fault.key if fault.key.partition(".")[0] in keys else "file"
+            text = fault.message if key == fault.key else str(replace(fault, file=None))
+            message = f"{fault.file}: {text}" if fault.file else text
+            faults.append(scene.fault(("plates", side, "surface", *key_location(key)), message))
+        raise InputError(faults) from None
 
 
-def _at(scene: Scene, side: str, keys: Mapping[str, object], fault: Fault) -> Fault:
-    """Return a fault at the key of the scene that it is about, or at the name of the file."""
-    key = fault.key if fault.key.partition(".")[0] in keys else "file"
-    text = fault.message if key == fault.key else str(replace(fault, file=None))
-    message = f"{fault.file}: {text}" if fault.file else text
-    return scene.fault(("plates", side, "surface", *key_location(key)), message)
+@dataclass(frozen=True)
+class SurfaceScales:
+    """A rough plate against the debris.
+
+    `radius`: of the largest sphere [m]; `contact_radius`: expected on a flat plate [m], 0 where no load is known; `shortest`:
+    shortest wavelength [m]; `curved`: whether curvature changes the radius of contacts.
+    """
+
+    statistics: Statistics
+    radius: float
+    contact_radius: float
+    shortest: float
+    curved: bool
+
+    @property
+    def crest(self) -> float:
+        """Curvature of the sharpest crest, times the radius."""
+        return self.statistics.crest_curvature * self.radius
+
+    @property
+    def valley(self) -> float:
+        """Curvature of the sharpest valley, times the radius: above 1 the sphere touches at several points."""
+        return self.statistics.valley_curvature * self.radius
+
+    @property
+    def merging(self) -> float:
+        """Energy made or lost where two contacts of a sphere become one, over the load [m]; 0 where a sphere has one contact."""
+        return MERGING * self.contact_radius**2 / self.radius if self.valley > 1.0 else 0.0
+
+    @property
+    def crest_contact_radius(self) -> float:
+        """Contact radius on the sharpest crest [m]: it goes with the third root of the effective radius (Hertz)."""
+        return self.contact_radius / (1.0 + (self.crest if self.curved else 0.0)) ** (1.0 / 3.0)
+
+    @property
+    def width(self) -> float:
+        """Contact radius over the shortest wavelength."""
+        return self.contact_radius / self.shortest
+
+    def document(self) -> dict[str, Any]:
+        """Return what `thirdbody check` reports, in SI."""
+        s = self.statistics
+        return {
+            "rms_height": s.rms_height,
+            "rms_slope": s.rms_slope,
+            "max_slope": s.max_slope,
+            "highest": s.highest,
+            "lowest": s.lowest,
+            "shortest_wavelength": self.shortest,
+            "largest_sphere": self.radius,
+            "crest_curvature_times_radius": self.crest,
+            "valley_curvature_times_radius": self.valley,
+            "several_contacts": self.valley > 1.0,
+            "energy_of_merging_contacts_over_load": self.merging or None,
+            "contact_radius": self.contact_radius or None,
+            "contact_radius_over_shortest_wavelength": self.width or None,
+        }
+
+    def warnings(self, side: str) -> list[str]:
+        """Return what makes contacts on this plate doubtful, in words."""
+        result, wide = [], pretty(self.contact_radius, "length")
+        if self.width > NARROW:
+            result.append(
+                f"{side} plate: contacts have a radius of {wide}, {percent(self.width)} of the shortest wavelength "
+                f"({pretty(self.shortest, 'length')}); Hertz's theory needs less than {percent(NARROW)}: give a longer one"
+            )
+        if (ratio := self.crest_contact_radius * self.statistics.crest_curvature) > NARROW:
+            wide = pretty(self.crest_contact_radius, "length")
+            result.append(
+                f"{side} plate: contacts on crests have a radius of {wide}, {percent(ratio)} of that of the sharpest crest; "
+                f"Hertz's theory needs less than {percent(NARROW)}"
+            )
+        if self.merging > NOTICED * self.shortest:
+            energy = f"energy is made or lost, each time up to that of the load along {pretty(self.merging, 'length')}"
+            result.append(
+                f"{side} plate: curvature times the radius of the largest sphere is {self.valley:.2g} in valleys. Where two of "
+                f"its contacts become one, {energy}: give a longer shortest wavelength or a lower load"
+            )
+        if self.statistics.max_slope > STEEP:
+            text = f"{side} plate: slopes up to {self.statistics.max_slope:.2g}: does the file hold steps?"
+            result.append(f"{text} Filtered, they are flanks as wide as the shortest wavelength")
+        return result
+
+
+def surface_scales(surfaces: Mapping[str, Surface], radius: float, overlap: float) -> dict[str, SurfaceScales]:
+    """Return the scales of rough plates by side.
+
+    `radius`: of the largest sphere [m]; `overlap`: expected on a flat plate, over the radius.
+    """
+    contact_radius = radius * overlap**0.5
+    return {
+        side: SurfaceScales(surface.statistics, radius, contact_radius, surface.shortest, surface.curvature)
+        for side, surface in surfaces.items()
+    }

@@ -27,7 +27,6 @@ from thirdbody.surfaces.surface import Surface
 HANDFUL = 3
 """Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
 
-
 DASHPOT_WARNING = 0.1
 """Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load.
 
@@ -43,8 +42,7 @@ class Upper:
     """Plate, settling time [s], and number of bodies that carry load initially.
 
     Overlaps over the radius: `overlap` with the whole load on the tallest body, which the plate touches first; `shared_overlap`
-    with
-    the load on all bodies that carry it initially.
+    with the load on all bodies that carry it initially.
     """
 
     plate: UpperPlate | None
@@ -136,7 +134,12 @@ def _rigid(
     maximum = load * _largest(scene)
     if direct is None:
         refuse_crushing(scene, choice, Pressing(np.full(len(tops.top), maximum), tops.radius, tops.kind), maximum, len(tops.top))
-    pressing, level = _common_load(choice, tops, maximum, direct)
+    # contacts of the bodies that share the load, if the bodies did not move
+    level = _level(lambda z: _layer_force(choice, tops, z), tops, maximum, direct)
+    force, carried = _layer_force(choice, tops, level), maximum - (direct.force(level) if direct else 0.0)
+    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else tallest
+    fraction = force[on] * (carried / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, max(carried, 0.0))
+    pressing = Pressing(fraction, tops.radius[on], tops.kind[on])
     common = pressing.overlap(choice)
     warnings += pressing_warnings(choice, pressing, common) + (narrow_gap_warning(direct, level) if direct else [])
     height = tops.top[tallest] + CLEARANCE * tops.radius[tallest]
@@ -146,7 +149,10 @@ def _rigid(
         if scene.plates.upper.damping is None:  # type: ignore[union-attr]
             dashpot = 2.0 * np.sqrt(load / direct.length * mass)
     settle = _settle(scene, placed, tops, mass, dashpot, load)
-    loaded = 0 if rests else _carrying(choice, tops, load, direct)
+    loaded = 0
+    if not rests:
+        first = _level(lambda z: _layer_force(choice, tops, z), tops, load, direct)
+        loaded = max(1, int(np.count_nonzero(_layer_force(choice, tops, first))))
     if loaded <= HANDFUL < len(tops.top) and direct is None:
         warnings.append(
             f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(tops.top)} bodies: they are stiff and of "
@@ -157,24 +163,6 @@ def _rigid(
     built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle), direct=direct)
     shared_overlap = float(np.max(common / pressing.radius))
     return Upper(built, settle, float(overlap[0] / tops.radius[tallest[0]]), loaded, shared_overlap)
-
-
-def _common_load(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> tuple[Pressing, float]:
-    """Return the contacts of the bodies that share a rigid plate's load [N], if the bodies did not move; and its height [m]."""
-    level = _common_level(choice, tops, load, direct)
-    force, carried = _layer_force(choice, tops, level), load - (direct.force(level) if direct else 0.0)
-    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(tops.top))])
-    fraction = force[on] * (carried / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, max(carried, 0.0))
-    return Pressing(fraction, tops.radius[on], tops.kind[on]), level
-
-
-def _common_level(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> float:
-    """Return the height [m] at which a rigid plate carries a load [N] with bodies that did not move, and direct contact."""
-    if direct is None:
-        return _level(lambda z: _layer_force(choice, tops, z), tops, load)
-    if direct.gap(load) >= float(tops.top.max()):
-        return direct.gap(load)
-    return _level(lambda z: np.append(_layer_force(choice, tops, z), direct.force(z)), tops, load)
 
 
 def _on_foundation(
@@ -190,7 +178,7 @@ def _on_foundation(
     height = plate.gap if plate.gap is not None else highest if direct is None else max(highest, direct.gap(load))
     # a patch without a body hangs preload/stiffness below the plate
     springs = lambda z: np.maximum(stiffness * (tops.top - z) + preload, 0.0)  # noqa: E731
-    level = height if plate.gap is not None else _spring_level(springs, tops, load + n * preload, direct)
+    level = height if plate.gap is not None else _level(springs, tops, load + n * preload, direct)
     carried = springs(level)
     warnings += narrow_gap_warning(direct, level) if direct else []
     loaded = int(np.count_nonzero(carried))
@@ -221,14 +209,6 @@ def _on_foundation(
     )  # fmt: skip
     max_overlap = float(overlap[0] / tops.radius[largest[0]])
     return Upper(built, settle, max_overlap, loaded, max_overlap)
-
-
-def _spring_level(springs: Callable[[float], np.ndarray], tops: TopSpheres, load: float, direct: DirectContact | None) -> float:
-    """Return the height [m] of a common plate on springs above bodies that did not move, and on direct contact."""
-    if direct is None:
-        return _level(springs, tops, load)
-    alone = direct.gap(load)  # no body reaches the plate
-    return alone if alone >= float(tops.top.max()) else _level(lambda z: np.append(springs(z), direct.force(z)), tops, load)
 
 
 def _largest(scene: Scene) -> float:
@@ -264,21 +244,22 @@ def _layer_force(choice: CompiledPhysics, tops: TopSpheres, z: float) -> np.ndar
     return np.where(overlap > 0.0, force, 0.0)
 
 
-def _level(force, tops: TopSpheres, load: float) -> float:
-    """Return the plate height [m] for a total load [N], by bisection; negative for very soft springs."""
+def _level(force: Callable[[float], np.ndarray], tops: TopSpheres, load: float, direct: DirectContact | None) -> float:
+    """Return the height [m] at which a plate carries a load [N] with bodies that did not move and direct contact, by bisection;
+    negative for very soft springs."""
     low, high = 0.0, float(tops.top.max())
-    while float(np.sum(force(low))) < load and low > -1e6 * high:
+    if direct is not None and direct.gap(load) >= high:  # no body reaches the plate
+        return direct.gap(load)
+
+    def total(z: float) -> float:
+        return float(np.sum(force(z) if direct is None else np.append(force(z), direct.force(z))))
+
+    while total(low) < load and low > -1e6 * high:
         low = 2.0 * low - high
     for _ in range(80):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if float(np.sum(force(middle))) > load else (low, middle)
+        low, high = (middle, high) if total(middle) > load else (low, middle)
     return high
-
-
-def _carrying(choice: CompiledPhysics, tops: TopSpheres, load: float, direct: DirectContact | None) -> int:
-    """Return how many bodies carry the load of a rigid plate at the same time."""
-    level = _common_level(choice, tops, load, direct)
-    return max(1, int(np.count_nonzero(_layer_force(choice, tops, level))))
 
 
 def _tops(placed: Placed, surface: Surface | None) -> tuple[np.ndarray, np.ndarray]:

@@ -76,8 +76,7 @@ def _contact_bounds(
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
-    bounds = critical_time_step.empty_bounds(state.n_bodies, len(state.P))
-    tables = critical_time_step.make_tables(state.n_bodies, slots.count)
+    tables = critical_time_step.make_tables(state.n_bodies, slots.count, len(state.P))
     ahead = critical_time_step.Horizon(horizon, max_overlap, *_drag_velocity(state))
     # contacts with plates in one piece: those of a patch are summed in their order
     flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
@@ -85,7 +84,7 @@ def _contact_bounds(
 
     def stiffness_worker() -> Callable[[tuple[int, int]], None]:
         scratch, given = critical_time_step.make_scratch(longest), (context, ahead, physics.stiffness_at)
-        return lambda piece: critical_time_step.find_stiffnesses(*piece, *given, scratch, tables, bounds.patches)
+        return lambda piece: critical_time_step.find_stiffnesses(*piece, *given, scratch, tables)
 
     def bound_worker() -> Callable[[tuple[int, int]], None]:
         near = np.empty(slots.max_per_body + 1, np.int32)
@@ -95,9 +94,9 @@ def _contact_bounds(
         distribute(pieces, stiffness_worker)
     many = state.n_bodies if slots.count else 0
     distribute(pieces_of(0, many, FEWEST), bound_worker)
-    near, matrices = np.empty(slots.max_per_body + 1, np.int32), critical_time_step.make_matrices()
-    result = critical_time_step.shortest_steps(many, context, ahead.time, bounds, near, tables, matrices)
-    return bounds.number[:result], bounds.bodies[:result], bounds.patches
+    near = np.empty(slots.max_per_body + 1, np.int32)
+    result = critical_time_step.shortest_steps(many, context, ahead.time, near, tables)
+    return tables.number[:result], tables.bodies[:result], tables.patches
 
 
 def _drag_velocity(state: State) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.assembly.swings import why_swings
+from thirdbody.assembly.schedule import why_swings
 from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER, sphere
 from thirdbody.laws.hertz import e_star, yield_force, yield_limit, yield_speed
 from thirdbody.laws.memory import MEMORY

@@ -4,6 +4,9 @@ A group is a fixed range of bodies, whatever the number of threads, with the can
 its own candidates, forces on its bodies (`body_force`) and row of `sums`; its contacts' forces on bodies of other groups
 go to F, and those groups add them in a fixed order. So the result has the same bits for any number of threads. Mispredicted
 branches cost more than all arithmetic, so overlaps are computed for all candidates first, and active ones are listed without one.
+
+The row of a body gets the forces of `body_force`, rows that stay in the cache, at the end, when its velocities predicted for the
+end of the step are no longer needed. `Context.force_rows`: the row of a body there, less its number, by group.
 """
 
 import numpy as np
@@ -20,34 +23,25 @@ from thirdbody.jit.simd import (
     get,
     less_mask,
     load,
+    put,
     select_greater,
     store,
     transpose,
     with_last,
 )
-from thirdbody.kernels import close_spots, plates
+from thirdbody.kernels import close_spots, contact_geometry, plates, rolling_kinematics
 from thirdbody.kernels.arguments import Tile
-from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere
-from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots
-from thirdbody.kernels.contact_geometry import SPARE, add_gradient_force, force_and_torques, padded
-from thirdbody.kernels.explicit.tables import contact_sums
-from thirdbody.kernels.explicit.tiles import (
-    BODY_FRACTION,
-    add_force,
-    end_contacts,
-    gather_moved,
-    gather_tile,
-    shift_of,
-    store_remote_force,
-)
-from thirdbody.kernels.measures import measure_tile
-from thirdbody.kernels.memory import store_history
+from thirdbody.kernels.bodies import WITH_PLATE, arm_to_sphere, is_aliased
+from thirdbody.kernels.books import add_normal_losses, book, book_dashpots, book_opened, book_opened_dashpots, separation_rate
+from thirdbody.kernels.contact_geometry import SPARE
+from thirdbody.kernels.explicit.tables import body_force, contact_sums
+from thirdbody.kernels.measures import measure_opened, measure_tile
+from thirdbody.kernels.memory import reset_history, store_history
 from thirdbody.kernels.minima import update_surfaces
 from thirdbody.kernels.narrow_phase import compact_active, compact_rough, pair_overlaps, plate_overlaps
-from thirdbody.kernels.plates import is_lower, is_sphere, partner_velocity, surface_velocity
-from thirdbody.kernels.rolling_kinematics import add_moments, add_twist_moments, has_moments, has_twist, record_rolling
+from thirdbody.kernels.plates import is_lower, is_plate, is_sphere, partner_velocity, surface_velocity
 from thirdbody.kernels.spot_loads import solve_bodies
-from thirdbody.kernels.tables import body_extra, record, sphere
+from thirdbody.kernels.tables import body_extra, record, remote_force, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.vectors import box_of
 
@@ -57,6 +51,9 @@ longer, since more contacts are between groups."""
 
 LARGEST = 1e300
 """Bound of the square of a force [N2]; no force reaches it."""
+
+BODY_FRACTION = 0.5
+"""Fraction of the friction work between two bodies that each of them gets."""
 
 
 def scratch_sizes(n_history, longest, interaction=False):
@@ -70,9 +67,16 @@ def scratch_sizes(n_history, longest, interaction=False):
 
 
 @njit(**BARE)
+def add_force(row, forces, force, torque):
+    """Add a force (4th lane: friction work) and a torque (4th lane: slip) to those in a row."""
+    store(forces, row, body_force.FORCE, load(forces, row, body_force.FORCE) + force)
+    store(forces, row, body_force.TORQUE, load(forces, row, body_force.TORQUE) + torque)
+
+
+@njit(**BARE)
 def scatter_plate_force(k, c, context, force, torque):
     """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
-    i, sums, shift = np.uint64(context.own[k]), context.sums, shift_of(c >> 1, context)
+    i, sums, shift = np.uint64(context.own[k]), context.sums, np.int64(context.force_rows[c >> 1])
     b = np.uint64(context.body[i])
     add_force(b + np.uint64(shift), context.forces, force, torque + cross(arm_to_sphere(i, context.S), force))
     low, alone = is_lower(context.partner[k]), with_last(force, broadcast(0.0))
@@ -83,8 +87,11 @@ def scatter_plate_force(k, c, context, force, torque):
 
 @njit(**BARE)
 def scatter_pair_force(k, shift, context, force, torque, back):
-    """Apply a contact between spheres to both bodies. `torque`, `back`: about the centres of owner and partner [N m]."""
-    i, j, S, B = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B
+    """Apply a contact between spheres to both bodies; the force on a body of another group goes to F.
+
+    `torque`, `back`: about the centres of owner and partner [N m].
+    """
+    i, j, S, B, F = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B, context.F
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
     if S.shape[0] != B.shape[0]:
@@ -95,7 +102,8 @@ def scatter_pair_force(k, shift, context, force, torque, back):
     if context.outer[k] < 0:
         add_force(p + shift, context.forces, against, back)
     else:
-        store_remote_force(context.outer[k], against, back, context.F)
+        store(F, context.outer[k], remote_force.FORCE, against)
+        store(F, context.outer[k], remote_force.TORQUE, back)
 
 
 @njit(**BARE)
@@ -123,7 +131,7 @@ def scatter_plate_tile(n, c, slots, context, tile):
 @njit(**BARE_CHUNK)
 def scatter_pair_tile(n, c, slots, context, tile):
     """Apply the contacts between spheres slots[:n], of the row c of the sums, to their bodies."""
-    O, G, shift = tile.outputs, tile.geometry, np.uint64(shift_of(c >> 1, context))  # noqa: E741
+    O, G, shift = tile.outputs, tile.geometry, np.uint64(np.int64(context.force_rows[c >> 1]))  # noqa: E741
     for q in range(0, n, 4):
         work, slip = broadcast(BODY_FRACTION) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
         f = four_rows(q + geometry.FORCE * TILE, G, work)
@@ -138,20 +146,6 @@ def scatter_pair_tile(n, c, slots, context, tile):
 
 
 @njit(**BARE)
-def clear_sums(c, sums):
-    """Reset the sums in row c to which tiles add."""
-    sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
-    store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
-    store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
-
-
-@njit(**BARE)
-def empty_sums():
-    """Return the reductions (`reduce_tile`) of no contacts."""
-    return broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
-
-
-@njit(**BARE)
 def reduce_tile(m, slots, tile, sums_of_tile):
     """Add a tile of m contacts, slots[:m], to the reductions of a group.
 
@@ -160,114 +154,58 @@ def reduce_tile(m, slots, tile, sums_of_tile):
     """
     I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     work, damped, max_overlap, slot, bad = sums_of_tile
-    zero_padding(m, tile)
+    for q in range(m, m + -m % LANES):  # the padding must not affect the reductions
+        O[q + law_output.DISSIPATED * TILE] = O[q + law_output.DASHPOT_POWER * TILE] = I[q + law_input.OVERLAP * TILE] = 0.0
+        G[q + geometry.FORCE * TILE] = G[q + (geometry.FORCE + 1) * TILE] = G[q + (geometry.FORCE + 2) * TILE] = 0.0
     for q in range(0, m, LANES):
+        end = min(q + LANES, m)
         work, damped = work + get(O, q + law_output.DISSIPATED * TILE), damped + get(O, q + law_output.DASHPOT_POWER * TILE)
         r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
-        if (
-            less_mask(broadcast(max_overlap) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
-        ):  # few are the deepest
-            max_overlap, slot = larger_overlap(q, min(q + LANES, m), slots, tile, max_overlap, slot)
+        limit = broadcast(max_overlap) * select_greater(r_i, r_j, r_j, r_i)
+        if less_mask(limit, get(I, q + law_input.OVERLAP * TILE)) != 0:  # few are the deepest
+            for e in range(q, end):
+                radius = min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
+                ratio = I[e + law_input.OVERLAP * TILE] / radius
+                max_overlap, slot = (ratio, np.int64(slots[e])) if ratio > max_overlap else (max_overlap, slot)
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
-            bad = last_nonfinite(q, min(q + LANES, m), slots, G, bad)
+            for e in range(q, end):
+                f_x, f_y = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE]
+                f_z = G[e + (geometry.FORCE + 2) * TILE]
+                bad = bad if f_x * f_x + f_y * f_y + f_z * f_z < LARGEST else np.int64(slots[e]) + 1
     return work, damped, max_overlap, slot, bad
 
 
 @njit(**BARE)
-def zero_padding(m, tile):
-    """Zero the padding lanes after contact m so that they do not affect the reductions."""
-    I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
-    for q in range(m, m + -m % LANES):
-        O[q + law_output.DISSIPATED * TILE] = O[q + law_output.DASHPOT_POWER * TILE] = I[q + law_input.OVERLAP * TILE] = 0.0
-        G[q + geometry.FORCE * TILE] = G[q + (geometry.FORCE + 1) * TILE] = G[q + (geometry.FORCE + 2) * TILE] = 0.0
-
-
-@njit(**BARE_CHUNK)
-def larger_overlap(q, end, slots, tile, max_overlap, slot):
-    """Return the larger of `max_overlap` and the overlaps over radius of elements q to `end`, with its candidate."""
-    I, G = tile.inputs, tile.geometry  # noqa: E741
-    for e in range(q, end):
-        ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
-        max_overlap, slot = (ratio, np.int64(slots[e])) if ratio > max_overlap else (max_overlap, slot)
-    return max_overlap, slot
-
-
-@njit(**BARE_CHUNK)
-def last_nonfinite(q, end, slots, G, bad):
-    """Return the last candidate in elements q to `end` whose force is not finite (+ 1), or `bad`."""
-    for e in range(q, end):
-        x, y, z = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE], G[e + (geometry.FORCE + 2) * TILE]
-        bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[e]) + 1
-    return bad
-
-
-@njit(**BARE)
 def sum_of_lanes(v):
-    """Return the sum of the four lanes of v."""
     return (extract(v, 0) + extract(v, 1)) + (extract(v, 2) + extract(v, 3))
-
-
-@njit(**BARE)
-def store_sums(c, lost, damped, sums_of_tile, sums):
-    """Write the reductions of a group into row c. `lost`, `damped`: losses of contacts that opened [J]."""
-    work, dissipated, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
-    sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
-    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(dissipated)
-
-
-@njit(**BARE_CHUNK)
-def add_elastic_energy(n, c, O, sums):  # noqa: E741
-    """Add the elastic energy of n contacts, normal and tangential, to row c."""
-    for q in range(n):
-        sums[c, contact_sums.STORED_NORMAL] += O[q + law_output.STORED_NORMAL * TILE]
-        sums[c, contact_sums.STORED_TANGENTIAL] += O[q + law_output.STORED_TANGENTIAL * TILE]
-
-
-@njit(**BARE)
-def first_three(v):
-    """Return the first three numbers of v."""
-    return extract(v, 0), extract(v, 1), extract(v, 2)
-
-
-@njit(**BARE)
-def write_points(q, k, context, motion, G):
-    """Write contact point, normal, curvatures and velocities of both surfaces at a contact into its record."""
-    i, j, S, R = context.own[k], context.partner[k], context.S, context.R
-    a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
-    n = (G[q + geometry.NORMAL * TILE], G[q + (geometry.NORMAL + 1) * TILE], G[q + (geometry.NORMAL + 2) * TILE])
-    # of a plate the owner's row, which exists: of all spheres an ensemble has those of one batch
-    arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(j if is_sphere(j) else i, S))
-    for d in range(3):
-        R[k, record.POINT + d] = arm[d] - a_i * n[d]
-        R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
-        R[k, record.NORMAL + d] = n[d]
-    R[k, record.SPHERE_RADIUS], R[k, record.PARTNER_RADIUS] = S[i, sphere.RADIUS], partner_radius(k, context)
-    columns = np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN)
-    a = surface_velocity(i, S, columns, (-a_i * n[0], -a_i * n[1], -a_i * n[2]))
-    b = partner_velocity(j, context, columns, (a_j * n[0], a_j * n[1], a_j * n[2]), motion)
-    R[k, record.SURFACE_VELOCITY], R[k, record.SURFACE_VELOCITY + 1], R[k, record.SURFACE_VELOCITY + 2] = a
-    R[k, record.PARTNER_VELOCITY], R[k, record.PARTNER_VELOCITY + 1], R[k, record.PARTNER_VELOCITY + 2] = b
-
-
-@njit(**BARE)
-def partner_radius(k, context):
-    """Return the radius of curvature of the partner at contact k [m]; 0: flat."""
-    j = context.partner[k]
-    return context.S[j, sphere.RADIUS] if is_sphere(j) else plates.radius_of_curvature(k, context)
 
 
 @njit(**BARE_CHUNK)
 def write_record(q, k, context, motion, tile):
     """Write all quantities of a contact that output and labels need, as the step computed them."""
-    I, O, G, R = tile.inputs, tile.outputs, tile.geometry, context.R  # noqa: E741
-    write_points(q, k, context, motion, G)
+    I, O, G, R, S = tile.inputs, tile.outputs, tile.geometry, context.R, context.S  # noqa: E741
+    i, j, alone = context.own[k], context.partner[k], is_aliased(context.S)
+    a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
+    n = (G[q + geometry.NORMAL * TILE], G[q + (geometry.NORMAL + 1) * TILE], G[q + (geometry.NORMAL + 2) * TILE])
     t_1, t_2 = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE]
     for d in range(3):
+        R[k, record.POINT + d] = (0.0 if alone else S[i, sphere.ARM + d]) - a_i * n[d]
+        R[k, record.PARTNER_POINT + d] = 0.0
+        if is_sphere(j):
+            R[k, record.PARTNER_POINT + d] = (0.0 if alone else S[j, sphere.ARM + d]) + a_j * n[d]
+        R[k, record.NORMAL + d] = n[d]
         along = t_1 * G[q + (geometry.AXIS + d) * TILE] + t_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
         R[k, record.TANGENTIAL_FORCE + d] = along
+    R[k, record.SPHERE_RADIUS] = S[i, sphere.RADIUS]  # the partner's: 0 if flat
+    R[k, record.PARTNER_RADIUS] = S[j, sphere.RADIUS] if is_sphere(j) else plates.radius_of_curvature(k, context)
+    columns = np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN)
+    a = surface_velocity(i, S, columns, (-a_i * n[0], -a_i * n[1], -a_i * n[2]))
+    b = partner_velocity(j, context, columns, (a_j * n[0], a_j * n[1], a_j * n[2]), motion)
+    R[k, record.SURFACE_VELOCITY], R[k, record.SURFACE_VELOCITY + 1], R[k, record.SURFACE_VELOCITY + 2] = a
+    R[k, record.PARTNER_VELOCITY], R[k, record.PARTNER_VELOCITY + 1], R[k, record.PARTNER_VELOCITY + 2] = b
     R[k, record.CONTACT_RADIUS] = O[q + law_output.CONTACT_RADIUS * TILE]
     R[k, record.PEAK_PRESSURE] = O[q + law_output.PEAK_PRESSURE * TILE]
     R[k, record.OVERLAP] = I[q + law_input.OVERLAP * TILE]
@@ -277,62 +215,95 @@ def write_record(q, k, context, motion, tile):
     R[k, record.STORED_NORMAL] = O[q + law_output.STORED_NORMAL * TILE]
     R[k, record.STORED_TANGENTIAL] = O[q + law_output.STORED_TANGENTIAL * TILE]
     R[k, record.EFFECTIVE_RADIUS] = I[q + law_input.RADIUS * TILE]
-    if has_moments(context):
-        record_rolling(q, k, context, tile)
+    if rolling_kinematics.has_moments(context):
+        rolling_kinematics.record_rolling(q, k, context, tile)
+
+
+@njit(**BARE_CHUNK)
+def gather_tile(n, slots, flat, context, motion, box, tile):
+    """Gather contacts slots[:n] into a tile: geometry, slip, velocities, rotation, history. `flat`: all are with plates."""
+    if flat:
+        for q in range(n):
+            contact_geometry.gather_plate_contact(q, slots[q], context, motion, tile)
+    else:
+        contact_geometry.gather_pair_contacts(n, slots, context, tile)
+        contact_geometry.pair_geometry(n, motion.dt, box, tile)
+    contact_geometry.transport_frames(n, motion.dt, tile)
+    contact_geometry.slip_increment(n, motion.dt, tile)
+    if context.rolling > 0:
+        for q in range(n):
+            rolling_kinematics.gather_rolling(q, slots[q], context, motion, tile)
 
 
 @njit(**BARE)
-def split_scratch(scratch, n_history):
-    """Return a tile for laws with so many numbers of history, and what is left of the scratch `scratch`, for overlaps."""
-    begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
-    end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
-    gaps = end + geometry.WIDTH * TILE
-    return Tile(scratch[:begin], scratch[begin:end], scratch[:0], scratch[end:gaps]), scratch[gaps:]
+def end_contacts(o, c, opened, flat, context, step, box, tile):
+    """End the contacts opened[:o], of row c of the sums; return what friction and dashpots dissipated in them [J].
 
-
-@njit(**BARE)
-def book_losses(n, c, opened, flat, context, step, box, tile):
-    """End the contacts opened[:n] of row c of the sums; return what friction and dashpots dissipated in them [J]."""
-    damped = 0.0
-    if context.force >= 0 or context.dashpots >= 0:
-        gather_tile(n + -n % 4, opened, flat, context, step, box, tile)
-    if context.force >= 0:
-        book_opened(n, context, tile)
-    if context.dashpots >= 0:
-        damped = book_opened_dashpots(n, step.dt, context, tile)
-    return end_contacts(n, shift_of(c >> 1, context), opened, context, tile), damped
+    The former is in the tile if `books` books it, else in the history (`memory.spring_energy`).
+    """
+    partner, body_of, outer, forces = context.partner, context.body, context.outer, context.forces
+    shift, friction, damped = np.int64(context.force_rows[c >> 1]), 0.0, 0.0
+    for e in range(o, o + SPARE - 1 if o > 0 else o):
+        opened[e] = opened[o - 1]  # padding for prefetching
+    for t in range(0, o, TILE):
+        n, total = min(TILE, o - t), 0.0
+        if context.force >= 0 or context.dashpots >= 0:
+            gather_tile(n + -n % 4, opened[t:], flat, context, step, box, tile)
+        if context.force >= 0:
+            book_opened(n, context, tile)
+        if context.dashpots >= 0:
+            damped += book_opened_dashpots(n, step.dt, context, tile)
+        for e in range(n):
+            k = np.int64(opened[t + e])
+            saved = reset_history(k, context)
+            lost = tile.outputs[e + law_output.DISSIPATED * TILE] if context.force >= 0 else saved
+            total += lost
+            if context.measured > 0:
+                measure_opened(k, lost, context)
+            fraction = lost if is_plate(partner[k]) else BODY_FRACTION * lost
+            forces[body_of[context.own[k]] + shift, body_force.FRICTION_WORK] += fraction
+            if outer[k] >= 0:
+                context.F[outer[k], remote_force.FRICTION_WORK] = fraction
+            elif is_sphere(partner[k]):
+                forces[body_of[partner[k]] + shift, body_force.FRICTION_WORK] += fraction
+        friction += total
+    return friction, damped
 
 
 @njit(**BARE)
 def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
+    I, behind, interacting = tile.inputs, law_input.HISTORY + context.n_history, flat and close_spots.interact(context)  # noqa: E741
     gather_tile(n, slots, flat, context, step, box, tile)
-    if context.jumps != 0:
-        gather_moved(n, step.dt, context, tile)
-    if flat and close_spots.interact(context):
+    if context.jumps != 0:  # the overlap that the contacts gained in the step, and one over its length
+        for q in range(0, n, LANES):
+            put(I, q + (behind + rolling_input.MOVED) * TILE, broadcast(-step.dt) * separation_rate(q, tile.geometry))
+            put(I, q + (behind + rolling_input.INVERSE_DT) * TILE, broadcast(1.0 / step.dt if step.dt > 0.0 else 0.0))
+    if interacting:
         close_spots.relieve(n, tile)
     law(tile.inputs, tile.outputs, n, context.pairs)
-    if flat and close_spots.interact(context):
+    if interacting:
         close_spots.restore(n, tile)
         close_spots.add_interaction_energy(n, tile)
     if context.force >= 0:
         book(n, context, tile)
     if context.dashpots >= 0:
         book_dashpots(n, step.dt, context, tile)
-    force_and_torques(n, tile)
-    if flat and close_spots.interact(context):
+    contact_geometry.force_and_torques(n, tile)
+    if interacting:
         close_spots.add_pull(n, tile)
     if flat and plates.is_rough(context):
-        add_gradient_force(n, slots, context, tile)
-    if has_moments(context):
-        add_moments(n, context.n_history, tile)
-    if has_twist(context):
-        add_twist_moments(n, context.n_history, tile)
+        contact_geometry.add_gradient_force(n, slots, context, tile)
+    if rolling_kinematics.has_moments(context):
+        rolling_kinematics.add_moments(n, context.n_history, tile)
+    if rolling_kinematics.has_twist(context):
+        rolling_kinematics.add_twist_moments(n, context.n_history, tile)
 
 
 @njit(**BARE)
 def apply_tile(n, c, slots, flat, context, step, tile):
     """Apply the contacts slots[:n] to their bodies, store their history, and record them where output needs it."""
+    O, sums = tile.outputs, context.sums  # noqa: E741
     if flat:
         scatter_plate_tile(n, c, slots, context, tile)
     else:
@@ -343,7 +314,9 @@ def apply_tile(n, c, slots, flat, context, step, tile):
     if context.measured > 0:
         measure_tile(n, slots, step.dt, context, tile)
     if step.record:
-        add_elastic_energy(n, c, tile.outputs, context.sums)
+        for q in range(n):
+            sums[c, contact_sums.STORED_NORMAL] += O[q + law_output.STORED_NORMAL * TILE]
+            sums[c, contact_sums.STORED_TANGENTIAL] += O[q + law_output.STORED_TANGENTIAL * TILE]
         for q in range(n if context.R.shape[0] > 0 else 0):
             write_record(q, slots[q], context, step, tile)
 
@@ -354,9 +327,13 @@ def contact_forces(group, side, part, context, step, law):
 
     Sums go to row 2 `group` + `side`. `part`: row of the scratch tables.
     """
-    c, flat, box, cuts = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts
+    c, flat, box, cuts, sums = 2 * group + side, side == WITH_PLATE, box_of(context.D), context.cuts, context.sums
     first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
-    (tile, gaps), marks = split_scratch(context.scratch[part], context.n_history), context.marks[part]
+    numbers, marks = context.scratch[part], context.marks[part]
+    begin = (law_input.HISTORY + context.n_history + rolling_input.WIDTH) * TILE
+    end = begin + (law_output.HISTORY + context.n_history + rolling_output.WIDTH) * TILE
+    after = end + geometry.WIDTH * TILE
+    tile, gaps = Tile(numbers[:begin], numbers[begin:end], numbers[:0], numbers[end:after]), numbers[after:]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     if flat and plates.is_rough(context):
         update_surfaces(first, last, context)
@@ -367,22 +344,21 @@ def contact_forces(group, side, part, context, step, law):
         else:
             pair_overlaps(first, last, context, box, gaps)
         m, o = compact_active(first, last, gaps, context.closed, slots, opened)
-    clear_sums(c, context.sums)
-    lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
-    for e in range(o, o + SPARE - 1 if o > 0 else o):
-        opened[e] = opened[o - 1]  # padding for prefetching
-    for t in range(0, o, TILE):
-        losses = book_losses(min(TILE, o - t), c, opened[t:], flat, context, step, box, tile)
-        lost, damped = lost + losses[0], damped + losses[1]
-    spots = close_spots.spots_in(gaps)
+    sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
+    store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
+    store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
+    lost, damped = end_contacts(o, c, opened, flat, context, step, box, tile)
+    spots, sums_of_tile = close_spots.spots_in(gaps), (broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0))
     if flat and close_spots.interact(context):
         solve_bodies(m, slots, context, spots)
     for t in range(0, m, TILE):
         count, here = min(TILE, m - t), slots[t:]
-        filled = padded(count, context.n_history)  # with the last contact
+        filled = contact_geometry.padded(count, context.n_history)  # with the last contact
         if flat and close_spots.interact(context):
             close_spots.place_spots(t, count, filled, spots, tile.geometry)
         evaluate_laws(filled, here, flat, context, step, law, box, tile)
         sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
         apply_tile(count, c, here, flat, context, step, tile)
-    store_sums(c, lost, damped, sums_of_tile, context.sums)
+    work, dissipated, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
+    sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
+    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(dissipated)

@@ -6,6 +6,7 @@ get matrices and bounds of their eigenvalues (in a dense layer of spheres 3 ns p
 """
 
 import math
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +16,9 @@ from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, load, set4, store
 from thirdbody.kernels import plates
-from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels.arguments import KINDS, LAW
 from thirdbody.kernels.bodies import arm_to_sphere
-from thirdbody.kernels.explicit.stiffness_matrix import (
-    SAFE,
-    add_stiffness,
-    contact_jacobian,
-    eigenvalue,
-    eigenvalue_upper_bound,
-    frame,
-    normalise,
-    square_matrix,
-)
+from thirdbody.kernels.explicit import stiffness_matrix
 from thirdbody.kernels.explicit.tables import contact_stiffness
 from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.plates import is_sphere, is_upper, max_stiffness, patch_of_partner
@@ -37,25 +29,11 @@ from thirdbody.kernels.vectors import box_of, image
 Array = np.ndarray
 
 
-class Assembly(NamedTuple):
-    """Bodies, patches and candidates; usable as a context of `narrow_phase`. Names as in `arguments.Context`."""
+FIELDS = ("own", "partner", "kind", "edges", "incidence", "body", "S", "B", "E", "orientations", "P", "Q", "D", "pairs")
 
-    n_plates: int
-    """Number of candidates with plates, which come first."""
-    own: Array
-    partner: Array
-    kind: Array
-    edges: Array
-    incidence: Array
-    body: Array
-    S: Array
-    B: Array
-    E: Array
-    orientations: Array
-    P: Array
-    Q: Array
-    D: Array
-    pairs: Array
+Assembly = namedtuple("Assembly", ("n_plates", *FIELDS))  # type: ignore[misc]
+"""Number of candidates with plates, which come first; then bodies, patches and candidates by their names in
+`arguments.Context`. Usable as a context of `narrow_phase`."""
 
 
 class Horizon(NamedTuple):
@@ -71,20 +49,8 @@ class Horizon(NamedTuple):
     """The same along y."""
 
 
-class Bounds(NamedTuple):
-    """Lower bounds of the longest stable steps."""
-
-    patches: Array
-    """(patches, 4), zero at first: squared frequency [1/s2], damping rate [1/s], longest step by the frequency alone and by
-    both [s]."""
-    number: Array
-    """Bodies that may have the shortest step, in order."""
-    bodies: Array
-    """(bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps."""
-
-
 class Tables(NamedTuple):
-    """What the candidates and bodies of all pieces write."""
+    """What the candidates and bodies of all pieces write, and the results: lower bounds of the longest stable steps."""
 
     stiffnesses: Array
     """`contact_stiffness`: in the rows of the candidates of a piece, one after the other, those of its contacts."""
@@ -92,6 +58,15 @@ class Tables(NamedTuple):
     """Row of each candidate in `stiffnesses`, or -1."""
     minimum: Array
     """Lower bounds of the steps of each body, by frequency and by both [s]."""
+    patches: Array
+    """(patches, 4), zero at first: squared frequency [1/s2], damping rate [1/s], longest step by the frequency alone and by
+    both [s]."""
+    number: Array
+    """Bodies that may have the shortest step, in order."""
+    bodies: Array
+    """(bodies, 4): squared frequencies (traces) of translation and of rotation only [1/s2], and the same two steps."""
+    matrices: Array
+    """Scratch: stiffness and damping of a body, and their squares."""
 
 
 class Scratch(NamedTuple):
@@ -137,50 +112,11 @@ def approach(i, j, normal, context, horizon):
 
 
 @njit(**BARE)
-def store_stiffness(m, first, P, outputs, stiffnesses, patches):
-    """Write the stiffness of a tile of m contacts into rows from `first` on; add it to that of the patches."""
-    for t in range(m):
-        r = first + t
-        k_n, k_t, k_r = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE]
-        c_n, c_t, c_r = outputs[t + 3 * TILE], outputs[t + 4 * TILE], outputs[t + 5 * TILE]
-        k_w, c_w = outputs[t + 6 * TILE], outputs[t + 7 * TILE]
-        count, p = stiffnesses[r, contact_stiffness.COUNT], np.int64(stiffnesses[r, contact_stiffness.PATCH])
-        if p >= 0:
-            patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
-            patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
-        store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), broadcast(count) * set4(k_n - k_t, k_t, k_r, k_w))
-        store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), broadcast(count) * set4(c_n - c_t, c_t, c_r, c_w))
-
-
-@njit(**BARE_CHUNK)
-def active_candidates(first, last, context, near, row_of):
-    """List the candidates first to last - 1 with plates, and between spheres within reach; return their number.
-
-    Sets `row_of` to -1.
-    """
-    own, partner, S = context.own, context.partner, context.S
-    m, box = np.int64(0), box_of(context.D)
-    for k in range(first, min(last, context.n_plates)):
-        near[m], row_of[k] = k, -1
-        m += np.int64(not plates.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
-    for k in range(max(first, context.n_plates), last):
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
-        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
-        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
-        near[m], row_of[k] = k, -1
-        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < limit * limit)
-    return m
-
-
-@njit(**BARE)
-def find_contacts(n, first, context, horizon, stiffness, scratch, tables, patches):
+def find_contacts(n, first, context, horizon, stiffness, scratch, tables):
     """Fill rows from `first` on for those of the first n candidates in `scratch.near` that are within reach or will be within
-    the horizon."""
-    S, P, inputs, outputs, stiffnesses, box = (
-        context.S, context.P, scratch.inputs, scratch.outputs, tables.stiffnesses, box_of(context.D)
-    )  # fmt: skip
-    m = np.int64(0)
+    the horizon, and add them to the stiffness of the patches."""
+    S, P, inputs, outputs, box = context.S, context.P, scratch.inputs, scratch.outputs, box_of(context.D)
+    stiffnesses, patches, m = tables.stiffnesses, tables.patches, np.int64(0)
     for e in range(n):
         k = scratch.near[e]
         overlap, n_x, n_y, n_z = overlap_and_normal(k, context, box)
@@ -190,10 +126,8 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables, patche
         if overlap > -box.reach:
             radius, mass, count, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
             if is_sphere(j):
-                radius, mass = (
-                    radius * S[j, sphere.RADIUS] / (radius + S[j, sphere.RADIUS]),
-                    mass * S[j, sphere.MASS] / (mass + S[j, sphere.MASS]),
-                )
+                radius = radius * S[j, sphere.RADIUS] / (radius + S[j, sphere.RADIUS])
+                mass = mass * S[j, sphere.MASS] / (mass + S[j, sphere.MASS])
                 count = 2.0
             else:
                 radius = plates.effective_radius(k, context)
@@ -205,22 +139,28 @@ def find_contacts(n, first, context, horizon, stiffness, scratch, tables, patche
             inputs[m + law_input.PAIR_TYPE * TILE], inputs[m + law_input.NORMAL_VELOCITY * TILE] = context.kind[k], -1.0
             r = first + m
             tables.row_of[k] = r
-            stiffnesses[r, contact_stiffness.NORMAL] = n_x
-            stiffnesses[r, contact_stiffness.NORMAL + 1] = n_y
-            stiffnesses[r, contact_stiffness.NORMAL + 2] = n_z
-            stiffnesses[r, contact_stiffness.NORMAL + 3] = 0.0
+            store(stiffnesses, r, np.int64(contact_stiffness.NORMAL), set4(n_x, n_y, n_z, 0.0))
             stiffnesses[r, contact_stiffness.COUNT], stiffnesses[r, contact_stiffness.PATCH] = count, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
             stiffness(inputs, outputs, m, context.pairs)
-            store_stiffness(m, first, P, outputs, stiffnesses, patches)
+            for t in range(m):
+                k_n, k_t, k_r, k_w = outputs[t], outputs[t + TILE], outputs[t + 2 * TILE], outputs[t + 6 * TILE]
+                c_n, c_t, c_r, c_w = outputs[t + 3 * TILE], outputs[t + 4 * TILE], outputs[t + 5 * TILE], outputs[t + 7 * TILE]
+                r = first + t
+                twice, p = broadcast(stiffnesses[r, contact_stiffness.COUNT]), np.int64(stiffnesses[r, contact_stiffness.PATCH])
+                if p >= 0:
+                    patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
+                    patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
+                store(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS), twice * set4(k_n - k_t, k_t, k_r, k_w))
+                store(stiffnesses, r, np.int64(contact_stiffness.DAMPING), twice * set4(c_n - c_t, c_t, c_r, c_w))
             first += m
             m = np.int64(0)
 
 
 @njit(**BARE_CHUNK)
 def assemble(b, context, near, tables):
-    """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`)."""
+    """Return the sums of stiffness and damping over the contacts of body b (`stiffness_matrix.add_stiffness`)."""
     own, partner, edges, incidence, S = context.own, context.partner, context.edges, context.incidence, context.S
     row_of, stiffnesses = tables.row_of, tables.stiffnesses
     z, m = broadcast(0.0), np.int64(0)
@@ -231,77 +171,62 @@ def assemble(b, context, near, tables):
     for e in range(m):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(row_of[k])
-        g = contact_jacobian(
-            load(stiffnesses, r, np.int64(contact_stiffness.NORMAL)),
-            arm_to_sphere(i, S),
-            S[i, sphere.RADIUS] * (2.0 * back - 1.0),
-        )
-        K, C = (
-            add_stiffness(K, load(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS)), g),
-            add_stiffness(C, load(stiffnesses, r, np.int64(contact_stiffness.DAMPING)), g),
-        )
+        normal = load(stiffnesses, r, np.int64(contact_stiffness.NORMAL))
+        g = stiffness_matrix.contact_jacobian(normal, arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0))
+        K = stiffness_matrix.add_stiffness(K, load(stiffnesses, r, np.int64(contact_stiffness.STIFFNESS)), g)
+        C = stiffness_matrix.add_stiffness(C, load(stiffnesses, r, np.int64(contact_stiffness.DAMPING)), g)
     return K, C
 
 
 @njit(**BARE_CHUNK)
-def candidate_bound(b, sums, context, matrices, m, bounds, shortest):
+def candidate_bound(b, sums, context, m, tables, shortest):
     """Write row m of the bounds of bodies for body b if it may have one of the `shortest` steps. These are by frequency alone and
     with damping [s]. Returns the number of rows then, and the shortest steps."""
     by_frequency, by_both = shortest
-    B, number, bodies = context.B, bounds.number, bounds.bodies
-    X, mass, K, K_2, C, C_2 = (
-        frame(b, context.E, context.orientations),
-        B[b, body.MASS],
-        matrices[0],
-        matrices[1],
-        matrices[2],
-        matrices[3],
-    )
-    along, around = normalise(sums[0], mass, X, K)
-    c_along, c_around = normalise(sums[1], mass, X, C)
+    number, bodies, matrices = tables.number, tables.bodies, tables.matrices
+    X, mass = stiffness_matrix.frame(b, context.E, context.orientations), context.B[b, body.MASS]
+    K, K_2, C, C_2 = matrices[0], matrices[1], matrices[2], matrices[3]
+    along, around = stiffness_matrix.normalise(sums[0], mass, X, K)
+    c_along, c_around = stiffness_matrix.normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
-    maximum, worst = (
-        SAFE * scale * square_matrix(K, K_2) ** 0.25,
-        SAFE * c_scale * square_matrix(C, C_2) ** 0.25,
-    )  # from traces of fourth powers
+    maximum = stiffness_matrix.SAFE * scale * stiffness_matrix.square_matrix(K, K_2) ** 0.25  # from traces of fourth powers
+    worst = stiffness_matrix.SAFE * c_scale * stiffness_matrix.square_matrix(C, C_2) ** 0.25
     if stable_step(maximum, 0.0) > by_frequency and stable_step(maximum, worst) > by_both:
         return m, by_frequency, by_both
-    every, rate = scale * eigenvalue(K, K_2), c_scale * eigenvalue(C, C_2)
+    every, rate = scale * stiffness_matrix.eigenvalue(K, K_2), c_scale * stiffness_matrix.eigenvalue(C, C_2)
     number[m], bodies[m, 0], bodies[m, 1] = b, along, around
     bodies[m, 2], bodies[m, 3] = stable_step(every, 0.0), stable_step(every, rate)
     return m + 1, min(by_frequency, bodies[m, 2]), min(by_both, bodies[m, 3])
 
 
-@njit(**BARE)
-def patch_bounds(P, patches, time):
-    """Add springs and direct contact to the stiffness of the patches, and write their stable steps; `time`: horizon [s]."""
-    plate = P.shape[0] - 1
-    for p in range(plate):
-        patches[p, 0] += 2.0 * P[p, patch.SPRING] / P[p, patch.MASS]
-        patches[plate, 0] += 2.0 * P[p, patch.SPRING] / P[plate, patch.MASS] * P[plate, patch.FREE]
-    if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
-        patches[plate, 0] += max_stiffness(P, plate, time) / P[plate, patch.MASS]
-    for p in range(plate + 1):
-        patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
-
-
 _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = function_at(LAW)
-ASSEMBLY = types.NamedTuple((_I, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F2, _F2, _F1, _F1), Assembly)
-TABLES, SCRATCH = types.NamedTuple((_F2, _S1, _F2), Tables), types.NamedTuple((_F1, _F1, _S1), Scratch)
-HORIZON = types.NamedUniTuple(types.float64, 4, Horizon)
+ASSEMBLY = types.NamedTuple((_I, *(KINDS[name] for name in FIELDS)), Assembly)
+TABLES = types.NamedTuple((_F2, _S1, _F2, _F2, _I1, _F2, _F3), Tables)
+SCRATCH, HORIZON = types.NamedTuple((_F1, _F1, _S1), Scratch), types.NamedUniTuple(types.float64, 4, Horizon)
 
 
-@entry(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES, _F2), nogil=True, **DIRECT, **NO_COUNTS)
-def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables, patches):
+@entry(types.void(_I, _I, ASSEMBLY, HORIZON, _I, SCRATCH, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
+def find_stiffnesses(first, last, context, horizon, stiffness, scratch, tables):
     """Fill the rows of candidates first to last - 1, and add those with the upper plate to its patches.
 
     Contacts are assumed as deep as they can get within the `horizon`. `stiffness`: address of the compiled function. A contact
     between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
-    m = active_candidates(first, last, context, scratch.near, tables.row_of)
-    find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables, patches)
+    own, partner, S, near, row_of = context.own, context.partner, context.S, scratch.near, tables.row_of
+    m, box = np.int64(0), box_of(context.D)
+    for k in range(first, min(last, context.n_plates)):
+        near[m], row_of[k] = k, -1
+        m += np.int64(not plates.is_rough(context) or context.Q[k, surface_contact.DISTANCE] < np.inf)
+    for k in range(max(first, context.n_plates), last):  # those within reach
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
+        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
+        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
+        limit = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
+        near[m], row_of[k] = k, -1
+        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < limit * limit)
+    find_contacts(m, np.int64(first), context, horizon, stiffness_at(stiffness), scratch, tables)
 
 
 @entry(types.void(_I, _I, ASSEMBLY, _S1, TABLES), nogil=True, **DIRECT, **NO_COUNTS)
@@ -312,8 +237,8 @@ def bound_bodies(first, last, context, near, tables):
         K, C = assemble(b, context, near, tables)
         u = 1.0 / B[b, body.MASS]
         v = 1.0 / min(E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2])
-        maximum = eigenvalue_upper_bound(K, u, v)
-        minimum[b, 0], minimum[b, 1] = stable_step(maximum, 0.0), stable_step(maximum, eigenvalue_upper_bound(C, u, v))
+        square, rate = stiffness_matrix.eigenvalue_upper_bound(K, u, v), stiffness_matrix.eigenvalue_upper_bound(C, u, v)
+        minimum[b, 0], minimum[b, 1] = stable_step(square, 0.0), stable_step(square, rate)
 
 
 @njit(**BARE)
@@ -326,15 +251,22 @@ def smallest(minimum, column):
     return first
 
 
-@entry(_I(_I, ASSEMBLY, types.float64, types.NamedTuple((_F2, _I1, _F2), Bounds), _S1, TABLES, _F3), **DIRECT, **NO_COUNTS)
-def shortest_steps(many, context, time, bounds, near, tables, matrices):
-    """Compute lower bounds of the longest stable steps of patches, and of those of the first `many` bodies that may have the
-    shortest. Returns how many bodies these are, at least 1.
+@entry(_I(_I, ASSEMBLY, types.float64, _S1, TABLES), **DIRECT, **NO_COUNTS)
+def shortest_steps(many, context, time, near, tables):
+    """Compute lower bounds of the longest stable steps of patches, with springs and direct contact, and of those of the first
+    `many` bodies that may have the shortest. Returns how many bodies these are, at least 1.
 
-    `time`: horizon [s]; `near`, `matrices`: scratch, the latter for stiffness and damping of a body and their squares.
+    `time`: horizon [s]; `near`: scratch.
     """
-    minimum, number, bodies = tables.minimum, bounds.number, bounds.bodies
-    patch_bounds(context.P, bounds.patches, time)
+    P, patches, minimum, number, bodies = context.P, tables.patches, tables.minimum, tables.number, tables.bodies
+    plate = P.shape[0] - 1
+    for p in range(plate):
+        patches[p, 0] += 2.0 * P[p, patch.SPRING] / P[p, patch.MASS]
+        patches[plate, 0] += 2.0 * P[p, patch.SPRING] / P[plate, patch.MASS] * P[plate, patch.FREE]
+    if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
+        patches[plate, 0] += max_stiffness(P, plate, time) / P[plate, patch.MASS]
+    for p in range(plate + 1):
+        patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
     number[0], bodies[0, 0], bodies[0, 1], bodies[0, 2], bodies[0, 3] = 0, 0.0, 0.0, np.inf, np.inf
     m, by_frequency, by_both = np.int64(0), np.inf, np.inf
     first = smallest(minimum, 0), smallest(minimum, 1)
@@ -343,30 +275,33 @@ def shortest_steps(many, context, time, bounds, near, tables, matrices):
         # comparisons in this form let NaN through
         if minimum[one, 1] != np.inf and not (minimum[one, 0] > by_frequency and minimum[one, 1] > by_both):
             sums, shortest = assemble(one, context, near, tables), (by_frequency, by_both)
-            result, by_frequency, by_both = candidate_bound(one, sums, context, matrices, m, bounds, shortest)
+            result, by_frequency, by_both = candidate_bound(one, sums, context, m, tables, shortest)
             if t > 1:  # the first two are visited again in their order
                 m = result
     return max(m, 1)
 
 
-def empty_bounds(n_bodies, n_patches):
-    """Return the table for the results of `shortest_steps`."""
-    return Bounds(np.zeros((n_patches, 4)), np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)))
+def make_tables(n_bodies, n_candidates, n_patches):
+    """Return the tables of all pieces.
 
-
-# Tables are allocated here since each allocation in a kernel costs 0.1 s of compilation; untouched parts cost no memory.
-
-
-def make_tables(n_bodies, n_candidates):
-    """Return the tables of all pieces."""
-    return Tables(np.empty((n_candidates, contact_stiffness.WIDTH)), np.empty(n_candidates, np.int32), np.empty((n_bodies, 2)))
+    They are allocated here since each allocation in a kernel costs 0.1 s of compilation; untouched parts cost no memory.
+    """
+    rows, row_of, minimum = (
+        np.empty((n_candidates, contact_stiffness.WIDTH)),
+        np.empty(n_candidates, np.int32),
+        np.empty((n_bodies, 2)),
+    )
+    return Tables(
+        rows,
+        row_of,
+        minimum,
+        np.zeros((n_patches, 4)),
+        np.empty(n_bodies, np.int64),
+        np.empty((n_bodies, 4)),
+        np.empty((4, 6, 8)),
+    )
 
 
 def make_scratch(longest):
     """Return the scratch of pieces of at most `longest` candidates."""
     return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))
-
-
-def make_matrices():
-    """Return the matrices of `shortest_steps`."""
-    return np.empty((4, 6, 8))

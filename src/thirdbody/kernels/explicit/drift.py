@@ -31,22 +31,8 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
-from thirdbody.kernels.bodies import (
-    BODIES,
-    MAX_DISTANCE,
-    NEGLIGIBLE_MOMENTUM,
-    NEGLIGIBLE_SPEED,
-    NEGLIGIBLE_SPIN,
-    BodyMotion,
-    check_position,
-    columns,
-    is_aliased,
-    limits_of,
-    place_sphere,
-    rotate_sphere,
-    store_three,
-    vector,
-)
+from thirdbody.kernels import bodies
+from thirdbody.kernels.bodies import BODIES, is_aliased, vector
 from thirdbody.kernels.explicit.tables import chunk_motion, drift_scratch
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, sphere
 from thirdbody.kernels.vectors import free_rotation, matrix, spin
@@ -54,10 +40,11 @@ from thirdbody.kernels.vectors import free_rotation, matrix, spin
 
 @njit(**BARE)
 def drift_ball(b, s, context, step, extrema):
-    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema `extrema`.
+    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema of a chunk.
 
-    `extrema`: see `empty_extrema`. The last step's closing kick comes first if it is pending. The column that follows each vector
-    is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.bodies`).
+    `extrema`: squares of the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate
+    is not finite; lower and upper bounds of the positions. The last step's closing kick comes first if it is pending. The column
+    that follows each vector is preserved. A single-sphere body has no arm, and is rotated in few steps only (`kernels.bodies`).
     """
     S, B, dt = context.S, context.B, step.dt
     x = load(B, b, body.POSITION)
@@ -66,23 +53,20 @@ def drift_ball(b, s, context, step, extrema):
     force = load(B, b, body.FORCE)
     torque = load(B, b, body.TORQUE)
     none, again = broadcast(0.0), broadcast(step.pending)
-    fraction = broadcast(0.5 * dt) / set4(
-        extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0
-    )  # dt/2 over mass, inertia and radius in one division
+    # dt/2 over mass, inertia and radius in one division
+    fraction = broadcast(0.5 * dt) / set4(extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0)
     change, rotation = broadcast_lane(fraction, 0) * with_last(force, none), broadcast_lane(fraction, 1) * with_last(torque, none)
-    v, w = (
-        flush_below(v + again * change, NEGLIGIBLE_SPEED) + change,
-        flush_below(w + again * rotation, NEGLIGIBLE_SPIN) + rotation,
-    )
+    v = flush_below(v + again * change, bodies.NEGLIGIBLE_SPEED) + change
+    w = flush_below(w + again * rotation, bodies.NEGLIGIBLE_SPIN) + rotation
     x = with_last(x + broadcast(dt) * v, x)
     store(B, b, body.POSITION, x)
     store(B, b, body.VELOCITY, v)
     store(B, b, body.SPIN, w)
     if step.turn != 0.0:
         q = load(context.orientations, b, orientation.QUATERNION)
-        store(context.orientations, b, orientation.QUATERNION, rotate_sphere(q, w, step.turn))
+        store(context.orientations, b, orientation.QUATERNION, bodies.rotate_sphere(q, w, step.turn))
     if not is_aliased(S):
-        store_three(S, s, np.int64(sphere.POSITION), x)
+        bodies.store_three(S, s, np.int64(sphere.POSITION), x)
         store(S, s, sphere.MID_VELOCITY, v)
         store(S, s, sphere.MID_SPIN, w)
         force, torque = none, w  # what follows them in the row of a sphere has no meaning
@@ -95,49 +79,26 @@ def drift_ball(b, s, context, step, extrema):
     )  # fmt: skip
 
 
-@njit(**BARE)
-def empty_extrema():
-    """Return the extrema of no spheres.
-
-    Squares of the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate is not
-    finite; lower and upper bounds of the positions.
-    """
-    return 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
-
-
-@njit(**BARE)
+@njit(**BARE_CHUNK)
 def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
-    """Reduce the extrema `extrema` of chunk c's single spheres as `check_limits` does. Bodies are searched only if a guard
-    trips."""
+    """Return longest path and largest ratio of path to radius of chunk c's single spheres; if a guard trips, also the body of the
+    latter, the last body that is not finite, and the last that left the domain (+ 1; 0: none)."""
     fastest, farthest, strange, low, high = extrema
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)
-    there = all_below(high, MAX_DISTANCE) & all_below(broadcast(0.0) - low, MAX_DISTANCE) & all_below(strange, 1.0)
-    if (outside == 0) & there & (step <= D[domain.TRAVEL_GUARD]):
-        return distance, step, np.int64(0), np.int64(0), np.int64(0)
-    body, bad, out = find_offender(c, start, S, B, dt, limits)
-    return distance, step, body, bad, out
-
-
-@njit(**BARE_CHUNK)
-def find_offender(c, start, S, B, dt, limits):
-    """Find the offending single-sphere bodies of chunk c after their drift.
-
-    Returns the one with the longest path over its radius, the last that is not finite, and the last that left the domain (+ 1; 0:
-    none).
-    """
-    maximum, body_number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
-    for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        if B[b, body.SPHERE_INERTIA] != 0.0:
-            step = math.sqrt(norm_squared(load(B, b, body.VELOCITY))) * dt / S[start[b], sphere.RADIUS]
-            bad, out = check_position(b, load(B, b, body.POSITION), step, limits, bad, out)
-            maximum, body_number = (step, np.int64(b)) if step > maximum else (maximum, body_number)
-    return body_number, bad, out
+    there = all_below(high, bodies.MAX_DISTANCE) & all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE) & all_below(strange, 1.0)
+    maximum, number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
+    if not ((outside == 0) & there & (step <= D[domain.TRAVEL_GUARD])):
+        for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
+            if B[b, body.SPHERE_INERTIA] != 0.0:
+                ratio = math.sqrt(norm_squared(load(B, b, body.VELOCITY))) * dt / S[start[b], sphere.RADIUS]
+                bad, out = bodies.check_position(b, load(B, b, body.POSITION), ratio, limits, bad, out)
+                maximum, number = (ratio, np.int64(b)) if ratio > maximum else (maximum, number)
+    return distance, step, number, bad, out
 
 
 @njit(**BARE)
 def norm_squared(v):
-    """Return the square of the vector of the first three numbers of v."""
     p = v * v
     return extract(p, 0) + extract(p, 1) + extract(p, 2)
 
@@ -150,7 +111,6 @@ def three(scratch, at):
 
 @njit(**BARE)
 def put_three(scratch, at, x, y, z):
-    """Write three fields of an element of a chunk, the first of them at `at`."""
     scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES] = x, y, z
 
 
@@ -182,12 +142,13 @@ def drift_tile(n, dt, left, scratch):
         kick = half / scratch[p + body.MASS * BODIES]
         f_x, f_y, f_z = three(scratch, p + body.FORCE * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = half_kick(three(scratch, p + body.VELOCITY * BODIES), left, change, NEGLIGIBLE_SPEED)
+        v_x, v_y, v_z = half_kick(three(scratch, p + body.VELOCITY * BODIES), left, change, bodies.NEGLIGIBLE_SPEED)
         x, y, z = three(scratch, p + body.POSITION * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(scratch, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, NEGLIGIBLE_MOMENTUM)
+        momentum = three(scratch, p + drift_scratch.ANGULAR_MOMENTUM * BODIES)
+        momentum = half_kick(momentum, left, rotation, bodies.NEGLIGIBLE_MOMENTUM)
         inertia = three(scratch, p + drift_scratch.INERTIA * BODIES)
         at = p + drift_scratch.QUATERNION * BODIES
         old = (scratch[at], scratch[at + BODIES], scratch[at + 2 * BODIES], scratch[at + 3 * BODIES])
@@ -210,19 +171,6 @@ def drift_tile(n, dt, left, scratch):
         put_three(scratch, p + (drift_scratch.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
         scratch[p + drift_scratch.PATH * BODIES] = fast * dt
-
-
-@njit(**BARE)
-def check_limits(b, distance, relative_distance, x, limits, extrema):
-    """Update the extrema `extrema` of a chunk with body b.
-
-    These are the longest path; the largest path over the radius, with its body; the last body that is not finite, and the last
-    that left the domain (+ 1; 0: none).
-    """
-    longest, step, body, bad, out = extrema
-    body = b if relative_distance > step else body
-    bad, out = check_position(b, x, relative_distance, limits, bad, out)
-    return max(longest, distance), max(step, relative_distance), body, bad, out
 
 
 @njit(**BARE)
@@ -250,61 +198,45 @@ def gather_bodies(p, listed, context, scratch):
 
 
 @njit(**BARE)
-def scatter_body(p, b, scratch, context):
-    """Copy the motion of body b back from element p of the chunk."""
-    B, E = context.B, context.E
+def scatter_body(p, b, context, step, scratch):
+    """Copy the motion of body b back from element p of the chunk, and place its spheres: those that can touch something (`near`),
+    in recorded steps all."""
+    B, E, everything, rotation = context.B, context.E, step.record, p + drift_scratch.MATRIX * BODIES
+    position, velocity = p + body.POSITION * BODIES, p + body.VELOCITY * BODIES
     for k in range(3):
-        B[b, body.POSITION + k] = scratch[p + (body.POSITION + k) * BODIES]
-        B[b, body.VELOCITY + k] = scratch[p + (body.VELOCITY + k) * BODIES]
+        B[b, body.POSITION + k] = scratch[position + k * BODIES]
+        B[b, body.VELOCITY + k] = scratch[velocity + k * BODIES]
         E[b, body_extra.ANGULAR_MOMENTUM + k] = scratch[p + (drift_scratch.ANGULAR_MOMENTUM + k) * BODIES]
     for k in range(4):
         context.orientations[b, orientation.QUATERNION + k] = scratch[p + (drift_scratch.QUATERNION + k) * BODIES]
-
-
-@njit(**BARE)
-def place_spheres(p, b, context, step, scratch):
-    """Place body b's spheres from element p of the chunk: those that can touch something (`near`), in recorded steps all."""
-    start, beginning, everything = context.start, context.beginning, step.record
-    rotation = columns(
-        (
-            *three(scratch, p + drift_scratch.MATRIX * BODIES),
-            *three(scratch, p + (drift_scratch.MATRIX + 3) * BODIES),
-            *three(scratch, p + (drift_scratch.MATRIX + 6) * BODIES),
-        )
-    )
-    motion = BodyMotion(
-        vector(three(scratch, p + body.POSITION * BODIES)),
-        rotation,
-        vector(three(scratch, p + body.VELOCITY * BODIES)),
+    one, two, last = three(scratch, rotation), three(scratch, rotation + 3 * BODIES), three(scratch, rotation + 6 * BODIES)
+    motion = bodies.BodyMotion(
+        vector(three(scratch, position)),
+        bodies.columns((*one, *two, *last)),
+        vector(three(scratch, velocity)),
         vector(three(scratch, p + drift_scratch.MID_SPIN * BODIES)),
         vector(three(scratch, p + drift_scratch.END_VELOCITY * BODIES)),
         vector(three(scratch, p + drift_scratch.END_SPIN * BODIES)),
     )
-    begin = start[b] if everything else np.int64(beginning[b])
-    end = start[b + 1] if everything else np.int64(beginning[b + 1])
+    begin = context.start[b] if everything else np.int64(context.beginning[b])
+    end = context.start[b + 1] if everything else np.int64(context.beginning[b + 1])
     for e in range(begin, end):
-        place_sphere(e if everything else np.int64(context.near[e]), context.offsets, motion, 0.5 * step.dt, context.S)
-
-
-@njit(**BARE)
-def prefetch_body(b, start, S, B):
-    """Prefetch the rows of body b if it is a single sphere. Hardware prefetchers stop at page boundaries, every dozen bodies."""
-    s = np.uint64(start[b])
-    for line in range(0, body.WIDTH, LINE):
-        prefetch(B, np.uint64(b), np.int64(line))
-    if not is_aliased(S):
-        for line in range(0, sphere.WIDTH, LINE):
-            prefetch(S, s, np.int64(line))
+        bodies.place_sphere(e if everything else np.int64(context.near[e]), context.offsets, motion, 0.5 * step.dt, context.S)
 
 
 @njit(**BARE_CHUNK)
 def drift_bodies(c, context, step, scratch, listed):
-    """Drift the bodies of chunk c and place their spheres (`place_spheres`). `listed`: numbers of those with several."""
+    """Drift the bodies of chunk c and place their spheres (`scatter_body`). `listed`: numbers of those with several."""
     start, S, B, D, moves = context.start, context.S, context.B, context.D, context.moves
-    extrema = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
-    balls, limits, n = empty_extrema(), limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
+    longest, ratio, number, bad, out = 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0)
+    balls = 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
+    limits, n = bodies.limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
+        ahead = np.uint64(min(b + AHEAD, B.shape[0] - 1))  # hardware prefetchers stop at page boundaries, every dozen bodies
+        for line in range(0, body.WIDTH, LINE):
+            prefetch(B, ahead, np.int64(line))
+        for line in range(0, 0 if is_aliased(S) else sphere.WIDTH, LINE):
+            prefetch(S, np.uint64(start[ahead]), np.int64(line))
         if B[b, body.SPHERE_INERTIA] != 0.0:
             balls = drift_ball(b, start[b], context, step, balls)
         else:
@@ -316,16 +248,14 @@ def drift_bodies(c, context, step, scratch, listed):
         gather_bodies(np.int64(p), listed, context, scratch)
     drift_tile(n, step.dt, step.pending, scratch)
     for p in range(n):
-        i = np.int64(listed[p])
-        scatter_body(p, i, scratch, context)
-        distance = scratch[p + drift_scratch.PATH * BODIES]
-        extrema = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, extrema)
-        place_spheres(p, i, context, step, scratch)
-    longest, relative_distance, body_number, bad, out = extrema
-    distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
-    moves[c, chunk_motion.MAX_PATH] = max(distance, longest)
+        b = np.int64(listed[p])
+        scatter_body(p, b, context, step, scratch)
+        path = scratch[p + drift_scratch.PATH * BODIES]
+        bad, out = bodies.check_position(b, load(B, b, body.POSITION), path / S[start[b], sphere.RADIUS], limits, bad, out)
+        number = b if path / S[start[b], sphere.RADIUS] > ratio else number
+        longest, ratio = max(longest, path), max(ratio, path / S[start[b], sphere.RADIUS])
+    path, largest, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
+    moves[c, chunk_motion.MAX_PATH] = max(path, longest)
     moves[c, chunk_motion.BAD_BODY] = max(bad, bad_ball)
     moves[c, chunk_motion.LEFT_BODY] = max(out, out_ball)
-    moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (
-        (fraction, ball) if fraction > relative_distance else (relative_distance, body_number)
-    )
+    moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (largest, ball) if largest > ratio else (ratio, number)

@@ -15,11 +15,11 @@ from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_wo
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
 from thirdbody.kernels.bodies import BODIES, largest_displacement, steps_behind, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.explicit.kick import closing_kick, drift_patches, drive_patches, kick_patches, load_patches, patch_powers
+from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.explicit.tables import chunk_motion, contact_sums
-from thirdbody.kernels.plates import book_direct_contact
-from thirdbody.kernels.schedule import X, Y, mean_rate, pass_time
-from thirdbody.kernels.tables import domain, patch, run_totals
+from thirdbody.kernels.plates import book_direct_contact, direct_force
+from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, pass_time, value
+from thirdbody.kernels.tables import body_extra, domain, patch, run_totals
 
 
 class Stop(IntEnum):
@@ -59,6 +59,80 @@ FEW = 2
 
 
 @njit(**BARE)
+def drift_patches(P, schedule, first, t, step):
+    """Apply half kick and drift to the patches of the upper plate. Those of prescribed height, neither free nor sprung, get their
+    velocity from `t`, the start of the step, to its end. Returns the largest change of a height since the last search, one step
+    ahead [m]."""
+    dt, path = step.dt, 0.0
+    for p in range(P.shape[0]):
+        if first[GAP + 1] != first[GAP] and P[p, patch.SPRING] == 0.0 and P[p, patch.FREE] == 0.0:
+            P[p, patch.VELOCITY] = mean_rate(schedule, first, np.int64(GAP), t, dt)
+        if P[p, patch.FREE] != 0.0:
+            force = P[p, patch.FORCE] - P[p, patch.LOAD] - P[p, patch.DAMPING] * P[p, patch.VELOCITY]
+            P[p, patch.VELOCITY] += 0.5 * dt / P[p, patch.MASS] * force
+        P[p, patch.HEIGHT] += dt * P[p, patch.VELOCITY]
+        P[p, patch.DISPLACEMENT] += dt * step.v_x
+        P[p, patch.DISPLACEMENT + 1] += dt * step.v_y
+        path = max(path, abs(P[p, patch.HEIGHT] - P[p, patch.SEARCH_HEIGHT]) + dt * abs(P[p, patch.VELOCITY]))
+    return path
+
+
+@njit(**BARE)
+def kick_patches(context, step):
+    """Set the loads of the patches, sum the upward forces on them and the plate, in the order of bodies and patches: of debris,
+    direct contact, springs. Then apply their closing half kick, implicit in the dashpots: no overshoot."""
+    P, E, schedule, first, plate = context.P, context.E, context.schedule, context.first, context.P.shape[0] - 1
+    if first[LOAD + 1] != first[LOAD]:
+        factor = value(schedule, first, np.int64(LOAD), step.time)
+        for p in range(P.shape[0]):
+            if P[p, patch.NOMINAL_LOAD] != 0.0:
+                P[p, patch.LOAD] = factor * P[p, patch.NOMINAL_LOAD]
+    if plate == 0:
+        P[0, patch.FORCE] = force_of_debris(context.sums) + direct_force(P, np.int64(0))
+    else:
+        for p in range(plate):
+            P[p, patch.FORCE] = 0.0
+        P[plate, patch.FORCE] = direct_force(P, plate)
+        for b in range(E.shape[0]):
+            P[context.patch[b], patch.FORCE] -= E[b, body_extra.UPPER_PUSH]
+        for p in range(plate):
+            spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - P[plate, patch.HEIGHT])
+            P[p, patch.FORCE] -= spring
+            P[plate, patch.FORCE] += spring
+    for p in range(P.shape[0]):
+        if P[p, patch.FREE] != 0.0:
+            half = 0.5 * step.dt / P[p, patch.MASS]
+            P[p, patch.VELOCITY] = (P[p, patch.VELOCITY] + half * (P[p, patch.FORCE] - P[p, patch.LOAD])) / (
+                1.0 + half * P[p, patch.DAMPING]
+            )
+
+
+@njit(**BARE)
+def force_of_debris(sums):
+    """Return the upward force of all debris on the upper plate [N]."""
+    push = 0.0
+    for c in range(sums.shape[0]):
+        push -= sums[c, contact_sums.UPPER_FORCE + 2]
+    return push
+
+
+@njit(**BARE)
+def patch_powers(P, first, last):
+    """Return the power that moves patches first to last - 1 and that of their dashpots [W].
+
+    The former is that of the loads of free patches, and minus force times velocity of those of prescribed height.
+    """
+    load, damping, power = 0.0, 0.0, 0.0
+    for p in range(first, last):
+        if P[p, patch.FREE] != 0.0:
+            load -= P[p, patch.LOAD] * P[p, patch.VELOCITY]
+            damping += P[p, patch.DAMPING] * P[p, patch.VELOCITY] * P[p, patch.VELOCITY]
+        else:
+            power -= P[p, patch.FORCE] * P[p, patch.VELOCITY]
+    return load + power, damping
+
+
+@njit(**BARE)
 def update_ledger(context, step):
     """Add the step to the energy ledger, to impulses and distances, in a fixed order.
 
@@ -74,10 +148,10 @@ def update_ledger(context, step):
         if P.shape[0] == n:
             powers = patch_powers(P, first, last)
         else:  # a plate of prescribed height, or none
-            powers = -patch_forces(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
+            powers = -force_of_debris(context.sums[2 * g : 2 * g + 2]) * P[0, patch.VELOCITY], 0.0
         book_step(ledgers[g], g, g + 1, powers, context, step)
     plate = P.shape[0] - 1
-    if plate >= 0 and P[plate, patch.DIRECT_PREFACTOR] != 0.0:
+    if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
     A[run_totals.BEHIND] = step.dt * steps_behind(np.int64(A[run_totals.STEPS]))
@@ -91,12 +165,10 @@ def book_step(A, begin, end, powers, context, step):
     of the contacts. `powers`: of what moves the patches, and of their dashpots [W].
     """
     sums, moves, (lifted, patch_damping) = context.sums, context.moves, powers
-    work, damped = 0.0, 0.0
+    work, damped, effects, upper, lower = 0.0, 0.0, 0.0, broadcast(0.0), broadcast(0.0)
     for c in range(2 * begin, 2 * end):
         work += sums[c, contact_sums.FRICTION_WORK]
         damped += sums[c, contact_sums.DAMPING_WORK]
-    upper, lower, effects = broadcast(0.0), broadcast(0.0), 0.0
-    for c in range(2 * begin, 2 * end):
         upper, lower = upper - load(sums, c, contact_sums.UPPER_FORCE), lower - load(sums, c, contact_sums.LOWER_FORCE)
     for c in range(GROUP * begin, min(GROUP * end, moves.shape[0])):
         effects += moves[c, chunk_motion.EFFECT_POWER]
@@ -123,15 +195,6 @@ def book_step(A, begin, end, powers, context, step):
         for c in range(2 * begin, 2 * end):
             A[run_totals.STORED_NORMAL] += sums[c, contact_sums.STORED_NORMAL]
             A[run_totals.STORED_TANGENTIAL] += sums[c, contact_sums.STORED_TANGENTIAL]
-
-
-@njit(**BARE)
-def patch_forces(sums):
-    """Return the upward force of all debris on the upper plate [N]."""
-    push = 0.0
-    for c in range(sums.shape[0]):
-        push -= sums[c, contact_sums.UPPER_FORCE + 2]
-    return push
 
 
 @njit(**BARE)
@@ -169,8 +232,7 @@ def rebuild_needed(context, patch_path):
     A[run_totals.MAX_DISPLACEMENT] += distance
     if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin):
         A[run_totals.MAX_DISPLACEMENT] = largest_displacement(context.X0, context.B, context.E, context.orientations)
-        return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
-    return False
+    return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, patch_path, skin)
 
 
 work_at = function_at(WORK)
@@ -186,23 +248,6 @@ def parts_of(groups, threads):
 
 
 @njit(**BARE)
-def announce(task, step, announced):
-    """Write down the next pass for the helpers."""
-    announced[0], announced[1], announced[2] = task, step.number, step.record
-    announced[3], announced[4], announced[5], announced[6] = step.time, step.dt, step.v_x, step.v_y
-    announced[7], announced[8] = step.pending, step.turn
-
-
-@njit(**BARE)
-def announced_pass(announced):
-    """Return pass and step as `announce` wrote them."""
-    number, record = np.int64(announced[1]), announced[2] != 0.0
-    return np.int64(announced[0]), Step(
-        number, record, announced[3], announced[4], announced[5], announced[6], announced[7], announced[8]
-    )
-
-
-@njit(**BARE)
 def run_part(part, parts, task, step, context, packed, work):
     """Run one pass of a step over the groups of a part."""
     groups = np.int64(context.lowest.shape[0])
@@ -212,8 +257,11 @@ def run_part(part, parts, task, step, context, packed, work):
 
 @njit(**BARE_CHUNK)
 def run_pass(parts, task, threads, step, context, packed, work):
-    """Run one pass of a step in so many parts, on all threads."""
-    announce(task, step, context.announced)
+    """Run one pass of a step in so many parts, on all threads; `help_out` reads which pass it is."""
+    announced = context.announced
+    announced[0], announced[1], announced[2] = task, step.number, step.record
+    announced[3], announced[4], announced[5], announced[6] = step.time, step.dt, step.v_x, step.v_y
+    announced[7], announced[8] = step.pending, step.turn
     open_pass(context.team, threads)
     part = next_part(context.team, np.int64(0), threads, parts)
     while part >= 0:
@@ -227,62 +275,15 @@ def help_out(member, threads, packed):
     """Take part in the passes of `advance` as one of its threads, until it is dismissed."""
     context = context_of(packed)
     work, parts, attempts = work_at(context.work), parts_of(np.int64(context.lowest.shape[0]), threads), np.int64(0)
+    a = context.announced
     while load_word(context.team, DISMISSED) == 0:
         part = next_part(context.team, member, threads, parts)
         if part < 0:
             attempts = wait_again(attempts)
         else:
-            task, step = announced_pass(context.announced)
-            run_part(part, parts, task, step, context, packed, work)
+            step = Step(np.int64(a[1]), a[2] != 0.0, a[3], a[4], a[5], a[6], a[7], a[8])
+            run_part(part, parts, np.int64(a[0]), step, context, packed, work)
             attempts = np.int64(0)
-
-
-@njit(**BARE_CHUNK)
-def run(budget, until, distance, dt, threads, packed):
-    """Make the steps of `advance`; also return 1 if the closing kick of the last one is pending, else 0."""
-    context = context_of(packed)
-    P, D, A, schedule, first = context.P, context.D, context.A, context.schedule, context.first
-    work = work_at(context.work)
-    groups = context.lowest.shape[0]
-    parts = parts_of(groups, threads)
-    whole = parts == 1 or context.remote_body.shape[0] == 0
-    context.moved[:] = 0
-    pending = 0.0
-    for n in range(budget):
-        v_x = mean_rate(schedule, first, np.int64(X), A[run_totals.TIME], dt)
-        v_y = mean_rate(schedule, first, np.int64(Y), A[run_totals.TIME], dt)
-        speed = (v_x * v_x + v_y * v_y) ** 0.5
-        last = A[run_totals.TIME] + NEARLY * dt >= until or A[run_totals.DISTANCE] + NEARLY * speed * dt >= distance
-        if last and context.R.shape[0] < context.own.shape[0]:
-            return Stop.RECORD, -1, pending
-        sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
-        turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
-        step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)
-        drive_patches(P, schedule, first, A[run_totals.TIME], dt)
-        patch_path = drift_patches(P, dt, v_x, v_y)
-        for task in range(EARLY, OBSERVATION + 1):
-            if task == OBSERVATION:
-                load_patches(P, schedule, first, step.time)
-                kick_patches(P, context.E, context.patch, patch_forces(context.sums), dt)
-                update_ledger(context, step)
-            if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
-                continue
-            if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
-            else:
-                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, work)
-        pending = 0.0 if step.record or context.has_effects != 0 else 1.0
-        if sampled:
-            A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
-        code, who = guard(D, context.sums, context.moves)
-        if code != Stop.DONE:
-            return code, who, pending
-        due = rebuild_needed(context, patch_path)
-        if last:
-            return Stop.DONE, np.int64(due), pending
-        if due:
-            return Stop.SEARCH, 1, pending
-    return Stop.BUDGET, -1, pending
 
 
 @entry(ADVANCE, nogil=True, **DIRECT, **NO_COUNTS)
@@ -293,8 +294,48 @@ def advance(budget, until, distance, dt, threads, packed):
     search is due; RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on
     return.
     """
-    code, who, pending = run(budget, until, distance, dt, threads, packed)
+    context = context_of(packed)
+    A, schedule, first, work = context.A, context.schedule, context.first, work_at(context.work)
+    groups = context.lowest.shape[0]
+    parts = parts_of(groups, threads)
+    whole = parts == 1 or context.remote_body.shape[0] == 0
+    context.moved[:] = 0
+    code, who, pending = Stop.BUDGET, np.int64(-1), 0.0
+    for n in range(budget):
+        v_x = mean_rate(schedule, first, np.int64(X), A[run_totals.TIME], dt)
+        v_y = mean_rate(schedule, first, np.int64(Y), A[run_totals.TIME], dt)
+        speed = (v_x * v_x + v_y * v_y) ** 0.5
+        last = A[run_totals.TIME] + NEARLY * dt >= until or A[run_totals.DISTANCE] + NEARLY * speed * dt >= distance
+        if last and context.R.shape[0] < context.own.shape[0]:
+            code = Stop.RECORD
+            break
+        sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
+        turn = dt * weight_of(np.int64(A[run_totals.STEPS]))
+        step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending, turn)
+        patch_path = drift_patches(context.P, schedule, first, A[run_totals.TIME], step)
+        for task in range(EARLY, OBSERVATION + 1):
+            if task == OBSERVATION:
+                kick_patches(context, step)
+                update_ledger(context, step)
+            if (task == OBSERVATION and not sampled) or (whole and (task == EARLY or task == LATE)):
+                continue
+            if parts == 1:
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
+            else:
+                run_pass(np.int64(parts), np.int64(task), threads, step, context, packed, work)
+        pending = 0.0 if step.record or context.has_effects != 0 else 1.0
+        if sampled:
+            A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
+        code, who = guard(context.D, context.sums, context.moves)
+        if code != Stop.DONE:
+            break
+        due = rebuild_needed(context, patch_path)
+        if last:
+            who = np.int64(due)
+            break
+        code, who = (Stop.SEARCH, 1) if due else (Stop.BUDGET, -1)
+        if due:
+            break
     if pending != 0.0:
-        context = context_of(packed)
         closing_kick(np.int64(0), np.int64(context.B.shape[0]), context, dt)
     return code, who

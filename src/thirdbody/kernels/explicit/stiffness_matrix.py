@@ -20,13 +20,11 @@ SAFE = 1.0 + 1e-9
 
 @njit(**BARE)
 def total(v):
-    """Return the sum of the first three numbers of v."""
     return extract(v, 0) + extract(v, 1) + extract(v, 2)
 
 
 @njit(**BARE)
 def cyclic_shift(v):
-    """Return the numbers y, z, x of v."""
     return set4(extract(v, 1), extract(v, 2), extract(v, 0), 0.0)
 
 
@@ -98,13 +96,8 @@ def times(v, X):
 def frame(b, E, orientations):
     """Return the rows of the matrix from body b's moments to principal axes, over the roots of its inertias."""
     w, x, y, z = quaternion(b, orientations)
-    q = matrix(w, x, y, z)
-    i = set4(
-        1.0 / math.sqrt(E[b, body_extra.INERTIA]),
-        1.0 / math.sqrt(E[b, body_extra.INERTIA + 1]),
-        1.0 / math.sqrt(E[b, body_extra.INERTIA + 2]),
-        0.0,
-    )
+    q, at = matrix(w, x, y, z), body_extra.INERTIA
+    i = set4(1.0 / math.sqrt(E[b, at]), 1.0 / math.sqrt(E[b, at + 1]), 1.0 / math.sqrt(E[b, at + 2]), 0.0)
     return set4(q[0], q[1], q[2], 0.0) * i, set4(q[3], q[4], q[5], 0.0) * i, set4(q[6], q[7], q[8], 0.0) * i
 
 

@@ -19,7 +19,7 @@ from numba import njit
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels.books import normal_loss_of
 from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair_geometry, slip_increment, transport_frames
-from thirdbody.kernels.explicit.tiles import BODY_FRACTION
+from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
 from thirdbody.kernels.implicit.curved import add_curved
