@@ -8,13 +8,13 @@ not need.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
-from thirdbody.laws import memory as memories
 from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
 from thirdbody.laws.data import Tangential
 from thirdbody.laws.hertz import e_star, g_star
-from thirdbody.laws.memory import MEMORY, friction_tangent, renewed_spring, retained_energy
+from thirdbody.laws.memory import MEMORIES, MEMORY, Memory, friction_tangent, renewed_spring, retained_energy
 from thirdbody.laws.renewal import RENEWAL_OF_SPRINGS, growth_of, moved_ground, renewal_rate, renewed
 
 
@@ -38,22 +38,6 @@ class Renewing(NamedTuple):
     rate: float
     falls: float
 
-
-class Memory(NamedTuple):
-    """A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
-
-    history: tuple[str, ...]
-    step: Callable
-    remaining: Callable
-    scaled: Callable
-
-
-MEMORIES = (
-    Memory(memories.HISTORY[:3], memories.stretched, memories.remaining, memories.scaled),
-    Memory(memories.HISTORY[:8], memories.swung_once, memories.remaining_one, memories.scaled_one),
-    Memory(memories.HISTORY, memories.swung_twice, memories.remaining_two, memories.scaled_two),
-)
-"""By the number of closed rings."""
 
 GROUND = ("offset_x", "offset_y", "reach")
 
@@ -118,22 +102,16 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
     the module with this namespace.
     """
     forms: dict[tuple[int, bool], Law] = {}
-    for count, memory in enumerate(MEMORIES):
-        ring = ("", "_one_ring", "_two_rings")[count]
-        for base, ending, functions in (
-            (law, ring, spring_kernels(elastic, memory)),
-            (rolling, f"{ring}_rolling", rolling_kernels(elastic, renewing, memory)),
-        ):
-            names = f"{law.name}{ending}", f"{law.name}{ending}_tangent"
-            for function, name in zip(functions, names, strict=True):
-                function.__name__ = function.__qualname__ = name
-                function.__module__ = space["__name__"]
-                space[name] = kernel(function)
-            rolls = base is rolling
-            history = memory.history + (GROUND if rolls else ())
-            forms[count, rolls] = replace(
-                base, kernel=space[names[0]], tangent=space[names[1]], history=history, rolls=rolls, variant=None
-            )
+    for (count, memory), rolls in product(enumerate(MEMORIES), (False, True)):
+        functions = rolling_kernels(elastic, renewing, memory) if rolls else spring_kernels(elastic, memory)
+        name = law.name + ("", "_one_ring", "_two_rings")[count] + "_rolling" * rolls
+        for function, own in zip(functions, (name, f"{name}_tangent"), strict=True):
+            function.__name__ = function.__qualname__ = own
+            function.__module__ = space["__name__"]
+            space[own] = kernel(function)
+        own_kernels = {"kernel": space[name], "tangent": space[f"{name}_tangent"]}
+        history = memory.history + GROUND * rolls
+        forms[count, rolls] = replace(rolling if rolls else law, **own_kernels, history=history, rolls=rolls, variant=None)
 
     def variant(options: Options) -> Law | None:
         count = {"one_ring": 1, "two_rings": 2}.get(str(options.get("memory", MEMORY.default)), 0)  # `assembly` resolves "auto"
@@ -199,9 +177,9 @@ def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
 
 def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
     """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
-    p, rate = mix_coulomb(pair, options), renewal_rate(pair, options)
+    rate = retained_energy(options) * renewal_rate(pair, options)
     rates = (0.0, rate) if options["renewal"] == "kalker" else (rate, 0.0)
-    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, *(p.retained_energy * x for x in rates))
+    return RollingCoulombParameters(*mix_coulomb(pair, options)[:3], *rates)
 
 
 _COULOMB = Law(
@@ -218,9 +196,8 @@ _COULOMB = Law(
     ),
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
 )  # fmt: skip
-_ROLLING_COULOMB = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
-
-COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING_COULOMB, globals())
+_ROLLING = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
+COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING, globals())
 
 
 class MindlinParameters(NamedTuple):
@@ -269,8 +246,7 @@ def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
 
 def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
     """As `mix_mindlin`, with the rate of renewal; zero for the rescaled force."""
-    p = mix_mindlin(pair, options)
-    return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.retained_energy * renewal_rate(pair, options))
+    return RollingMindlinParameters(*mix_mindlin(pair, options)[:3], retained_energy(options) * renewal_rate(pair, options))
 
 
 _MINDLIN = Law(
@@ -282,6 +258,5 @@ _MINDLIN = Law(
     options=(MEMORY, RENEWAL_OF_SPRINGS),
     source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
 )
-_ROLLING_MINDLIN = replace(_MINDLIN, parameters=RollingMindlinParameters, mix=mix_mindlin_rolling)
-
-MINDLIN = with_forms(_MINDLIN, spring_of_area, renewal_of_area, _ROLLING_MINDLIN, globals())
+_ROLLING = replace(_MINDLIN, parameters=RollingMindlinParameters, mix=mix_mindlin_rolling)
+MINDLIN = with_forms(_MINDLIN, spring_of_area, renewal_of_area, _ROLLING, globals())

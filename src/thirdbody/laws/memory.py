@@ -18,6 +18,7 @@ moves all rings alike and the limit scales them alike, so neither changes the ex
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Option, Options, kernel
@@ -241,40 +242,37 @@ def swung(slip_x, slip_y, memory, stiffness, limit, single):
     return t, (t.x, t.y, t.stored, now, width, outer.width, outer_x, outer_y, inner.width, inner_x, inner_y)
 
 
-@kernel
-def swung_once(slip_x, slip_y, memory, stiffness, limit, _retained):
-    """`swung` with one closed ring at most."""
-    t, new = swung(slip_x, slip_y, (*memory, 0.0, 0.0, 0.0), stiffness, limit, True)
-    return t, new[:8]
+class Memory(NamedTuple):
+    """A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
+
+    history: tuple[str, ...]
+    step: Callable
+    remaining: Callable
+    scaled: Callable
 
 
-@kernel
-def swung_twice(slip_x, slip_y, memory, stiffness, limit, _retained):
-    """`swung` with two closed rings at most."""
-    return swung(slip_x, slip_y, memory, stiffness, limit, False)
+def of_rings(size: int) -> Memory:
+    """Return the memory with one closed ring at most, the first eight floats of `HISTORY`, or with two."""
+    single = size < len(HISTORY)
+
+    @kernel
+    def step(slip_x, slip_y, memory, stiffness, limit, _retained):
+        t, new = swung(slip_x, slip_y, (*memory, 0.0, 0.0, 0.0)[:11], stiffness, limit, single)
+        return t, new[:size]
+
+    @kernel
+    def remaining_rings(memory, stiffness, stiffness_rate):
+        rings = cut((*memory, 0.0, 0.0, 0.0)[:11], stiffness)
+        return Retained(rings.x, rings.y, stiffness_rate * rings.edge_x, stiffness_rate * rings.edge_y)
+
+    @kernel
+    def scaled_rings(memory, f):
+        x, y, energy, last, width, outer, outer_x, outer_y, inner, inner_x, inner_y = (*memory, 0.0, 0.0, 0.0)[:11]
+        closed_rings = outer, f * outer_x, f * outer_y, inner, f * inner_x, f * inner_y
+        return (f * x, f * y, f * f * energy, last, width, *closed_rings)[:size]
+
+    return Memory(HISTORY[:size], step, remaining_rings, scaled_rings)
 
 
-@kernel
-def remaining_two(memory, stiffness, stiffness_rate):
-    """`remaining` of a memory with two closed rings."""
-    rings = cut(memory, stiffness)
-    return Retained(rings.x, rings.y, stiffness_rate * rings.edge_x, stiffness_rate * rings.edge_y)
-
-
-@kernel
-def remaining_one(memory, stiffness, stiffness_rate):
-    """`remaining` of a memory with one closed ring."""
-    return remaining_two((*memory, 0.0, 0.0, 0.0), stiffness, stiffness_rate)
-
-
-@kernel
-def scaled_one(memory, f):
-    """A memory with one closed ring, all displacements scaled."""
-    x, y, energy, last, width, outer, outer_x, outer_y = memory
-    return f * x, f * y, f * f * energy, last, width, outer, f * outer_x, f * outer_y
-
-
-@kernel
-def scaled_two(memory, f):
-    """A memory with two closed rings, all displacements scaled."""
-    return (*scaled_one(memory[:8], f), memory[8], f * memory[9], f * memory[10])
+MEMORIES = Memory(HISTORY[:3], stretched, remaining, scaled), of_rings(8), of_rings(11)
+"""By the number of closed rings."""
