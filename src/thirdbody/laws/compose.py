@@ -306,12 +306,11 @@ def _stored(chain: Chain, law: Law, new: str) -> list[str]:
 # -- body effects and labellers
 
 HEAD = """# generated: {}
-from types import FunctionType
 from numba import njit
 from thirdbody.jit.options import OPTIONS, OTHERS
 from thirdbody.kernels.arguments import EFFECTS, LABEL, MEASURE, OBSERVE
 from thirdbody.laws.data import Body, Wrench
-from thirdbody.laws.generated import as_kernel, calling_kernels, plain
+from thirdbody.laws.generated import as_kernel, as_own
 """
 
 LOOP = f"""
@@ -323,17 +322,6 @@ def effects(B, E, first, last, time, dt, parameters):
         b = Body(B[i, {body.MASS}], B[i, {body.POSITION}], B[i, {body.POSITION + 1}], B[i, {body.POSITION + 2}],
                  B[i, {body.VELOCITY}], B[i, {body.VELOCITY + 1}], B[i, {body.VELOCITY + 2}],
                  B[i, {body.SPIN}], B[i, {body.SPIN + 1}], B[i, {body.SPIN + 2}], mean, time)
-"""
-
-OWN = """
-
-def own(function, name):  # as one of this module to numba's cache, which goes by file and name
-    copy = calling_kernels(function)
-    copy.__code__ = copy.__code__.replace(co_filename=__file__)
-    copy.__module__, copy.__qualname__, copy.__name__ = __name__, name, name
-    return copy
-
-
 """
 
 
@@ -370,11 +358,11 @@ def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable
 
     The generated module copies their code: wrappers would compile all twice. What they call is compiled within it only.
     """
-    text = HEAD.format(labeller.name) + OWN
+    text = HEAD.format(labeller.name)
     chosen = labeller.label if effects else labeller.label_without_effects or labeller.label
     for name, kernel in (("observe", labeller.observe), ("label", chosen)):
         function = plain(kernel)
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
-        text += f'{name} = njit({name.upper()}, **OTHERS)(own(plain({name}_kernel), "{name}"))\n'
+        text += f'{name} = njit({name.upper()}, **OTHERS)(as_own({name}_kernel, "{name}", globals()))\n'
     module = load_module("labeller", text, [labeller.observe, chosen])[0]
     return module.observe, module.label

@@ -42,44 +42,35 @@ class Renewing(NamedTuple):
 GROUND = ("offset_x", "offset_y", "reach")
 
 
-def spring_kernels(elastic: Callable, memory: Memory) -> tuple[Callable, Callable]:
-    """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`."""
-    step, remaining = memory.step, memory.remaining
+def kernels_of(elastic: Callable, memory: Memory, renewing: Callable | None) -> tuple[Callable, Callable]:
+    """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`.
+
+    With `renewing(load, p, elastic)`, which returns `Renewing`, a rolling contact area is renewed.
+    """
+    step, remaining, scaled, rolls = memory.step, memory.remaining, memory.scaled, renewing is not None
 
     def law(c, load, p, h):
-        e = elastic(c, load, p)
-        t, new = step(c.slip_x, c.slip_y, h, e.stiffness, e.limit, p.retained_energy)
+        e, a = elastic(c, load, p), load.contact_radius
+        if rolls:
+            ground = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1])
+            fraction = renewed(renewing(load, p, e).rate * ground.path / max(a, 1e-300))
+            old = h[:-3]
+            fill_x, fill_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
+            stuck, own = step(fill_x, fill_y, scaled(old, fraction.retained), e.stiffness, e.limit, 1.0)
+            t = renewed_spring(stuck, remaining(old, e.stiffness, 0.0), old[2], c.slip_x, c.slip_y, fraction, e.stiffness)
+            new = own + (ground.x, ground.y, ground.reach)
+        else:
+            t, new = step(c.slip_x, c.slip_y, h, e.stiffness, e.limit, p.retained_energy)
         slip = t.slip if e.rubs else math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
         return Tangential(t.x, t.y, e.limit, e.critical, slip, t.stored, t.dissipated), new
 
     def tangent(c, load, p, h):
-        e = elastic(c, load, p)
-        k = remaining(h, e.stiffness, e.stiffness_rate)
-        x, y = k.x - e.stiffness * c.slip_x, k.y - e.stiffness * c.slip_y
-        x_rate, y_rate = k.x_rate - e.stiffness_rate * c.slip_x, k.y_rate - e.stiffness_rate * c.slip_y
-        return friction_tangent(x, y, e.limit, e.limit_rate, e.stiffness, x_rate, y_rate)
-
-    return law, tangent
-
-
-def rolling_kernels(elastic: Callable, renewing: Callable, memory: Memory) -> tuple[Callable, Callable]:
-    """As `spring_kernels`, with `renewing(load, p, elastic)` that returns `Renewing`."""
-    step, remaining, scaled = memory.step, memory.remaining, memory.scaled
-
-    def law(c, load, p, h):
         e, a = elastic(c, load, p), load.contact_radius
-        ground = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1])
-        fraction = renewed(renewing(load, p, e).rate * ground.path / max(a, 1e-300))
-        old = h[:-3]
-        fill_x, fill_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
-        t, new = step(fill_x, fill_y, scaled(old, fraction.retained), e.stiffness, e.limit, 1.0)
-        t = renewed_spring(t, remaining(old, e.stiffness, 0.0), old[2], c.slip_x, c.slip_y, fraction, e.stiffness)
-        slip = t.slip if e.rubs else math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
-        answer = Tangential(t.x, t.y, e.limit, e.critical, slip, t.stored, t.dissipated)
-        return answer, (*new, ground.x, ground.y, ground.reach)
-
-    def tangent(c, load, p, h):
-        e, a = elastic(c, load, p), load.contact_radius
+        if not rolls:
+            k = remaining(h, e.stiffness, e.stiffness_rate)
+            x, y = k.x - e.stiffness * c.slip_x, k.y - e.stiffness * c.slip_y
+            x_rate, y_rate = k.x_rate - e.stiffness_rate * c.slip_x, k.y_rate - e.stiffness_rate * c.slip_y
+            return friction_tangent(x, y, e.limit, e.limit_rate, e.stiffness, x_rate, y_rate)
         renewal = renewing(load, p, e)
         distance = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1]).path
         fraction = renewed(renewal.rate * distance / max(a, 1e-300))
@@ -103,7 +94,7 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
     """
     forms: dict[tuple[int, bool], Law] = {}
     for (count, memory), rolls in product(enumerate(MEMORIES), (False, True)):
-        functions = rolling_kernels(elastic, renewing, memory) if rolls else spring_kernels(elastic, memory)
+        functions = kernels_of(elastic, memory, renewing if rolls else None)
         name = law.name + ("", "_one_ring", "_two_rings")[count] + "_rolling" * rolls
         for function, own in zip(functions, (name, f"{name}_tangent"), strict=True):
             function.__name__ = function.__qualname__ = own

@@ -203,6 +203,14 @@ def calling_kernels(function: FunctionType) -> FunctionType:
     return copy
 
 
+def as_own(kernel: Any, name: str, space: Mapping[str, Any]) -> FunctionType:
+    """Return the function as one of the module with this namespace to numba's cache, which goes by file and name."""
+    copy = calling_kernels(plain(kernel))
+    copy.__code__ = copy.__code__.replace(co_filename=space["__file__"])
+    copy.__module__, copy.__qualname__, copy.__name__ = space["__name__"], name, name
+    return copy
+
+
 class _Folding(ast.NodeTransformer):
     """Branches and numbers that constants decide; those that a module computes from them at its top are added."""
 

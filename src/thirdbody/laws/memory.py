@@ -204,29 +204,22 @@ def merged(a, b):
 
 
 @kernel
-def closed(rings, single):
-    """Rings once the open one is closed; `single`: at most one closed ring. Empty rings merge without loss."""
-    whole, cost = merged(rings.inner, rings.outer)
-    around, loss = merged(rings.outer, rings.open)
-    if single or loss < cost:
-        inner, outer = rings.inner, around
-    else:
-        inner, outer, loss = whole, rings.open, cost
-    left = max(rings.energy - loss, 0.0)
-    return Rings(inner, outer, Ring(0.0, 0.0, 0.0), rings.x, rings.y, left, rings.edge_x, rings.edge_y)
-
-
-@kernel
 def swung(slip_x, slip_y, memory, stiffness, limit, single):
-    """`stretched` with rings: the spring after a slip, and its memory."""
+    """`stretched` with rings, `single`: at most one closed ring. The spring after a slip, and its memory."""
     energy, last = memory[2], memory[3]
     rings = cut(memory, stiffness)
-    if last < 0.0 and stiffness > -last and rings.open.width > 0.0:
-        rings = closed(rings, single)
-    inner, outer, ring = rings.inner, rings.outer, rings.open
+    inner, outer, ring, left = rings.inner, rings.outer, rings.open, rings.energy
+    if last < 0.0 and stiffness > -last and ring.width > 0.0:  # the open ring is closed; empty rings merge without loss
+        whole, cost = merged(inner, outer)
+        around, loss = merged(outer, ring)
+        if single or loss < cost:
+            outer = around
+        else:
+            inner, outer, loss = whole, ring, cost
+        ring, left = Ring(0.0, 0.0, 0.0), max(left - loss, 0.0)
     compliance = 1.0 / max(stiffness, 1e-150)
     uniform = 0.5 * (rings.x * rings.x + rings.y * rings.y) * compliance
-    beyond = max(rings.energy - uniform, 0.0)
+    beyond = max(left - uniform, 0.0)
     t, back = limited(rings.x - stiffness * slip_x, rings.y - stiffness * slip_y, compliance, beyond, energy - uniform, limit)
     # what is not in a closed ring, old displacement and virgin area, becomes the open ring: equal force, equal energy
     area = max(stiffness - inner.width - outer.width, 0.0)

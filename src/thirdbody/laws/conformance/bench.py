@@ -34,7 +34,7 @@ SEED = 20240501
 SPAN = 1e-3
 """Duration of one straight segment of a path [s]; sets the velocities only."""
 
-MOST = 4
+REPEATS = 4
 """Most paths for each setting and lane."""
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
@@ -157,7 +157,7 @@ class Bench:
     """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too.
 
     Effective radius [m], friction and `outermost`, the overlap from which on bodies act on each other [m], are columns
-    (MOST * T, 1): paths of n tiles use the first n rows.
+    (REPEATS * T, 1): paths of n tiles use the first n rows.
     """
 
     def __init__(self, law: Law):
@@ -173,7 +173,6 @@ class Bench:
         self.table[:, : numbers.shape[1]] = numbers
         self.width = len(self.chain.history)
         self.field = slice(self.chain.field[0], sum(self.chain.field))
-        self.rolling, self.twisting = law.stage == "rolling", law.stage == "twisting"
         self.sheared = law.stage in ("tangential", "rolling", "twisting")
         self.radius = self.columns(s.radius for s in self.settings)
         self.friction = self.columns(s.pair.friction for s in self.settings)
@@ -181,8 +180,8 @@ class Bench:
         self.outermost = 0.0 - self.columns(reach(s.pair, s.options, s.radius) for s in self.settings)
 
     def columns(self, values: Iterable[float]) -> Array:
-        """Return a number of each setting as (MOST * T, 1)."""
-        return np.resize(np.array([*values], float), (MOST * len(self.settings), 1))
+        """Return a number of each setting as (REPEATS * T, 1)."""
+        return np.resize(np.array([*values], float), (REPEATS * len(self.settings), 1))
 
     def inputs(self, requested: Contacts, history: Array) -> Array:
         """Return the tiles in the engine's layout, (T, fields, TILE)."""
@@ -197,9 +196,9 @@ class Bench:
         I[:, law_input.HISTORY : end] = history
         for tile, memory in zip(I[:, law_input.HISTORY : end], history, strict=True):
             pieces(tile[self.field])[:] = memory[self.field].T
-        if self.rolling:
+        if self.law.stage == "rolling":
             I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
-        if self.twisting:
+        if self.law.stage == "twisting":
             I[:, end + rolling_input.TWIST] = requested.slip[:, 0] / radius
             I[:, end + rolling_input.TWIST_RATE] = requested.v[:, 0] / radius
         return I
@@ -339,8 +338,7 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
     rng = np.random.default_rng(SEED + 2)
     tiles = len(bench.settings)
-    lanes = (tiles, TILE)
-    radius = bench.radius[:tiles]
+    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
     overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
     slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
     fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
@@ -348,9 +346,9 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     def signed(values: Array, shape: tuple[int, ...]) -> Array:
         return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
 
-    def drawn() -> Contacts:
-        overlap, slip = radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide)
-        return Contacts(overlap, slip, signed(fast, lanes), signed(fast, wide))
-
-    wide = (tiles, 2, TILE)
-    return [drawn() for _ in range(count)]
+    return [
+        Contacts(
+            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
+        )
+        for _ in range(count)
+    ]

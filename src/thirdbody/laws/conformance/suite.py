@@ -24,7 +24,7 @@ from thirdbody.laws.contract import STAGES, BodyEffect, Labeller, Law, SpotInter
 from thirdbody.laws.data import Body, Contact, Wrench
 from thirdbody.laws.generated import compile_error, plain
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.measures import MEAN, Measure, compose_measures, largest, layout_of, summed
+from thirdbody.laws.measures import MEAN, Measure, by_kind, compose_measures, layout_of
 
 Cases = Iterator[tuple[str, Result]]
 Tests = dict[str, Callable[[], Result | Cases]]
@@ -185,7 +185,7 @@ def _of_measure(measure: Measure) -> Tests:
     pairs = {label: replace(pair, a=replace(pair.a, **FULL), b=replace(pair.b, **FULL)) for label, pair, _ in PAIRS}
     sets = option_sets(measure)
     cases = [(label + more, partial(measure.mix, pair, options)) for label, pair in pairs.items() for more, options in sets]
-    summands, maxima = ([measure.amounts[i] for _, i in part([measure])] for part in (summed, largest))
+    summands, maxima = ([amount for _, _, amount in entries] for entries in by_kind([measure]))
 
     def amounts() -> Cases:
         for (label, mix), (what, step) in product(cases, STEPS.items()):

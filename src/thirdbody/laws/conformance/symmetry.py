@@ -122,8 +122,9 @@ def friction_limit(bench: Bench) -> Result:
     """
     path = random_paths(bench, 8, repeats=2)
     tiles = len(path.overlap[0])
-    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if bench.rolling else "mu")
-    mu = (bench.columns(p.mu_r for p in bench.parameters) if bench.rolling and has_mu else bench.friction)[:tiles]
+    rolls = bench.law.stage == "rolling"
+    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if rolls else "mu")
+    mu = (bench.columns(p.mu_r for p in bench.parameters) if rolls and has_mu else bench.friction)[:tiles]
     for m in (1, 4):
         for moment in follow_path(bench, path, m):
             answer = moment.answer
