@@ -164,8 +164,8 @@ def _equal(got: np.ndarray, expected: Any) -> Result:
 def _of_law(law: Law) -> Tests:
     bench = cache(lambda: Bench(law))  # the parameters are tested first: what raises here fails that test
     cases = lambda: zip((one.label for one in bench().settings), bench().parameters, strict=True)  # noqa: E731
-    tests = {name: lambda test=test: test(bench()) for name, stages, test in LAW_TESTS if law.stage in stages}
-    return {"parameters": lambda: _parameters(law.parameters, cases())} | tests
+    tests: Tests = {"parameters": lambda: _parameters(law.parameters, cases())}
+    return tests | {name: lambda test=test: test(bench()) for name, stages, test in LAW_TESTS if law.stage in stages}
 
 
 # -- measures
