@@ -93,7 +93,7 @@ def law_data() -> str:
     rows = []
     for name in "Contact Normal Adhesion Load Tangential Turn Rolling Twist Twisting Body Wrench ContactStep".split():
         docstring = inspect.cleandoc(getattr(plugin, name).__doc__)
-        fields = re.findall(r"^(\w+(?:, \w+)*) : float\n    (.+)$", docstring, re.MULTILINE)
+        fields = re.findall(r"^(\w+(?:, \w+)*) : (?:float\n    )?(.+)$", docstring, re.MULTILINE)
         for k, (names, meaning) in enumerate(fields):
             first = f"`{name}`: {_first_sentence(docstring).rstrip('.').lower()}" if k == 0 else ""
             rows.append(f"| {first} | {', '.join(f'`{one}`' for one in names.split(', '))} | {meaning} |")

@@ -82,14 +82,14 @@ class Chain:
         """
         names = tuple(f"{law.name}.{name}" for law in self.laws for name in law.memory())
         names += ("springs.energy",) if self.stored == len(names) else ()
-        return names + ("viscous.force", "viscous.moment")[: self._dashpots]
+        stages = {law.stage for law in self.laws}
+        if stages & {"rolling", "twisting"}:
+            return (*names, "viscous.force", "viscous.moment")
+        return (*names, "viscous.force") if stages & {"damping", "tangential_damping"} else names
 
     @property
     def width(self) -> int:
-        """Number of parameters per material pair; at least one, so that the table is never empty.
-
-        The last one of a chain that `jumps` is the integrator (`data.FULL`).
-        """
+        """Number of parameters per material pair, at least one; the last one of a chain that `jumps` is the integrator."""
         return max(sum(len(fields_of(law)) for law in self.laws) + self.jumps, 1)
 
     @property
@@ -115,8 +115,7 @@ class Chain:
     def force_columns(self) -> tuple[int, int, int]:
         """Columns of the tangential force, of the rolling moment and of the moment about the normal in the history.
 
-        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y`
-        (rolling: `moment_x, moment_y`; twisting: `moment`).
+        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force as in `SPRINGS`.
         """
         columns = dict.fromkeys(SPRINGS, -1)
         for law in self.laws:
@@ -147,14 +146,9 @@ class Chain:
         return sum(len(law.memory()) for law in self.laws) if springs else -1
 
     @property
-    def _dashpots(self) -> int:
-        stages = {law.stage for law in self.laws}
-        return 2 if stages & {"rolling", "twisting"} else 1 if stages & {"damping", "tangential_damping"} else 0
-
-    @property
     def dashpots(self) -> int:
         """First column of the dashpot forces in the history; -1 if there are none."""
-        return len(self.history) - self._dashpots if self._dashpots else -1
+        return self.history.index("viscous.force") if "viscous.force" in self.history else -1
 
     @property
     def loss_column(self) -> int:
@@ -168,10 +162,7 @@ class Chain:
 
     @property
     def rolling(self) -> int:
-        """Relative rotation required by the laws.
-
-        `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area only, or 0; plus `TWIST`.
-        """
+        """Relative rotation required by the laws: `MOMENTS`, 1 for the travel of the contact area only, or 0; plus `TWIST`."""
         stages = {law.stage for law in self.laws}
         turn = MOMENTS if "rolling" in stages else int(any(law.rolls for law in self.laws))
         return turn + (TWIST if "twisting" in stages else 0)
@@ -216,12 +207,20 @@ def fields_of(part: Any) -> tuple[str, ...]:
 
 def law_text(chain: Chain) -> str:
     """Return the text of the module of a chain: `law`, `stiffness`, `tangents`."""
-    text = Path(__file__).with_name("tile_law.py").read_text(encoding="utf-8")
-    imports, _, rest = text.partition("# -- head\n")
-    constants = _constants(chain)
-    lines = [*import_lines(chain.laws), *(f"{name} = {value}" for name, value in constants.items()), *_adapters(chain), "", ""]
+    imports, _, rest = Path(__file__).with_name("tile_law.py").read_text(encoding="utf-8").partition("# -- head\n")
+    laws, (first, size) = chain.laws, chain.field
+    counts = {law.stage: len(law.history) for law in laws}
+    # what the chain has and has not, as in the head of `tile_law.py`
+    constants: dict[str, Any] = {f"HAS_{stage.upper()}": stage in counts for stage in STAGES[1:]} | {
+        "WIDTH": chain.width, "MEMORY": len(chain.history), "FIELD": size, "FIELD_FIRST": first,
+        "HAS_ADDED_LOAD": any(law.added_load is not None for law in laws), "HAS_REACH": bool(chain.reaching),
+        "ATTRACTS": laws[0].reach is not None, "JUMPS": chain.jumps, "ROLLS": any(law.rolls for law in laws),
+        "REMEMBERS": bool(laws[0].history), "ADDS_ENERGY": "springs.energy" in chain.history,
+        "VIRGIN": tuple((0.0,) * counts.get(stage, 0) for stage in ("normal", *SPRINGS)),
+    }  # fmt: skip
+    lines = [*import_lines(laws), *(f"{name} = {value}" for name, value in constants.items()), *_adapters(chain), "", ""]
     body_text = folded(rest.partition("# -- body\n")[2], constants | COLUMNS)
-    return f"# generated: {' > '.join(law.name for law in chain.laws)}\n{imports}" + "\n".join(lines) + body_text
+    return f"# generated: {' > '.join(law.name for law in laws)}\n{imports}" + "\n".join(lines) + body_text
 
 
 def import_lines(parts: Sequence[Any]) -> Iterator[str]:
@@ -232,19 +231,6 @@ def import_lines(parts: Sequence[Any]) -> Iterator[str]:
                 yield f"from {source.__module__} import {source.__name__} as {name}_{k}"
                 yield f"{name}_{k} = as_kernel({name}_{k})"
         yield f"from {part.parameters.__module__} import {part.parameters.__name__} as parameters_{k}"
-
-
-def _constants(chain: Chain) -> dict[str, Any]:
-    """Return what the chain has and has not, as in the head of `tile_law.py`."""
-    laws, (first, size) = chain.laws, chain.field
-    counts = {law.stage: len(law.history) for law in laws}
-    return {f"HAS_{stage.upper()}": stage in counts for stage in STAGES[1:]} | {
-        "WIDTH": chain.width, "MEMORY": len(chain.history), "FIELD": size, "FIELD_FIRST": first,
-        "HAS_ADDED_LOAD": any(law.added_load is not None for law in laws), "HAS_REACH": bool(chain.reaching),
-        "ATTRACTS": laws[0].reach is not None, "JUMPS": chain.jumps, "ROLLS": any(law.rolls for law in laws),
-        "REMEMBERS": bool(laws[0].history), "ADDS_ENERGY": "springs.energy" in chain.history,
-        "VIRGIN": tuple((0.0,) * counts.get(stage, 0) for stage in ("normal", *SPRINGS)),
-    }  # fmt: skip
 
 
 def _adapters(chain: Chain) -> Iterator[str]:
@@ -304,32 +290,27 @@ def _function(name: str, arguments: str, lines: Sequence[str]) -> list[str]:
 
 
 def _parameters(chain: Chain, k: int) -> str:
-    begin = sum(len(fields_of(law)) for law in chain.laws[:k])
-    values = ", ".join(f"U[{_at(begin + i)}]" for i in range(len(fields_of(chain.laws[k]))))
-    return f"parameters_{k}({values})"
+    begin, count = (sum(len(fields_of(law)) for law in laws) for laws in (chain.laws[:k], chain.laws[k : k + 1]))
+    return f"parameters_{k}({', '.join(f'U[q + {column * TILE}]' for column in range(begin, begin + count))})"
 
 
 def _memory(chain: Chain, law: Law) -> str:
-    return "".join(f"I[{_at(law_input.HISTORY + chain.first_of(law) + i)}], " for i in range(len(law.history)))
+    first = law_input.HISTORY + chain.first_of(law)
+    return "".join(f"I[q + {column * TILE}], " for column in range(first, first + len(law.history)))
 
 
 def _stored(chain: Chain, law: Law, new: str) -> list[str]:
-    return [f"O[{_at(law_output.HISTORY + chain.first_of(law) + i)}] = {new}[{i}]" for i in range(len(law.history))]
-
-
-def _at(column: int) -> str:
-    return f"q + {column * TILE}" if column else "q"
+    return [f"O[q + {(law_output.HISTORY + chain.first_of(law) + i) * TILE}] = {new}[{i}]" for i in range(len(law.history))]
 
 
 # -- body effects and labellers
 
 HEAD = """# generated: {}
-from types import FunctionType
 from numba import njit
 from thirdbody.jit.options import OPTIONS, OTHERS
 from thirdbody.kernels.arguments import EFFECTS, LABEL, MEASURE, OBSERVE
 from thirdbody.laws.data import Body, Wrench
-from thirdbody.laws.generated import as_kernel, calling_kernels, plain
+from thirdbody.laws.generated import as_kernel, as_own
 """
 
 LOOP = f"""
@@ -341,17 +322,6 @@ def effects(B, E, first, last, time, dt, parameters):
         b = Body(B[i, {body.MASS}], B[i, {body.POSITION}], B[i, {body.POSITION + 1}], B[i, {body.POSITION + 2}],
                  B[i, {body.VELOCITY}], B[i, {body.VELOCITY + 1}], B[i, {body.VELOCITY + 2}],
                  B[i, {body.SPIN}], B[i, {body.SPIN + 1}], B[i, {body.SPIN + 2}], mean, time)
-"""
-
-OWN = """
-
-def own(function, name):  # as one of this module to numba's cache, which goes by file and name
-    copy = calling_kernels(function)
-    copy.__code__ = copy.__code__.replace(co_filename=__file__)
-    copy.__module__, copy.__qualname__, copy.__name__ = __name__, name, name
-    return copy
-
-
 """
 
 
@@ -388,13 +358,11 @@ def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable
 
     The generated module copies their code: wrappers would compile all twice. What they call is compiled within it only.
     """
-    text, chosen = (
-        HEAD.format(labeller.name) + OWN,
-        labeller.label if effects else labeller.label_without_effects or labeller.label,
-    )
+    text = HEAD.format(labeller.name)
+    chosen = labeller.label if effects else labeller.label_without_effects or labeller.label
     for name, kernel in (("observe", labeller.observe), ("label", chosen)):
         function = plain(kernel)
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
-        text += f'{name} = njit({name.upper()}, **OTHERS)(own(plain({name}_kernel), "{name}"))\n'
+        text += f'{name} = njit({name.upper()}, **OTHERS)(as_own({name}_kernel, "{name}", globals()))\n'
     module = load_module("labeller", text, [labeller.observe, chosen])[0]
     return module.observe, module.label

@@ -137,10 +137,6 @@ class Option:
 Options = Mapping[str, Any]
 
 
-def _always(_pairs: Sequence[Pair]) -> bool:
-    return True
-
-
 def refuse_other_than_tuples(part: Any, **fields: type | tuple[type, ...]) -> None:
     """Raise TypeError for a field of a part of a plug-in that is no tuple of this type, such as `(OPTION)` without its comma."""
     for name, kinds in fields.items():
@@ -182,7 +178,7 @@ class Law:
     options: tuple[Option, ...] = ()
     history: tuple[str, ...] = ()
     tangent: Callable | None = None
-    wanted: Callable[[Sequence[Pair]], bool] = _always
+    wanted: Callable[[Sequence[Pair]], bool] = lambda pairs: True
     field: int | Callable[[Options], int] = 0
     rolls: bool = False
     variant: Callable[[Options], Law | None] | None = None

@@ -10,22 +10,14 @@ implicit ones."""
 class Contact(NamedTuple):
     """State of one contact, input of all laws.
 
-    overlap : float
-        Overlap [m].
-    radius : float
-        Effective radius of curvature [m], 1/R = 1/R_i + 1/R_j.
-    mass : float
-        Effective mass [kg], 1/m = 1/m_i + 1/m_j.
-    v_n : float
-        Separation speed, synchronised with the overlap [m/s].
-    slip_x, slip_y : float
-        Slip during the step [m].
-    v_x, v_y : float
-        Slip velocity, synchronised with the overlap [m/s].
-    roll_x, roll_y : float
-        Travel of the contact area over both surfaces in the step, their mean [m]; 0 unless the law `rolls`.
-    moved : float
-        Overlap gained in the step [m]; 0 where nothing moves, and unless the force of a law jumps (`Law.in_steps`).
+    overlap : Overlap [m].
+    radius : Effective radius of curvature [m], 1/R = 1/R_i + 1/R_j.
+    mass : Effective mass [kg], 1/m = 1/m_i + 1/m_j.
+    v_n : Separation speed, synchronised with the overlap [m/s].
+    slip_x, slip_y : Slip during the step [m].
+    v_x, v_y : Slip velocity, synchronised with the overlap [m/s].
+    roll_x, roll_y : Travel of the contact area over both surfaces in the step, their mean [m]; 0 unless the law `rolls`.
+    moved : Overlap gained in the step [m]; 0 where nothing moves, and unless the force of a law jumps (`Law.in_steps`).
     """
 
     overlap: float
@@ -44,16 +36,11 @@ class Contact(NamedTuple):
 class Normal(NamedTuple):
     """Result of a normal law.
 
-    force : float
-        Force, positive in compression [N].
-    contact_radius : float
-        Radius of the contact area [m].
-    stored, dissipated : float
-        Elastic energy, and energy dissipated during this step [J].
-    peak_pressure : float
-        Largest pressure in the contact area [Pa].
-    squared_radius_rate : float
-        d(a^2)/dd of the contact radius a [m]: finite at first touch, where da/dd of a sphere is not.
+    force : Force, positive in compression [N].
+    contact_radius : Radius of the contact area [m].
+    stored, dissipated : Elastic energy, and energy dissipated during this step [J].
+    peak_pressure : Largest pressure in the contact area [Pa].
+    squared_radius_rate : d(a^2)/dd of the contact radius a [m]: finite at first touch, where da/dd of a sphere is not.
     """
 
     force: float
@@ -67,10 +54,8 @@ class Normal(NamedTuple):
 class Adhesion(NamedTuple):
     """Result of an adhesion law.
 
-    force : float
-        Force, negative: attractive [N].
-    stored : float
-        Energy, zero where the force begins: at first touch, or at minus the reach; negative in an adhesive well [J].
+    force : Force, negative: attractive [N].
+    stored : Energy, zero where the force begins: at first touch, or at minus the reach; negative in an adhesive well [J].
     """
 
     force: float
@@ -80,16 +65,11 @@ class Adhesion(NamedTuple):
 class Load(NamedTuple):
     """Result of the normal stages, input of the tangential ones.
 
-    force : float
-        Load available to friction: elastic plus viscous, never negative [N].
-    elastic : float
-        Force of the normal law only [N].
-    contact_radius : float
-        Radius of the contact area [m].
-    stiffness : float
-        dN/dd [N/m]; set only when a tangent is evaluated.
-    squared_radius_rate : float
-        d(a^2)/dd [m], so da/dd = squared_radius_rate/(2 a); set only when a tangent is evaluated.
+    force : Load available to friction: elastic plus viscous, never negative [N].
+    elastic : Force of the normal law only [N].
+    contact_radius : Radius of the contact area [m].
+    stiffness : dN/dd [N/m]; set only when a tangent is evaluated.
+    squared_radius_rate : d(a^2)/dd [m], so da/dd = squared_radius_rate/(2 a); set only when a tangent is evaluated.
     """
 
     force: float
@@ -102,16 +82,11 @@ class Load(NamedTuple):
 class Tangential(NamedTuple):
     """Result of a tangential law.
 
-    x, y : float
-        Force on i [N].
-    limit : float
-        Largest tangential force allowed by friction [N].
-    critical : float
-        Displacement at which a virgin contact under this load slips throughout [m].
-    slip : float
-        Irreversible slip during this step [m].
-    stored, dissipated : float
-        Elastic energy, and energy dissipated during this step [J].
+    x, y : Force on i [N].
+    limit : Largest tangential force allowed by friction [N].
+    critical : Displacement at which a virgin contact under this load slips throughout [m].
+    slip : Irreversible slip during this step [m].
+    stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
     x: float
@@ -126,10 +101,8 @@ class Tangential(NamedTuple):
 class Turn(NamedTuple):
     """Rotation of i relative to j about the tangential axes of the contact frame, input of the rolling stage.
 
-    x, y : float
-        Rotation during the step [rad].
-    w_x, w_y : float
-        Its rate, synchronised with the overlap [rad/s].
+    x, y : Rotation during the step [rad].
+    w_x, w_y : Its rate, synchronised with the overlap [rad/s].
     """
 
     x: float
@@ -141,16 +114,11 @@ class Turn(NamedTuple):
 class Rolling(NamedTuple):
     """Result of a rolling law.
 
-    x, y : float
-        Moment on i about the axes of the contact frame [N m].
-    limit : float
-        Largest moment [N m].
-    viscosity : float
-        Viscous moment per unit rolling rate, limited by the engine to the remaining moment [N m s].
-    turn : float
-        Irreversible rotation during this step [rad].
-    stored, dissipated : float
-        Elastic energy, and energy dissipated during this step [J].
+    x, y : Moment on i about the axes of the contact frame [N m].
+    limit : Largest moment [N m].
+    viscosity : Viscous moment per unit rolling rate, limited by the engine to the remaining moment [N m s].
+    turn : Irreversible rotation during this step [rad].
+    stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
     x: float
@@ -165,10 +133,8 @@ class Rolling(NamedTuple):
 class Twist(NamedTuple):
     """Rotation of i relative to j about the normal, input of the twisting stage.
 
-    angle : float
-        Rotation during the step [rad].
-    rate : float
-        Its rate, synchronised with the overlap [rad/s].
+    angle : Rotation during the step [rad].
+    rate : Its rate, synchronised with the overlap [rad/s].
     """
 
     angle: float
@@ -178,16 +144,11 @@ class Twist(NamedTuple):
 class Twisting(NamedTuple):
     """Result of a twisting law.
 
-    moment : float
-        Moment on i about the normal [N m].
-    limit : float
-        Largest moment [N m].
-    viscosity : float
-        Viscous moment per unit rate, limited by the engine to the remaining moment [N m s].
-    turn : float
-        Irreversible rotation during this step [rad].
-    stored, dissipated : float
-        Elastic energy, and energy dissipated during this step [J].
+    moment : Moment on i about the normal [N m].
+    limit : Largest moment [N m].
+    viscosity : Viscous moment per unit rate, limited by the engine to the remaining moment [N m s].
+    turn : Irreversible rotation during this step [rad].
+    stored, dissipated : Elastic energy, and energy dissipated during this step [J].
     """
 
     moment: float
@@ -201,18 +162,12 @@ class Twisting(NamedTuple):
 class Body(NamedTuple):
     """State of one body in world axes, input of body effects.
 
-    mass : float
-        Mass [kg].
-    x, y, z : float
-        Centre of mass [m].
-    v_x, v_y, v_z : float
-        Its velocity [m/s].
-    w_x, w_y, w_z : float
-        Angular velocity [rad/s].
-    inertia : float
-        Mean principal moment of inertia [kg m2].
-    time : float
-        Time [s].
+    mass : Mass [kg].
+    x, y, z : Centre of mass [m].
+    v_x, v_y, v_z : Its velocity [m/s].
+    w_x, w_y, w_z : Angular velocity [rad/s].
+    inertia : Mean principal moment of inertia [kg m2].
+    time : Time [s].
     """
 
     mass: float
@@ -232,10 +187,8 @@ class Body(NamedTuple):
 class Wrench(NamedTuple):
     """Result of a body effect.
 
-    f_x, f_y, f_z : float
-        Force [N].
-    t_x, t_y, t_z : float
-        Torque about the centre of mass [N m].
+    f_x, f_y, f_z : Force [N].
+    t_x, t_y, t_z : Torque about the centre of mass [N m].
     """
 
     f_x: float

@@ -7,7 +7,7 @@ force, for settling only.
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import BodyEffect, Labeller, Option, Options, kernel
+from thirdbody.laws.contract import BodyEffect, Labeller, Option, kernel
 from thirdbody.laws.data import Wrench
 
 
@@ -25,11 +25,6 @@ def gravity(b, p):
     return Wrench(b.mass * p.g_x, b.mass * p.g_y, b.mass * p.g_z, 0.0, 0.0, 0.0)
 
 
-def mix_gravity(options: Options) -> GravityParameters:
-    """Return the acceleration of the scene."""
-    return GravityParameters(*options["acceleration"])
-
-
 class ViscousParameters(NamedTuple):
     """Decay rate of the velocity [1/s]."""
 
@@ -43,16 +38,11 @@ def viscous(b, p):
     return Wrench(f * b.v_x, f * b.v_y, f * b.v_z, t * b.w_x, t * b.w_y, t * b.w_z)
 
 
-def mix_viscous(options: Options) -> ViscousParameters:
-    """Return the rate of the scene."""
-    return ViscousParameters(options["rate"])
-
-
 GRAVITY = BodyEffect(
     name="gravity",
     kernel=gravity,
     parameters=GravityParameters,
-    mix=mix_gravity,
+    mix=lambda options: GravityParameters(*options["acceleration"]),
     options=(Option("acceleration", "acceleration", None, size=3, doc="acceleration vector"),),
     source="Newton 1687",
 )
@@ -61,7 +51,7 @@ DAMPING = BodyEffect(
     name="damping",
     kernel=viscous,
     parameters=ViscousParameters,
-    mix=mix_viscous,
+    mix=lambda options: ViscousParameters(options["rate"]),
     options=(Option("rate", "rate", None, low=0.0, doc='rate at which velocities decay, such as "1e4 1/s"'),),
     source="linear (Stokes) drag with a uniform rate",
 )
@@ -93,16 +83,11 @@ def local(b, total, p):
     )  # fmt: skip
 
 
-def mix_local(options: Options) -> LocalParameters:
-    """Return the coefficient of the scene."""
-    return LocalParameters(options["coefficient"])
-
-
 LOCAL_DAMPING = BodyEffect(
     name="local_damping",
     kernel=local,
     parameters=LocalParameters,
-    mix=mix_local,
+    mix=lambda options: LocalParameters(options["coefficient"]),
     options=(
         Option("coefficient", "dimensionless", None, low=0.0, high=0.9, doc="fraction of the unbalanced force, such as 0.3"),
         Option("until", "dimensionless", "settled", words=("settled",), doc="when it ends: it is for settling only"),
@@ -115,13 +100,11 @@ LOCAL_DAMPING = BodyEffect(
 
 @kernel
 def observe_nothing(contacts, n, body, memory):
-    """Leave the memory unchanged."""
     memory[0] += 0.0
 
 
 @kernel
 def label_nothing(contacts, n, body, memory, out):
-    """Leave every body at state 0."""
     out[0] = 0.0
 
 

@@ -8,13 +8,13 @@ not need.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
-from thirdbody.laws import memory as memories
 from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
 from thirdbody.laws.data import Tangential
 from thirdbody.laws.hertz import e_star, g_star
-from thirdbody.laws.memory import MEMORY, friction_tangent, renewed_spring, retained_energy
+from thirdbody.laws.memory import MEMORIES, MEMORY, Memory, friction_tangent, renewed_spring, retained_energy
 from thirdbody.laws.renewal import RENEWAL_OF_SPRINGS, growth_of, moved_ground, renewal_rate, renewed
 
 
@@ -39,63 +39,38 @@ class Renewing(NamedTuple):
     falls: float
 
 
-class Memory(NamedTuple):
-    """A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
-
-    history: tuple[str, ...]
-    step: Callable
-    remaining: Callable
-    scaled: Callable
-
-
-MEMORIES = (
-    Memory(memories.HISTORY[:3], memories.stretched, memories.remaining, memories.scaled),
-    Memory(memories.HISTORY[:8], memories.swung_once, memories.remaining_one, memories.scaled_one),
-    Memory(memories.HISTORY, memories.swung_twice, memories.remaining_two, memories.scaled_two),
-)
-"""By the number of closed rings."""
-
 GROUND = ("offset_x", "offset_y", "reach")
 
 
-def spring_kernels(elastic: Callable, memory: Memory) -> tuple[Callable, Callable]:
-    """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`."""
-    step, remaining = memory.step, memory.remaining
+def kernels_of(elastic: Callable, memory: Memory, renewing: Callable | None) -> tuple[Callable, Callable]:
+    """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`.
+
+    With `renewing(load, p, elastic)`, which returns `Renewing`, a rolling contact area is renewed.
+    """
+    step, remaining, scaled, rolls = memory.step, memory.remaining, memory.scaled, renewing is not None
 
     def law(c, load, p, h):
-        e = elastic(c, load, p)
-        t, new = step(c.slip_x, c.slip_y, h, e.stiffness, e.limit, p.retained_energy)
+        e, a = elastic(c, load, p), load.contact_radius
+        if rolls:
+            ground = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1])
+            fraction = renewed(renewing(load, p, e).rate * ground.path / max(a, 1e-300))
+            old = h[:-3]
+            fill_x, fill_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
+            stuck, own = step(fill_x, fill_y, scaled(old, fraction.retained), e.stiffness, e.limit, 1.0)
+            t = renewed_spring(stuck, remaining(old, e.stiffness, 0.0), old[2], c.slip_x, c.slip_y, fraction, e.stiffness)
+            new = own + (ground.x, ground.y, ground.reach)
+        else:
+            t, new = step(c.slip_x, c.slip_y, h, e.stiffness, e.limit, p.retained_energy)
         slip = t.slip if e.rubs else math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
         return Tangential(t.x, t.y, e.limit, e.critical, slip, t.stored, t.dissipated), new
 
     def tangent(c, load, p, h):
-        e = elastic(c, load, p)
-        k = remaining(h, e.stiffness, e.stiffness_rate)
-        x, y = k.x - e.stiffness * c.slip_x, k.y - e.stiffness * c.slip_y
-        x_rate, y_rate = k.x_rate - e.stiffness_rate * c.slip_x, k.y_rate - e.stiffness_rate * c.slip_y
-        return friction_tangent(x, y, e.limit, e.limit_rate, e.stiffness, x_rate, y_rate)
-
-    return law, tangent
-
-
-def rolling_kernels(elastic: Callable, renewing: Callable, memory: Memory) -> tuple[Callable, Callable]:
-    """As `spring_kernels`, with `renewing(load, p, elastic)` that returns `Renewing`."""
-    step, remaining, scaled = memory.step, memory.remaining, memory.scaled
-
-    def law(c, load, p, h):
         e, a = elastic(c, load, p), load.contact_radius
-        ground = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1])
-        fraction = renewed(renewing(load, p, e).rate * ground.path / max(a, 1e-300))
-        old = h[:-3]
-        fill_x, fill_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
-        t, new = step(fill_x, fill_y, scaled(old, fraction.retained), e.stiffness, e.limit, 1.0)
-        t = renewed_spring(t, remaining(old, e.stiffness, 0.0), old[2], c.slip_x, c.slip_y, fraction, e.stiffness)
-        slip = t.slip if e.rubs else math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
-        answer = Tangential(t.x, t.y, e.limit, e.critical, slip, t.stored, t.dissipated)
-        return answer, (*new, ground.x, ground.y, ground.reach)
-
-    def tangent(c, load, p, h):
-        e, a = elastic(c, load, p), load.contact_radius
+        if not rolls:
+            k = remaining(h, e.stiffness, e.stiffness_rate)
+            x, y = k.x - e.stiffness * c.slip_x, k.y - e.stiffness * c.slip_y
+            x_rate, y_rate = k.x_rate - e.stiffness_rate * c.slip_x, k.y_rate - e.stiffness_rate * c.slip_y
+            return friction_tangent(x, y, e.limit, e.limit_rate, e.stiffness, x_rate, y_rate)
         renewal = renewing(load, p, e)
         distance = moved_ground(c.roll_x, c.roll_y, a, h[-3], h[-2], h[-1]).path
         fraction = renewed(renewal.rate * distance / max(a, 1e-300))
@@ -118,22 +93,16 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
     the module with this namespace.
     """
     forms: dict[tuple[int, bool], Law] = {}
-    for count, memory in enumerate(MEMORIES):
-        ring = ("", "_one_ring", "_two_rings")[count]
-        for base, ending, functions in (
-            (law, ring, spring_kernels(elastic, memory)),
-            (rolling, f"{ring}_rolling", rolling_kernels(elastic, renewing, memory)),
-        ):
-            names = f"{law.name}{ending}", f"{law.name}{ending}_tangent"
-            for function, name in zip(functions, names, strict=True):
-                function.__name__ = function.__qualname__ = name
-                function.__module__ = space["__name__"]
-                space[name] = kernel(function)
-            rolls = base is rolling
-            history = memory.history + (GROUND if rolls else ())
-            forms[count, rolls] = replace(
-                base, kernel=space[names[0]], tangent=space[names[1]], history=history, rolls=rolls, variant=None
-            )
+    for (count, memory), rolls in product(enumerate(MEMORIES), (False, True)):
+        functions = kernels_of(elastic, memory, renewing if rolls else None)
+        name = law.name + ("", "_one_ring", "_two_rings")[count] + "_rolling" * rolls
+        for function, own in zip(functions, (name, f"{name}_tangent"), strict=True):
+            function.__name__ = function.__qualname__ = own
+            function.__module__ = space["__name__"]
+            space[own] = kernel(function)
+        own_kernels = {"kernel": space[name], "tangent": space[f"{name}_tangent"]}
+        history = memory.history + GROUND * rolls
+        forms[count, rolls] = replace(rolling if rolls else law, **own_kernels, history=history, rolls=rolls, variant=None)
 
     def variant(options: Options) -> Law | None:
         count = {"one_ring": 1, "two_rings": 2}.get(str(options.get("memory", MEMORY.default)), 0)  # `assembly` resolves "auto"
@@ -199,9 +168,9 @@ def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
 
 def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
     """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
-    p, rate = mix_coulomb(pair, options), renewal_rate(pair, options)
+    rate = retained_energy(options) * renewal_rate(pair, options)
     rates = (0.0, rate) if options["renewal"] == "kalker" else (rate, 0.0)
-    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, *(p.retained_energy * x for x in rates))
+    return RollingCoulombParameters(*mix_coulomb(pair, options)[:3], *rates)
 
 
 _COULOMB = Law(
@@ -218,9 +187,8 @@ _COULOMB = Law(
     ),
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
 )  # fmt: skip
-_ROLLING_COULOMB = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
-
-COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING_COULOMB, globals())
+_ROLLING = replace(_COULOMB, parameters=RollingCoulombParameters, mix=mix_coulomb_rolling)
+COULOMB = with_forms(_COULOMB, spring_of_load, renewal_of_load, _ROLLING, globals())
 
 
 class MindlinParameters(NamedTuple):
@@ -269,8 +237,7 @@ def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
 
 def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
     """As `mix_mindlin`, with the rate of renewal; zero for the rescaled force."""
-    p = mix_mindlin(pair, options)
-    return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.retained_energy * renewal_rate(pair, options))
+    return RollingMindlinParameters(*mix_mindlin(pair, options)[:3], retained_energy(options) * renewal_rate(pair, options))
 
 
 _MINDLIN = Law(
@@ -282,6 +249,5 @@ _MINDLIN = Law(
     options=(MEMORY, RENEWAL_OF_SPRINGS),
     source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.memory",
 )
-_ROLLING_MINDLIN = replace(_MINDLIN, parameters=RollingMindlinParameters, mix=mix_mindlin_rolling)
-
-MINDLIN = with_forms(_MINDLIN, spring_of_area, renewal_of_area, _ROLLING_MINDLIN, globals())
+_ROLLING = replace(_MINDLIN, parameters=RollingMindlinParameters, mix=mix_mindlin_rolling)
+MINDLIN = with_forms(_MINDLIN, spring_of_area, renewal_of_area, _ROLLING, globals())

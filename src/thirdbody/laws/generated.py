@@ -42,24 +42,16 @@ def plain(function: Any) -> Any:
 
 
 def sources(functions: Iterable[Callable]) -> str:
-    """Return a digest of everything that these functions can depend on: source files, code and values."""
-    functions = list(functions)
-    reached = Reached(functions)
-    digest = hashlib.sha256(reached.digest().encode())
-    for file in source_files(functions, reached):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    """Return a digest of everything that these functions can depend on: source files, code and values.
 
-
-def source_files(functions: Iterable[Callable], reached: Reached | None = None) -> list[Path]:
-    """Return every source file that a law's result can depend on.
-
-    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through names
-    (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches. Of this
-    engine only the modules that the law can reach count, not the whole package.
+    The files: the whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there
+    through names (functions, classes, constants of a module, modules); of installed packages those with functions that the law
+    reaches. Of this engine only the modules that the law can reach count, not the whole package.
     """
     functions = list(functions)
-    files = (reached or Reached(functions)).files()
+    reached = Reached(functions)
+    defining = [getattr(sys.modules.get(name), "__file__", None) for name in reached.modules]
+    files = {Path(name) for name in defining if name and name.endswith(".py")}
     waiting = [sys.modules[plain(function).__module__] for function in functions]
     own = {module.__name__.partition(".")[0] for module in waiting}
     visited: set[str] = set()
@@ -77,77 +69,59 @@ def source_files(functions: Iterable[Callable], reached: Reached | None = None) 
         names = {getattr(value, "__module__", None) for value in (*values, *map(plain, filter(callable, values)))}
         named = [value for value in values if isinstance(value, ModuleType)]
         named += [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
-        waiting += [other for other in named if not _installed(other, own)]
-    return sorted(files)
-
-
-def _installed(module: ModuleType, own: set[str]) -> bool:
-    """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to a library."""
-    top = module.__name__.partition(".")[0]
-    parts = {"site-packages", "dist-packages"} & {*Path(getattr(module, "__file__", None) or "").parts}
-    return top not in own and (top in sys.stdlib_module_names or top == ENGINE or bool(parts))
+        for other in named:
+            package = other.__name__.partition(".")[0]
+            installed = {"site-packages", "dist-packages"} & {*Path(getattr(other, "__file__", None) or "").parts}
+            if package in own or not (installed or package == ENGINE or package in sys.stdlib_module_names):
+                waiting.append(other)
+    digest = hashlib.sha256(reached.digest.hexdigest().encode())
+    for path in sorted(files):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 class Reached:
-    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes."""
+    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes.
+
+    The digest is the same for the same code and values in any process.
+    """
 
     def __init__(self, functions: Iterable[Callable]) -> None:
-        self._hash = hashlib.sha256()
+        self.digest = hashlib.sha256()
+        self.modules: set[str] = set()
         self._visited: dict[tuple[int, frozenset[str]], tuple[int, Any]] = {}
-        self._modules: set[str] = set()
         for function in functions:
             self._value(function, frozenset())
 
-    def digest(self) -> str:
-        """Return the digest, the same for the same code and values in any process."""
-        return self._hash.hexdigest()
-
-    def files(self) -> set[Path]:
-        """Return the source files of the modules."""
-        result = [getattr(sys.modules.get(name), "__file__", None) for name in self._modules]
-        return {Path(name) for name in result if name and name.endswith(".py")}
-
     def _add(self, *words: object) -> None:
-        self._hash.update("\0".join([*map(str, words), "\n"]).encode("utf-8", "surrogatepass"))
+        self.digest.update("\0".join([*map(str, words), "\n"]).encode("utf-8", "surrogatepass"))
 
     def _value(self, value: Any, names: frozenset[str]) -> None:
         """Add a value; `names` are those used by the code that reaches it, including attributes."""
         value = plain(value)
+        key = id(value), names if isinstance(value, ModuleType | type) else frozenset()
         if isinstance(value, SIMPLE):
             self._add(type(value).__name__, repr(value))
         elif isinstance(value, np.ndarray | np.generic):
-            self._array(np.asarray(value))
+            self._add("array", value.shape, value.dtype)
+            if value.dtype.hasobject:
+                self._value(value.tolist(), frozenset())
+            else:
+                self.digest.update(np.ascontiguousarray(value).tobytes())
         elif isinstance(value, set | frozenset):
             self._add(type(value).__name__, *sorted(map(repr, value)))
+        elif key in self._visited:
+            self._add("visited", self._visited[key][0])
         else:
-            key = id(value), names if isinstance(value, ModuleType | type) else frozenset()
-            if key in self._visited:
-                self._add("visited", self._visited[key][0])
+            self._visited[key] = len(self._visited), value  # reference held, or another object could get its id
+            if isinstance(value, CodeType):
+                self._code(value)
+            elif isinstance(value, list | tuple | dict):
+                self._add(type(value).__name__, len(value))
+                for part in value if not isinstance(value, dict) else [part for entry in value.items() for part in entry]:
+                    self._value(part, names)
             else:
-                self._visited[key] = len(self._visited), value  # reference held, or another object could get its id
-                self._compound(value, names)
-
-    def _array(self, array: np.ndarray) -> None:
-        self._add("array", array.shape, array.dtype)
-        if array.dtype.hasobject:
-            self._value(array.tolist(), frozenset())
-        else:
-            self._hash.update(np.ascontiguousarray(array).tobytes())
-
-    def _compound(self, value: Any, names: frozenset[str]) -> None:
-        if isinstance(value, CodeType):
-            self._code(value)
-        elif isinstance(value, list | tuple):
-            self._add(type(value).__name__, len(value))
-            for part in value:
-                self._value(part, names)
-        elif isinstance(value, dict):
-            self._add("dict", len(value))
-            for key, part in value.items():
-                self._value(key, names)
-                self._value(part, names)
-        else:
-            self._object(value, names)
+                self._object(value, names)
 
     def _object(self, value: Any, names: frozenset[str]) -> None:
         """Add a module, a function, a class, or an instance of one."""
@@ -155,37 +129,29 @@ class Reached:
         self._add(type(value).__name__, getattr(owner, "__module__", ""), getattr(owner, "__qualname__", owner.__name__))
         if isinstance(value, ModuleType):
             if not _of_library(value.__name__):
-                self._modules.add(value.__name__)
+                self.modules.add(value.__name__)
                 self._attributes(vars(value), names)
         elif _of_library(getattr(value, "__module__", None)):
             if owner is not value and " at 0x" not in repr(value):
                 self._add(repr(value))  # a numba type, a number type
         elif isinstance(value, FunctionType):
-            self._function(value)
+            self.modules.add(value.__module__)
+            self._code(value.__code__)
+            self._value([value.__defaults__, value.__kwdefaults__], frozenset())
+            names = _names_in(value.__code__)
+            for cell in value.__closure__ or ():
+                self._value(cell.cell_contents, names)
+            self._attributes(value.__globals__, names)
         elif isinstance(value, type):
-            self._modules.add(value.__module__)
+            self.modules.add(value.__module__)
             self._attributes(vars(value), names | {"_fields", "_field_defaults"})
-        else:
-            self._instance(value)
-
-    def _instance(self, value: Any) -> None:
-        """Add the contents of an object: an enumeration's member, numba's wrapper of a function, or any other."""
-        self._modules.add(type(value).__module__)
-        self._value(value.value if isinstance(value, Enum) else dict(getattr(value, "__dict__", {})), frozenset())
-
-    def _function(self, function: FunctionType) -> None:
-        self._modules.add(function.__module__)
-        code = function.__code__
-        self._code(code)
-        self._value([function.__defaults__, function.__kwdefaults__], frozenset())
-        names = _names_in(code)
-        for cell in function.__closure__ or ():
-            self._value(cell.cell_contents, names)
-        self._attributes(function.__globals__, names)
+        else:  # a member of an enumeration, numba's wrapper of a function, or any other
+            self.modules.add(type(value).__module__)
+            self._value(value.value if isinstance(value, Enum) else dict(getattr(value, "__dict__", {})), frozenset())
 
     def _code(self, code: CodeType) -> None:
         self._add(code.co_name, code.co_argcount, code.co_varnames, code.co_names, code.co_freevars, code.co_cellvars)
-        self._hash.update(code.co_code)
+        self.digest.update(code.co_code)
         for constant in code.co_consts:
             self._value(constant, frozenset())
 
@@ -234,6 +200,14 @@ def calling_kernels(function: FunctionType) -> FunctionType:
     cells = tuple(CellType(inner(cell.cell_contents)) for cell in function.__closure__ or ())
     copy = FunctionType(function.__code__, function.__globals__ | called, function.__name__, function.__defaults__, cells)
     copy.__qualname__ = function.__qualname__
+    return copy
+
+
+def as_own(kernel: Any, name: str, space: Mapping[str, Any]) -> FunctionType:
+    """Return the function as one of the module with this namespace to numba's cache, which goes by file and name."""
+    copy = calling_kernels(plain(kernel))
+    copy.__code__ = copy.__code__.replace(co_filename=space["__file__"])
+    copy.__module__, copy.__qualname__, copy.__name__ = space["__name__"], name, name
     return copy
 
 

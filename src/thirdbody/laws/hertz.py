@@ -7,7 +7,7 @@ Contacts are computed as elastic beyond first yield, too, unless the scene names
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import Law, Material, Options, Pair, kernel
+from thirdbody.laws.contract import Law, Material, kernel
 from thirdbody.laws.data import Normal
 
 
@@ -100,18 +100,13 @@ def hertz_tangent(c, p):
     return 2.0 * p.e_star * math.sqrt(c.radius * c.overlap)
 
 
-def mix_hertz(pair: Pair, _options: Options) -> HertzParameters:
-    """Return E* of the pair."""
-    return HertzParameters(e_star(pair.a, pair.b))
-
-
 HERTZ = Law(
     name="hertz",
     stage="normal",
     kernel=hertz,
     tangent=hertz_tangent,
     parameters=HertzParameters,
-    mix=mix_hertz,
+    mix=lambda pair, options: HertzParameters(e_star(pair.a, pair.b)),
     source="Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5",
 )
 

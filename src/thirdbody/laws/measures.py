@@ -73,21 +73,13 @@ class Measure:
         refuse_other_than_tuples(self, amounts=Amount, options=Option, materials=str)
 
 
-class BodyColumn(NamedTuple):
-    """What a body has of a measure: name, unit, meaning; `kind` as of the amount."""
+class Output(NamedTuple):
+    """What a body has of a measure, or a map of both plates: name, unit, meaning; `kind` as of the amount."""
 
     name: str
     unit: str
     doc: str
-    kind: str
-
-
-class MapName(NamedTuple):
-    """A map of both plates: name, unit and meaning."""
-
-    name: str
-    unit: str
-    doc: str
+    kind: str = SUM
 
 
 class Layout(NamedTuple):
@@ -98,8 +90,8 @@ class Layout(NamedTuple):
     time in which contacts were closed, which means are divided by, is column `time` of the body; -1: there are no means.
     """
 
-    bodies: tuple[BodyColumn, ...]
-    maps: tuple[MapName, ...]
+    bodies: tuple[Output, ...]
+    maps: tuple[Output, ...]
     maxima: tuple[tuple[str, str, str], ...]
     targets: np.ndarray
     sums: int
@@ -115,54 +107,43 @@ class Layout(NamedTuple):
         return {name: unit for name, unit, *_ in (*self.bodies, *self.maps, *self.maxima)}
 
 
-def summed(measures: Sequence[Measure]) -> list[tuple[int, int]]:
-    """Return measure and amount of every sum and mean, in order."""
-    return [(k, i) for k, m in enumerate(measures) for i, amount in enumerate(m.amounts) if amount.kind != MAXIMUM]
-
-
-def largest(measures: Sequence[Measure]) -> list[tuple[int, int]]:
-    """Return measure and amount of every maximum, in order."""
-    return [(k, i) for k, m in enumerate(measures) for i, amount in enumerate(m.amounts) if amount.kind == MAXIMUM]
-
-
-def has_means(measures: Sequence[Measure]) -> bool:
-    """Return whether there is a mean, for which contacts keep the time in which they were closed."""
-    return any(amount.kind == MEAN for m in measures for amount in m.amounts)
+def by_kind(measures: Sequence[Measure]) -> tuple[list[tuple[int, int, Amount]], list[tuple[int, int, Amount]]]:
+    """Return every sum and mean, and every maximum: number of the measure, number of the amount in it, amount."""
+    amounts = [(k, i, amount) for k, measure in enumerate(measures) for i, amount in enumerate(measure.amounts)]
+    return [entry for entry in amounts if entry[2].kind != MAXIMUM], [entry for entry in amounts if entry[2].kind == MAXIMUM]
 
 
 def layout_of(measures: Sequence[Measure]) -> Layout:
     """Return where these measures keep their numbers. Raises ValueError where two of them have an amount of one name."""
-    bodies: list[BodyColumn] = []
-    maps: list[MapName] = []
+    summands, largest = by_kind(measures)
+    bodies: list[Output] = []
+    maps: list[Output] = []
     targets: list[tuple[int, ...]] = []
     time = -1
-    for k, i in summed(measures):
-        amount = measures[k].amounts[i]
+    for _, _, amount in summands:
         if amount.of_plate:
-            drawn = len(maps) if amount.map else -1
-            maps += [MapName(*amount.map, amount.doc)] if amount.map else []
-            targets.append((ADD, len(bodies), len(bodies) + 1, -1, drawn))
+            targets.append((ADD, len(bodies), len(bodies) + 1, -1, len(maps) if amount.map else -1))
+            maps += [Output(*amount.map, amount.doc)] if amount.map else []
             for side in ("lower", "upper"):
                 doc = f"{amount.doc.rstrip('.')}; at the {side} plate."
-                bodies.append(BodyColumn(f"{amount.name}_{side}", amount.unit, doc, SUM))
+                bodies.append(Output(f"{amount.name}_{side}", amount.unit, doc))
         else:
             targets.append((ADD, *(3 * (len(bodies),)), -1))
-            bodies.append(BodyColumn(amount.name, amount.unit, amount.doc, amount.kind))
-    if has_means(measures):
+            bodies.append(Output(amount.name, amount.unit, amount.doc, amount.kind))
+    if any(amount.kind == MEAN for _, _, amount in summands):
         time = len(bodies)
         targets.append((ADD, time, time, time, -1))
-        bodies.append(BodyColumn("measured_time", "s", "Time of the drag in which its contacts were closed, summed.", SUM))
-    sums, maxima = len(targets), []
-    for k, i in largest(measures):
-        amount = measures[k].amounts[i]
+        bodies.append(Output("measured_time", "s", "Time of the drag in which its contacts were closed, summed."))
+    sums = len(targets)
+    for _, _, amount in largest:
         targets.append((MAX, *(3 * (len(bodies),)), -1))
-        bodies.append(BodyColumn(amount.name, amount.unit, amount.doc, MAXIMUM))
-        maxima.append((amount.name, amount.unit, amount.doc))
-    names = [column.name for column in bodies] + [entry.name for entry in maps]
+        bodies.append(Output(amount.name, amount.unit, amount.doc, MAXIMUM))
+    names = [entry.name for entry in (*bodies, *maps)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"two amounts of measures have the name {', '.join(twice)}")
-    return Layout(tuple(bodies), tuple(maps), tuple(maxima), np.array(targets, np.int64).reshape(-1, 5), sums, time)
+    maxima = tuple((amount.name, amount.unit, amount.doc) for _, _, amount in largest)
+    return Layout(tuple(bodies), tuple(maps), maxima, np.array(targets, np.int64).reshape(-1, 5), sums, time)
 
 
 def measures_text(measures: Sequence[Measure]) -> str:
@@ -172,10 +153,11 @@ def measures_text(measures: Sequence[Measure]) -> str:
         values = ", ".join(f"parameters[row * {sum(counts)} + {sum(counts[:k]) + i}]" for i in range(counts[k]))
         lines.append(f"r{k} = kernel_{k}(s, parameters_{k}({values}))")
     lines.append("H[k, at] = s.contact_radius if s.contact_radius > 0.0 else H[k, at]")
-    added = [f"{'s.dt * ' if measures[k].amounts[i].kind == MEAN else ''}r{k}[{i}]" for k, i in summed(measures)]
-    added += ["s.dt"] if has_means(measures) else []
+    summands, largest = by_kind(measures)
+    added = [f"{'s.dt * ' if amount.kind == MEAN else ''}r{k}[{i}]" for k, i, amount in summands]
+    added += ["s.dt"] if any(amount.kind == MEAN for _, _, amount in summands) else []
     lines += [f"H[k, at + {column}] += {value}" for column, value in enumerate(added, 1)]
-    for column, (k, i) in enumerate(largest(measures), len(added) + 1):
+    for column, (k, i, _) in enumerate(largest, len(added) + 1):
         lines.append(f"H[k, at + {column}] = max(H[k, at + {column}], r{k}[{i}])")
     head = HEAD.format(" + ".join(measure.name for measure in measures)) + "\n".join(import_lines(measures))
     loop = "\n\n\n@njit(MEASURE, **OPTIONS)\ndef measure(s, row, H, k, at, parameters):\n"

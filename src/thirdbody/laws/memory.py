@@ -18,6 +18,7 @@ moves all rings alike and the limit scales them alike, so neither changes the ex
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from thirdbody.laws.contract import Option, Options, kernel
@@ -203,29 +204,22 @@ def merged(a, b):
 
 
 @kernel
-def closed(rings, single):
-    """Rings once the open one is closed; `single`: at most one closed ring. Empty rings merge without loss."""
-    whole, cost = merged(rings.inner, rings.outer)
-    around, loss = merged(rings.outer, rings.open)
-    if single or loss < cost:
-        inner, outer = rings.inner, around
-    else:
-        inner, outer, loss = whole, rings.open, cost
-    left = max(rings.energy - loss, 0.0)
-    return Rings(inner, outer, Ring(0.0, 0.0, 0.0), rings.x, rings.y, left, rings.edge_x, rings.edge_y)
-
-
-@kernel
 def swung(slip_x, slip_y, memory, stiffness, limit, single):
-    """`stretched` with rings: the spring after a slip, and its memory."""
+    """`stretched` with rings, `single`: at most one closed ring. The spring after a slip, and its memory."""
     energy, last = memory[2], memory[3]
     rings = cut(memory, stiffness)
-    if last < 0.0 and stiffness > -last and rings.open.width > 0.0:
-        rings = closed(rings, single)
-    inner, outer, ring = rings.inner, rings.outer, rings.open
+    inner, outer, ring, left = rings.inner, rings.outer, rings.open, rings.energy
+    if last < 0.0 and stiffness > -last and ring.width > 0.0:  # the open ring is closed; empty rings merge without loss
+        whole, cost = merged(inner, outer)
+        around, loss = merged(outer, ring)
+        if single or loss < cost:
+            outer = around
+        else:
+            inner, outer, loss = whole, ring, cost
+        ring, left = Ring(0.0, 0.0, 0.0), max(left - loss, 0.0)
     compliance = 1.0 / max(stiffness, 1e-150)
     uniform = 0.5 * (rings.x * rings.x + rings.y * rings.y) * compliance
-    beyond = max(rings.energy - uniform, 0.0)
+    beyond = max(left - uniform, 0.0)
     t, back = limited(rings.x - stiffness * slip_x, rings.y - stiffness * slip_y, compliance, beyond, energy - uniform, limit)
     # what is not in a closed ring, old displacement and virgin area, becomes the open ring: equal force, equal energy
     area = max(stiffness - inner.width - outer.width, 0.0)
@@ -241,40 +235,37 @@ def swung(slip_x, slip_y, memory, stiffness, limit, single):
     return t, (t.x, t.y, t.stored, now, width, outer.width, outer_x, outer_y, inner.width, inner_x, inner_y)
 
 
-@kernel
-def swung_once(slip_x, slip_y, memory, stiffness, limit, _retained):
-    """`swung` with one closed ring at most."""
-    t, new = swung(slip_x, slip_y, (*memory, 0.0, 0.0, 0.0), stiffness, limit, True)
-    return t, new[:8]
+class Memory(NamedTuple):
+    """A kind of memory: names of its floats; a step of the spring; what the area keeps; all displacements scaled."""
+
+    history: tuple[str, ...]
+    step: Callable
+    remaining: Callable
+    scaled: Callable
 
 
-@kernel
-def swung_twice(slip_x, slip_y, memory, stiffness, limit, _retained):
-    """`swung` with two closed rings at most."""
-    return swung(slip_x, slip_y, memory, stiffness, limit, False)
+def of_rings(size: int) -> Memory:
+    """Return the memory with one closed ring at most, the first eight floats of `HISTORY`, or with two."""
+    single = size < len(HISTORY)
+
+    @kernel
+    def step(slip_x, slip_y, memory, stiffness, limit, _retained):
+        t, new = swung(slip_x, slip_y, (*memory, 0.0, 0.0, 0.0)[:11], stiffness, limit, single)
+        return t, new[:size]
+
+    @kernel
+    def remaining_rings(memory, stiffness, stiffness_rate):
+        rings = cut((*memory, 0.0, 0.0, 0.0)[:11], stiffness)
+        return Retained(rings.x, rings.y, stiffness_rate * rings.edge_x, stiffness_rate * rings.edge_y)
+
+    @kernel
+    def scaled_rings(memory, f):
+        x, y, energy, last, width, outer, outer_x, outer_y, inner, inner_x, inner_y = (*memory, 0.0, 0.0, 0.0)[:11]
+        closed_rings = outer, f * outer_x, f * outer_y, inner, f * inner_x, f * inner_y
+        return (f * x, f * y, f * f * energy, last, width, *closed_rings)[:size]
+
+    return Memory(HISTORY[:size], step, remaining_rings, scaled_rings)
 
 
-@kernel
-def remaining_two(memory, stiffness, stiffness_rate):
-    """`remaining` of a memory with two closed rings."""
-    rings = cut(memory, stiffness)
-    return Retained(rings.x, rings.y, stiffness_rate * rings.edge_x, stiffness_rate * rings.edge_y)
-
-
-@kernel
-def remaining_one(memory, stiffness, stiffness_rate):
-    """`remaining` of a memory with one closed ring."""
-    return remaining_two((*memory, 0.0, 0.0, 0.0), stiffness, stiffness_rate)
-
-
-@kernel
-def scaled_one(memory, f):
-    """A memory with one closed ring, all displacements scaled."""
-    x, y, energy, last, width, outer, outer_x, outer_y = memory
-    return f * x, f * y, f * f * energy, last, width, outer, f * outer_x, f * outer_y
-
-
-@kernel
-def scaled_two(memory, f):
-    """A memory with two closed rings, all displacements scaled."""
-    return (*scaled_one(memory[:8], f), memory[8], f * memory[9], f * memory[10])
+MEMORIES = Memory(HISTORY[:3], stretched, remaining, scaled), of_rings(8), of_rings(11)
+"""By the number of closed rings."""

@@ -45,17 +45,6 @@ KALKER = ((0.0, 3.40), (0.25, 4.12), (0.5, 5.20))
 """Poisson's ratio and C11 of a circular contact (Kalker 1990, table of creepage coefficients)."""
 
 
-def creep_coefficient(nu: float) -> float:
-    """Kalker's C11 of a circular contact: 1/C11, a compliance nearly linear in nu, is the parabola through his values."""
-    total = 0.0
-    for x, c in KALKER:
-        weight = 1.0
-        for other, _ in KALKER:
-            weight *= 1.0 if other == x else (nu - other) / (x - other)
-        total += weight / c
-    return 1.0 / total
-
-
 def renewal_rate(pair: Pair, options: Options) -> float:
     """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials.
 
@@ -76,7 +65,13 @@ def renewal_rate(pair: Pair, options: Options) -> float:
     soft = [1.0 / material.shear_modulus for material in (pair.a, pair.b)]
     compliance = 0.5 * (soft[0] + soft[1])
     nu = 0.5 * (soft[0] * pair.a.poisson_ratio + soft[1] * pair.b.poisson_ratio) / compliance
-    return 2.0 * g_star(pair.a, pair.b) * compliance / creep_coefficient(nu)
+    softness = 0.0  # 1/C11, a compliance nearly linear in nu: the parabola through Kalker's values
+    for x, c in KALKER:
+        weight = 1.0
+        for other, _ in KALKER:
+            weight *= 1.0 if other == x else (nu - other) / (x - other)
+        softness += weight / c
+    return 2.0 * g_star(pair.a, pair.b) * compliance / (1.0 / softness)
 
 
 class Ground(NamedTuple):

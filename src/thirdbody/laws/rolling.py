@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from thirdbody.laws.contract import Law, Option, Options, Pair, kernel
+from thirdbody.laws.contract import Law, Option, kernel
 from thirdbody.laws.data import Rolling
 from thirdbody.laws.hertz import e_star
 from thirdbody.laws.memory import friction_tangent
@@ -65,20 +65,15 @@ def rolling_tangent(c, turn, load, p, h):
     return friction_tangent(x, y, arm * load.force, arm * load.stiffness, stiffness, x_rate, y_rate)
 
 
-def mix_rolling(pair: Pair, options: Options) -> RollingParameters:
-    """Return the coefficient; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
-    return RollingParameters(
-        options["coefficient"], STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA)
-    )
-
-
 ROLLING_RESISTANCE = Law(
     name="rolling_resistance",
     stage="rolling",
     kernel=rolling_resistance,
     tangent=rolling_tangent,
     parameters=RollingParameters,
-    mix=mix_rolling,
+    mix=lambda pair, options: RollingParameters(
+        options["coefficient"], STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA),
+    ),
     history=("moment_x", "moment_y", "stiffness"),
     options=(
         Option(

@@ -76,21 +76,15 @@ STILL, STILL_TWIST = Turn(0.0, 0.0, 0.0, 0.0), Twist(0.0, 0.0)
 
 
 @njit(**BARE)
-def contact_of(I, q, roll_x, roll_y, moved):
-    """Return contact q of the tile."""
-    return Contact(
-        I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE],
-        I[q + law_input.NORMAL_VELOCITY * TILE], I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE],
-        I[q + law_input.VELOCITY_X * TILE], I[q + law_input.VELOCITY_Y * TILE], roll_x, roll_y, moved,
-    )  # fmt: skip
-
-
-@njit(**BARE)
-def closed(f):
-    """Return a contact as laws see it that act from touch on."""
-    return Contact(
-        max(f.overlap, 0.0), f.radius, f.mass, f.v_n, f.slip_x, f.slip_y, f.v_x, f.v_y, f.roll_x, f.roll_y, f.moved
-    )  # fmt: skip
+def contacts_of(I, q, roll_x, roll_y, moved):
+    """Return contact q of the tile, and the same as laws see it that act from touch on."""
+    overlap, radius, mass = I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE]
+    v_n, slip_x, slip_y = I[q + law_input.NORMAL_VELOCITY * TILE], I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
+    v_x, v_y = I[q + law_input.VELOCITY_X * TILE], I[q + law_input.VELOCITY_Y * TILE]
+    far = Contact(overlap, radius, mass, v_n, slip_x, slip_y, v_x, v_y, roll_x, roll_y, moved)
+    if HAS_REACH:
+        return far, Contact(max(overlap, 0.0), radius, mass, v_n, slip_x, slip_y, v_x, v_y, roll_x, roll_y, moved)
+    return far, far
 
 
 @njit(**BARE)
@@ -206,8 +200,7 @@ def law(I, O, n_contacts, pairs):
     broadcast_parameters(I, n_contacts, pairs, WIDTH, U)
     for q in range(n_contacts):
         roll_x, roll_y = (I[q + TRAVEL], I[q + TRAVEL + TILE]) if ROLLS else (0.0, 0.0)
-        far = contact_of(I, q, roll_x, roll_y, I[q + MOVED] if JUMPS else 0.0)
-        c = closed(far) if HAS_REACH else far
+        far, c = contacts_of(I, q, roll_x, roll_y, I[q + MOVED] if JUMPS else 0.0)
         of_normal, of_tangential, of_rolling, of_twisting = memory(I, q)
         n, of_normal = normal(far if ATTRACTS else c, of_normal, U, q)
         force, power = n.force, 0.0
@@ -263,8 +256,7 @@ def stiffness(I, O, n_contacts, pairs):
     U = stack_array(PARAMETERS)
     broadcast_parameters(I, n_contacts, pairs, WIDTH, U)
     for q in range(n_contacts):
-        far = contact_of(I, q, 0.0, 0.0, 0.0)
-        c = closed(far) if HAS_REACH else far
+        far, c = contacts_of(I, q, 0.0, 0.0, 0.0)
         if ATTRACTS:
             # apart, bodies may be held by what formed as they touched: that counts as it was then
             c = Contact(max(far.overlap, 1e-300), far.radius, far.mass, far.v_n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -337,8 +329,7 @@ def tangents(I, K, n_contacts, pairs):
     broadcast_parameters(I, n_contacts, pairs, WIDTH, U)
     for q in range(n_contacts):
         roll_x, roll_y = (I[q + TRAVEL], I[q + TRAVEL + TILE]) if ROLLS else (0.0, 0.0)
-        far = contact_of(I, q, roll_x, roll_y, I[q + MOVED] if JUMPS else 0.0)
-        c = closed(far) if HAS_REACH else far
+        far, c = contacts_of(I, q, roll_x, roll_y, I[q + MOVED] if JUMPS else 0.0)
         of_normal, of_tangential, of_rolling, of_twisting = memory(I, q)
         rate = I[q + RATE]
         n, _ = normal(far if ATTRACTS else c, of_normal, U, q)

@@ -9,7 +9,7 @@ of the slip alone.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from thirdbody.laws.contract import Law, Material, Option, Pair, kernel
 from thirdbody.laws.data import Normal
 from thirdbody.laws.friction import MINDLIN
 from thirdbody.laws.generated import plain
-from thirdbody.laws.hertz import HERTZ, HertzParameters, mix_hertz
+from thirdbody.laws.hertz import HERTZ, HertzParameters
 
 Array = NDArray[np.float64]
 Result = tuple[bool, str]
@@ -33,6 +33,9 @@ Result = tuple[bool, str]
 SEED = 20240501
 SPAN = 1e-3
 """Duration of one straight segment of a path [s]; sets the velocities only."""
+
+REPEATS = 4
+"""Most paths for each setting and lane."""
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 CERAMIC = Material("ceramic", 120e9, 0.2, 3900.0)
@@ -76,7 +79,7 @@ def cone_tangent(c, p):
 
 
 CONE = Law(
-    "cone", "normal", cone, HertzParameters, mix_hertz, "Sneddon 1965, International Journal of Engineering Science 3, 47",
+    "cone", "normal", cone, HertzParameters, HERTZ.mix, "Sneddon 1965, International Journal of Engineering Science 3, 47",
     tangent=cone_tangent,
 )  # fmt: skip
 """A blunt cone, whose contact radius grows as the overlap: a law that takes the contact area from the normal law (`Load`) is
@@ -129,15 +132,16 @@ def forms_of(law: Law) -> list[Law]:
     return forms
 
 
-ROLLED = (
-    (law_output.TANGENTIAL_X, rolling_output.MOMENT_X),
-    (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
-    (law_output.FRICTION_LIMIT, rolling_output.MOMENT_LIMIT),
-)
-"""What stands for force and limit of a rolling law, over R*."""
-
-TWISTED = ((law_output.TANGENTIAL_X, rolling_output.TWIST_MOMENT), (law_output.FRICTION_LIMIT, rolling_output.TWIST_LIMIT))
-"""The same of a twisting law; its second component is zero."""
+SHEAR = {
+    "rolling": (
+        (law_output.TANGENTIAL_X, rolling_output.MOMENT_X), (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
+        (law_output.FRICTION_LIMIT, rolling_output.MOMENT_LIMIT),
+    ),
+    "twisting": (
+        (law_output.TANGENTIAL_X, rolling_output.TWIST_MOMENT), (law_output.FRICTION_LIMIT, rolling_output.TWIST_LIMIT),
+    ),
+}  # fmt: skip
+"""What stands for force and limit of a law of moments, over R*; the second component of a twisting law is zero."""
 
 
 class Contacts(NamedTuple):
@@ -150,65 +154,51 @@ class Contacts(NamedTuple):
 
 
 class Bench:
-    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too."""
+    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too.
+
+    Effective radius [m], friction and `outermost`, the overlap from which on bodies act on each other [m], are columns
+    (REPEATS * T, 1): paths of n tiles use the first n rows.
+    """
 
     def __init__(self, law: Law):
-        below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
-        self.law = law = law.sized(option_sets(law)[0][1])
-        self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
-        self.index = self.chain.laws.index(law)
         sets = option_sets(law)
+        self.law = law = law.sized(sets[0][1])
+        below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
+        self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
         self.settings = [Setting(name + label, pair, options, radius) for label, options in sets for name, pair, radius in PAIRS]
-        self.rows = [tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws) for s in self.settings]
-        self.table = np.zeros((len(self.rows), self.chain.width))
-        for k, row in enumerate(self.rows):
-            numbers = [x for p in row for x in p]
-            self.table[k, : len(numbers)] = numbers
+        rows = [[one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws] for s in self.settings]
+        self.parameters = [row[self.chain.laws.index(law)] for row in rows]
+        numbers = np.array([[x for p in row for x in p] for row in rows]).reshape(len(rows), -1)
+        self.table = np.zeros((len(rows), self.chain.width))
+        self.table[:, : numbers.shape[1]] = numbers
         self.width = len(self.chain.history)
         self.field = slice(self.chain.field[0], sum(self.chain.field))
-        self.rolling = law.stage == "rolling"
-        self.twisting = law.stage == "twisting"
-        self.has_moment = self.rolling or self.twisting
-        self.sheared = law.stage == "tangential" or self.has_moment
+        self.sheared = law.stage in ("tangential", "rolling", "twisting")
+        self.radius = self.columns(s.radius for s in self.settings)
+        self.friction = self.columns(s.pair.friction for s in self.settings)
+        reach = law.reach or (lambda pair, options, radius: 0.0)
+        self.outermost = 0.0 - self.columns(reach(s.pair, s.options, s.radius) for s in self.settings)
 
-    def parameters(self, setting: int) -> Any:
-        """Return the law's parameters in a setting."""
-        return self.rows[setting][self.index]
-
-    def per_tile(self, values: Sequence[float], tiles: int) -> Array:
-        """Return a number of each setting as (tiles, 1)."""
-        return np.array(values, float)[np.arange(tiles) % len(self.settings), None]
-
-    def radius(self, tiles: int) -> Array:
-        """Return the effective radius [m]."""
-        return self.per_tile([s.radius for s in self.settings], tiles)
-
-    def outermost(self, tiles: int) -> Array:
-        """Return the overlap from which on bodies act on each other [m]: zero, or minus the reach of the law."""
-        reach = self.law.reach or (lambda pair, options, radius: 0.0)
-        return 0.0 - self.per_tile([reach(s.pair, s.options, s.radius) for s in self.settings], tiles)
-
-    def friction(self, tiles: int) -> Array:
-        """Return the friction coefficient of the pair."""
-        return self.per_tile([s.pair.friction for s in self.settings], tiles)
+    def columns(self, values: Iterable[float]) -> Array:
+        """Return a number of each setting as (REPEATS * T, 1)."""
+        return np.resize(np.array([*values], float), (REPEATS * len(self.settings), 1))
 
     def inputs(self, requested: Contacts, history: Array) -> Array:
         """Return the tiles in the engine's layout, (T, fields, TILE)."""
-        tiles = len(requested.overlap)
-        radius = self.radius(tiles)
-        end = law_input.HISTORY + self.width
+        tiles, end = len(requested.overlap), law_input.HISTORY + self.width
+        radius = self.radius[:tiles]
         I = np.zeros((tiles, end + rolling_input.WIDTH, TILE))  # noqa: E741
         I[:, law_input.OVERLAP], I[:, law_input.RADIUS], I[:, law_input.MASS] = requested.overlap, radius, 8e3 * radius**3
         I[:, law_input.NORMAL_VELOCITY] = requested.v_n
         I[:, law_input.SLIP_X : law_input.SLIP_Y + 1] = requested.slip
         I[:, law_input.VELOCITY_X : law_input.VELOCITY_Y + 1] = requested.v
-        I[:, law_input.PAIR_TYPE] = self.per_tile(range(len(self.settings)), tiles)
+        I[:, law_input.PAIR_TYPE] = self.columns(range(len(self.settings)))[:tiles]
         I[:, law_input.HISTORY : end] = history
         for tile, memory in zip(I[:, law_input.HISTORY : end], history, strict=True):
             pieces(tile[self.field])[:] = memory[self.field].T
-        if self.rolling:
+        if self.law.stage == "rolling":
             I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
-        if self.twisting:
+        if self.law.stage == "twisting":
             I[:, end + rolling_input.TWIST] = requested.slip[:, 0] / radius
             I[:, end + rolling_input.TWIST_RATE] = requested.v[:, 0] / radius
         return I
@@ -221,10 +211,8 @@ class Bench:
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
         for t in range(len(I)):
             (law or self.chain.law)(flat[t], out[t], TILE, table)
-        if self.has_moment:
-            per_arm = 1.0 / self.radius(len(I))
-            for force, moment in ROLLED if self.rolling else TWISTED:
-                O[:, force] = O[:, end + moment] * per_arm
+        for force, moment in SHEAR.get(self.law.stage, ()):
+            O[:, force] = O[:, end + moment] * (1.0 / self.radius[: len(I)])
         memory = O[:, law_output.HISTORY : end]
         for tile in memory:
             tile[self.field] = pieces(tile[self.field]).T.copy()
@@ -256,30 +244,19 @@ class Bench:
         return run
 
 
-def compiler_is_off() -> bool:
-    """Return whether numba is disabled and all functions run in the interpreter."""
-    return plain(HERTZ.kernel) is HERTZ.kernel
+COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel
+"""Whether numba is disabled and all functions run in the interpreter."""
 
 
 class Path(NamedTuple):
     """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m].
 
-    `start`: overlap (T, 1) at the start; None: zero.
+    `start`: overlap at the start, zero or (T, 1).
     """
 
     overlap: Array
     slip: Array
-    start: Array | None = None
-
-    def steps(self, m: int) -> Iterator[Contacts]:
-        """Yield the contacts after each of m equal steps per segment."""
-        old, at_slip = np.zeros_like(self.overlap[0]), np.zeros_like(self.slip[0])
-        old = old if self.start is None else old + self.start
-        for new, to_slip in zip(self.overlap, self.slip, strict=True):
-            v, v_n = (to_slip - at_slip) / SPAN, (old - new) / SPAN
-            for i in range(1, m + 1):
-                yield Contacts(old + (new - old) * (i / m), (to_slip - at_slip) / m, v_n, v)
-            old, at_slip = new, to_slip
+    start: Array | float = 0.0
 
 
 class Moment(NamedTuple):
@@ -292,16 +269,20 @@ class Moment(NamedTuple):
 
 
 def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
-    """Run the law along the paths as the engine does: open contacts are skipped and lose their history."""
+    """Run the law along the paths, in m equal steps per segment, as the engine does: open contacts lose their history."""
     tiles = len(path.overlap[0])
-    history, radius, outermost = bench.virgin(tiles), bench.radius(tiles), bench.outermost(tiles)
-    for requested in path.steps(m):
-        is_open = (requested.overlap <= outermost)[:, None]
-        idle = requested._replace(overlap=np.where(is_open[:, 0], 1e-3 * radius, requested.overlap))
-        answer, after = bench.call(idle, history)
-        answer, after = np.where(is_open, 0.0, answer), np.where(is_open, 0.0, after)
-        yield Moment(requested, history, answer, after)
-        history = after
+    history, outermost = bench.virgin(tiles), bench.outermost[:tiles]
+    old, at_slip = np.zeros_like(path.overlap[0]) + path.start, np.zeros_like(path.slip[0])
+    for new, to_slip in zip(path.overlap, path.slip, strict=True):
+        for i in range(1, m + 1):
+            overlap = old + (new - old) * (i / m)
+            requested = Contacts(overlap, (to_slip - at_slip) / m, (old - new) / SPAN, (to_slip - at_slip) / SPAN)
+            is_open = (overlap <= outermost)[:, None]
+            idle = requested._replace(overlap=np.where(is_open[:, 0], 1e-3 * bench.radius[:tiles], overlap))
+            answer, after = (np.where(is_open, 0.0, result) for result in bench.call(idle, history))
+            yield Moment(requested, history, answer, after)
+            history = after
+        old, at_slip = new, to_slip
 
 
 def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> Path:
@@ -315,13 +296,14 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     rng = np.random.default_rng(SEED)
     tiles = repeats * len(bench.settings)
     lanes = (tiles, TILE)
-    deepest = bench.radius(tiles) * 10.0 ** rng.uniform(-6.0, -1.5, lanes)
+    radius, outermost, friction = bench.radius[:tiles], bench.outermost[:tiles], bench.friction[:tiles]
+    deepest = radius * 10.0 ** rng.uniform(-6.0, -1.5, lanes)
     overlap = deepest * rng.uniform(0.02, 1.0, (corners, *lanes))
-    apart = np.where(bench.outermost(tiles) < 0.0, bench.outermost(tiles) * np.linspace(0.0, 2.0, TILE), -0.2 * deepest)
+    apart = np.where(outermost < 0.0, outermost * np.linspace(0.0, 2.0, TILE), -0.2 * deepest)
     overlap = np.where(rng.random(overlap.shape) < 0.125, apart, overlap)
     scale = rng.integers(3, size=lanes)
-    by_overlap = np.clip(bench.friction(tiles), 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
-    by_radius = bench.radius(tiles) * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
+    by_overlap = np.clip(friction, 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
+    by_radius = radius * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
     still, none = np.zeros(lanes), np.zeros((tiles, 2, TILE))
     critical = bench.call(Contacts(deepest, none, still, none), bench.virgin(tiles))[0][:, law_output.CRITICAL_SLIP]
     critical = np.where(np.isfinite(critical), critical, 0.0)
@@ -342,11 +324,11 @@ def closed_cycles(bench: Bench) -> Path:
     """
     tiles = len(bench.settings)
     rng = np.random.default_rng(SEED + 1)
-    high = bench.radius(tiles) * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
+    high = bench.radius[:tiles] * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
     low = 0.4 * high
     overlaps, shallow = (low, low, high, high, low), (high, high, low, low, high)
     overlap = np.where(np.arange(TILE) % 2 == 0, np.array(overlaps), np.array(shallow))
-    shear = np.minimum(bench.friction(tiles), 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
+    shear = np.minimum(bench.friction[:tiles], 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
     slip = np.zeros((5, tiles, 2, TILE))
     slip[1:3, :, 0] = shear
     return Path(overlap, slip)
@@ -356,8 +338,7 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
     rng = np.random.default_rng(SEED + 2)
     tiles = len(bench.settings)
-    lanes = (tiles, TILE)
-    radius = bench.radius(tiles)
+    lanes, wide, radius = (tiles, TILE), (tiles, 2, TILE), bench.radius[:tiles]
     overlaps = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
     slips = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
     fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
@@ -365,9 +346,9 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     def signed(values: Array, shape: tuple[int, ...]) -> Array:
         return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
 
-    def drawn() -> Contacts:
-        overlap, slip = radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide)
-        return Contacts(overlap, slip, signed(fast, lanes), signed(fast, wide))
-
-    wide = (tiles, 2, TILE)
-    return [drawn() for _ in range(count)]
+    return [
+        Contacts(
+            radius * rng.choice(overlaps, lanes), radius[:, None] * signed(slips, wide), signed(fast, lanes), signed(fast, wide)
+        )
+        for _ in range(count)
+    ]

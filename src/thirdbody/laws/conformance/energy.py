@@ -5,22 +5,22 @@ adhesion law is the trapezoid, since its force is a function of the overlap. Eac
 """
 
 import math
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_input, law_output
-from thirdbody.laws.conformance.bench import (  # fmt: skip
+from thirdbody.laws.conformance.bench import (
+    COMPILER_IS_OFF,
     CONE,
     PAIRS,
+    REPEATS,
     SPAN,
     Array,
     Bench,
     Path,
     Result,
     closed_cycles,
-    compiler_is_off,
     follow_path,
     random_paths,
 )
@@ -50,7 +50,7 @@ def account(bench: Bench, path: Path, m: int) -> Account:
     column = law_output.STORED_TANGENTIAL if tangential else law_output.STORED_NORMAL
     zero = np.zeros_like(path.overlap[0])
     work, total, heat, stored, built, negative = zero, zero, zero, zero, zero, zero
-    outermost = bench.outermost(len(path.overlap[0]))
+    outermost = bench.outermost[: len(path.overlap[0])]
     depth, force = zero + outermost, zero
     for moment in follow_path(bench, path, m):
         answer, requested = moment.answer, moment.requested
@@ -62,10 +62,8 @@ def account(bench: Bench, path: Path, m: int) -> Account:
             done, lost = 0.5 * (answer[:, law_output.NORMAL_FORCE] + force) * (new_depth - depth), zero
         force, depth = answer[:, law_output.NORMAL_FORCE], new_depth
         work, total = work + done, total + np.abs(done)
-        stored, heat = (
-            answer[:, column],
-            heat + answer[:, law_output.DISSIPATED] + answer[:, law_output.DASHPOT_POWER] * (SPAN / m) + lost,
-        )
+        heat = heat + answer[:, law_output.DISSIPATED] + answer[:, law_output.DASHPOT_POWER] * (SPAN / m) + lost
+        stored = answer[:, column]
         built = np.maximum(built, stored - work)
         negative = np.minimum(negative, answer[:, law_output.DISSIPATED])
         total = np.maximum(total, np.abs(stored))
@@ -75,27 +73,22 @@ def account(bench: Bench, path: Path, m: int) -> Account:
 
 def energy(bench: Bench) -> Result:
     """Test that no energy is created on random paths and closed cycles: work >= stored energy at any time, virgin start."""
-    repeats = 1 if compiler_is_off() else 4  # thousands of paths, fewer in the interpreter
+    repeats = 1 if COMPILER_IS_OFF else REPEATS  # thousands of paths, fewer in the interpreter
     cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
     worst, report = 0.0, ""
     for name, path in cases.items():
-        for m, built in _excess(bench, path):
+        if bench.sheared:
+            excess = {m: account(bench, path, m).created for m in (1, 3, 16)}
+        else:  # by the trapezoid, only the part that does not fall with the step
+            coarse, fine = (account(bench, touching(bench, path), m).created for m in (8, 32))
+            excess = {32: np.where(_lasting(coarse, fine)[:, None], fine, 0.0)}
+        for m, built in excess.items():
             if not built.max() <= worst:
                 worst = float(built.max())
                 tile = int(np.argmax(built.max(1))) % len(bench.settings)
                 where = f"{name} path, {m} steps a segment, {bench.settings[tile].label}"
                 report = f"makes {worst:.2e} of the work, {where}"
     return worst <= ROUND_OFF, report if not worst <= ROUND_OFF else f"{worst:.0e}"
-
-
-def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
-    """Yield the created energy with small and large steps; by the trapezoid, only the part that does not fall with the step."""
-    if bench.sheared:
-        for m in (1, 3, 16):
-            yield m, account(bench, path, m).created
-        return
-    coarse, fine = (account(bench, touching(bench, path), m).created for m in (8, 32))
-    yield 32, np.where(_lasting(coarse, fine)[:, None], fine, 0.0)
 
 
 def ledger(bench: Bench) -> Result:
@@ -115,7 +108,7 @@ def ledger(bench: Bench) -> Result:
 
 def touching(bench: Bench, path: Path) -> Path:
     """Return the same paths from where the law begins to act, and with open corners moved there: no step is partly outside."""
-    outermost = bench.outermost(len(path.overlap[0]))
+    outermost = bench.outermost[: len(path.overlap[0])]
     return path._replace(overlap=np.maximum(path.overlap, outermost), start=outermost)
 
 
@@ -129,20 +122,59 @@ def _lasting(coarse: Array, fine: Array) -> Array:
 
 
 class Sample(NamedTuple):
-    """One contact as plain floats."""
+    """One contact as plain floats, with the law of the bench after a normal law."""
 
+    bench: Bench
     setting: int
     contact: Contact
     history: tuple[float, ...]
     normal: Law = HERTZ
+
+    @property
+    def span(self) -> float:
+        """Overlap, or its distance from where the law begins to act if that is before touch [m]."""
+        return self.contact.overlap - float(self.bench.outermost[self.setting, 0])
+
+    def arguments(self, c: Contact) -> tuple[Any, ...]:
+        """Return the arguments of the law's tangent for this contact."""
+        stage, p, count = self.bench.law.stage, self.bench.parameters[self.setting], len(self.bench.law.history)
+        memory: tuple[Any, ...] = (self.history[:count],) if count else ()
+        if len(self.history) > count:
+            memory += (np.array(self.history[count:]),)
+        if stage == "normal":
+            return (c, p, *memory)
+        closed, of_normal = c._replace(overlap=max(c.overlap, 0.0)), self.normal.mix(self.bench.settings[self.setting].pair, {})
+        n = plain(self.normal.kernel)(closed, of_normal)
+        if stage == "adhesion":
+            return (c, n, p, *memory)
+        load = Load(n.force, n.force, n.contact_radius, plain(self.normal.tangent)(closed, of_normal), n.squared_radius_rate)
+        if stage == "rolling":
+            return (c, Turn(*(x / c.radius for x in (c.slip_x, c.slip_y, c.v_x, c.v_y))), load, p, *memory)
+        if stage == "twisting":
+            return (c, Twist(c.slip_x / c.radius, c.v_x / c.radius), load, p, *memory)
+        return (c, load, p, *memory)
+
+    def answer(self, c: Contact) -> Any:
+        """Return the result of the law for this contact."""
+        size = len(self.history) - len(self.bench.law.history)
+        answer = plain(self.bench.law.kernel)(*self.arguments(c), *((np.zeros(size),) if size else ()))
+        return answer[0] if self.bench.law.history else answer
+
+    def force(self, c: Contact) -> Array:
+        """Return the force [N]; of a moment that over R*."""
+        answer = self.answer(c)
+        if self.bench.law.stage == "twisting":
+            return np.array([answer.moment, 0.0]) / c.radius
+        if self.bench.law.stage == "rolling":
+            return np.array([answer.x, answer.y]) / c.radius
+        return np.array([answer.x, answer.y] if self.bench.sheared else [answer.force])
 
 
 def samples(bench: Bench) -> list[Sample]:
     """Return touching contacts with their history, from random paths; typical options, friction neither zero nor huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    first = sum(len(law.memory()) for law in bench.chain.laws[: bench.index])
-    outermost = bench.outermost(len(bench.settings))
+    first = bench.chain.first_of(bench.law)
     own = slice(first, first + len(bench.law.memory()))
     result: list[Sample] = []
     for moment in follow_path(bench, random_paths(bench, 3), 4):
@@ -150,9 +182,9 @@ def samples(bench: Bench) -> list[Sample]:
         for k in usual:
             for lane in rng.integers(TILE, size=3):
                 numbers = I[k, :, lane].tolist()
-                if numbers[law_input.OVERLAP] > outermost[k, 0]:
-                    memory = tuple(moment.before[k, own, lane].tolist())
-                    result.append(Sample(k, Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0, 0.0)), memory))
+                if numbers[law_input.OVERLAP] > bench.outermost[k, 0]:
+                    contact = Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0, 0.0))
+                    result.append(Sample(bench, k, contact, tuple(moment.before[k, own, lane].tolist())))
     return result
 
 
@@ -162,30 +194,29 @@ def tangent(bench: Bench) -> Result:
     if law.tangent is None:
         return True, "explicit only: the law has no tangent"
     cases = samples(bench)
-    passed, detail = _tangent_under(bench, HERTZ, cases)
+    passed, detail = _tangent_of(cases)
     if not passed or law.stage == "normal" or law.assumes:
         return passed, detail
-    passed, other = _tangent_under(bench, CONE, cases)
+    passed, other = _tangent_of([one._replace(normal=CONE) for one in cases])
     return passed, detail if passed else f"{other}; under a normal law that is not Hertz's"
 
 
-def _tangent_under(bench: Bench, normal: Law, cases: list[Sample]) -> Result:
-    """Compare the tangent with differences under one normal law; a normal law stands for itself."""
+def _tangent_of(cases: list[Sample]) -> Result:
     saved, worst, report = 0, 0.0, ""
-    for sample in (one._replace(normal=normal) for one in cases):
-        expected, one_sided = _difference(bench, sample)
-        given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
-        if bench.twisting:
-            given = [given[0] / radius**2, 0.0, 0.0, 0.0, given[1] / radius, 0.0]
-        elif bench.rolling:
-            given = [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]]
-        given = np.atleast_1d(np.array(given, float))
+    for sample in cases:
+        c, law = sample.contact, sample.bench.law
+        expected, one_sided = _difference(sample)
+        given = np.atleast_1d(np.array(plain(law.tangent)(*sample.arguments(c)), float))
+        if law.stage == "twisting":
+            given = np.array([given[0], 0.0, 0.0, 0.0, given[1], 0.0])
         if given.shape != expected.shape:
             return False, f"gives {given.size} numbers, expected {expected.size}"
+        if law.stage in ("rolling", "twisting"):
+            given /= [c.radius**2] * 4 + [c.radius] * 2
         # the compared stiffness, or a thousandth of the force over the overlap or the slip if larger
-        c, force = sample.contact, 1e-3 * float(np.max(np.abs(_force(bench, sample, sample.contact))))
+        force = 1e-3 * float(np.max(np.abs(sample.force(c))))
         parts = np.maximum(np.abs(expected), np.abs(given))
-        by_overlap = max(float(parts[-2:].max()), force / _span(bench, sample), 1e-300)
+        by_overlap = max(float(parts[-2:].max()), force / sample.span, 1e-300)
         by_slip = max(float(parts[:4].max()), force / max(abs(c.slip_x), abs(c.slip_y), 1e-300))
         size = np.array([by_overlap] if len(expected) == 1 else [by_slip] * 4 + [by_overlap] * 2)
         if np.any(one_sided > 1e-3 * size):
@@ -193,10 +224,29 @@ def _tangent_under(bench: Bench, normal: Law, cases: list[Sample]) -> Result:
         saved += 1
         error = float(np.nan_to_num(np.abs(given - expected) / size, nan=np.inf).max())
         if error > worst:
-            worst, report = error, f"differs by {error:.1e}, {bench.settings[sample.setting].label}"
+            worst, report = error, f"differs by {error:.1e}, {sample.bench.settings[sample.setting].label}"
     if saved < len(cases) // 2:
         return False, f"only {saved} of {len(cases)} contacts are smooth enough to compare"
     return worst <= 1e-4, report if worst > 1e-4 else f"{worst:.0e}, {saved} contacts"
+
+
+def _difference(sample: Sample) -> tuple[Array, Array]:
+    """Return central differences in the order of the contract, and the deviation between the two one-sided ones."""
+    c, here = sample.contact, sample.force(sample.contact)
+    steps = {"overlap": 1e-6 * sample.span}
+    if sample.bench.sheared:
+        critical = sample.answer(c).critical if sample.bench.law.stage == "tangential" else 0.0
+        steps = dict.fromkeys(("slip_x", "slip_y"), 1e-6 * (critical or c.overlap)) | steps
+    central, apart = [], []
+    for name, step in steps.items():
+        ahead, behind = (sample.force(c._replace(**{name: getattr(c, name) + x})) for x in (step, -step))
+        central.append((ahead - behind) / (2.0 * step))
+        apart.append(np.abs(ahead - 2.0 * here + behind) / step)
+    if not sample.bench.sheared:
+        return central[0], apart[0]
+    by_x, by_y, by_overlap = np.array([central, apart]).swapaxes(0, 1)
+    given, deviation = np.stack([by_x[:, 0], by_y[:, 0], by_x[:, 1], by_y[:, 1], by_overlap[:, 0], by_overlap[:, 1]], 1)
+    return given, deviation
 
 
 def area(bench: Bench) -> Result:
@@ -207,10 +257,9 @@ def area(bench: Bench) -> Result:
     """
     cases = samples(bench)
     for sample in cases:
-        c = sample.contact
-        span, n = _span(bench, sample), _answer(bench, sample, c)
+        c, span, n = sample.contact, sample.span, sample.answer(sample.contact)
         step = 1e-6 * span
-        ahead, behind = (_answer(bench, sample, c._replace(overlap=c.overlap + x)).contact_radius ** 2 for x in (step, -step))
+        ahead, behind = (sample.answer(c._replace(overlap=c.overlap + x)).contact_radius ** 2 for x in (step, -step))
         size = max(n.contact_radius**2 / span, 1e-300)
         kink = abs(ahead + behind - 2.0 * n.contact_radius**2) / step > 1e-3 * size
         error = abs((ahead - behind) / (2.0 * step) - n.squared_radius_rate) / size
@@ -220,65 +269,3 @@ def area(bench: Bench) -> Result:
         if not n.peak_pressure * math.pi * n.contact_radius**2 >= n.force * (1.0 - ROUND_OFF):
             return False, f"the peak pressure {n.peak_pressure:.3g} Pa is below the mean one, {where}"
     return True, f"{len(cases)} contacts"
-
-
-def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
-    p = bench.parameters(sample.setting)
-    count = len(bench.law.history)
-    memory: tuple[Any, ...] = (sample.history[:count],) if count else ()
-    if len(sample.history) > count:
-        memory += (np.array(sample.history[count:]),)
-    if bench.law.stage == "normal":
-        return (c, p, *memory)
-    closed, of_normal = c._replace(overlap=max(c.overlap, 0.0)), sample.normal.mix(bench.settings[sample.setting].pair, {})
-    n = plain(sample.normal.kernel)(closed, of_normal)
-    if bench.law.stage == "adhesion":
-        return (c, n, p, *memory)
-    stiffness = plain(sample.normal.tangent)(closed, of_normal)
-    rotation: tuple[Any, ...] = ()
-    if bench.rolling:
-        rotation = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),)
-    elif bench.twisting:
-        rotation = (Twist(c.slip_x / c.radius, c.v_x / c.radius),)
-    return (c, *rotation, Load(n.force, n.force, n.contact_radius, stiffness, n.squared_radius_rate), p, *memory)
-
-
-def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
-    size = len(sample.history) - len(bench.law.history)
-    answer = plain(bench.law.kernel)(*_arguments(bench, sample, c), *((np.zeros(size),) if size else ()))
-    return answer[0] if bench.law.history else answer
-
-
-def _span(bench: Bench, sample: Sample) -> float:
-    """Overlap of the sample, or its distance from where the law begins to act if that is before touch [m]."""
-    return sample.contact.overlap - float(bench.outermost(len(bench.settings))[sample.setting, 0])
-
-
-def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
-    answer = _answer(bench, sample, c)
-    if bench.twisting:
-        return np.array([answer.moment, 0.0]) / c.radius
-    if bench.rolling:
-        return np.array([answer.x, answer.y]) / c.radius
-    return np.array([answer.x, answer.y] if bench.sheared else [answer.force])
-
-
-def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
-    """Return central differences in the order of the contract, and the deviation between the two one-sided ones."""
-    c = sample.contact
-    here = _force(bench, sample, c)
-    directions = [("overlap", 1e-6 * _span(bench, sample))]
-    if bench.sheared:
-        critical = 0.0 if bench.has_moment else _answer(bench, sample, c).critical
-        step = 1e-6 * (critical or c.overlap)
-        directions = [("slip_x", step), ("slip_y", step), *directions]
-    central, apart = [], []
-    for name, step in directions:
-        ahead = _force(bench, sample, c._replace(**{name: getattr(c, name) + step}))
-        behind = _force(bench, sample, c._replace(**{name: getattr(c, name) - step}))
-        central.append((ahead - behind) / (2.0 * step))
-        apart.append(np.abs(ahead - 2.0 * here + behind) / step)
-    if not bench.sheared:
-        return central[0], apart[0]
-    order = [central[0][0], central[1][0], central[0][1], central[1][1], *central[2]]
-    return np.array(order), np.array([apart[0][0], apart[1][0], apart[0][1], apart[1][1], *apart[2]])

@@ -8,7 +8,8 @@ as in a run, and in plain Python; interactions of spots in plain Python: what is
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,11 @@ from thirdbody.laws.contract import STAGES, BodyEffect, Labeller, Law, SpotInter
 from thirdbody.laws.data import Body, Contact, Wrench
 from thirdbody.laws.generated import compile_error, plain
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.laws.measures import Measure, compose_measures, largest, layout_of, summed
+from thirdbody.laws.measures import MEAN, Measure, by_kind, compose_measures, layout_of
 
-Test = Callable[[], Result]
-Case = tuple[str, Result]
+Cases = Iterator[tuple[str, Result]]
+Tests = dict[str, Callable[[], Result | Cases]]
+"""Tests of a part by name: each returns a result, or yields cases with theirs."""
 
 ROUND_OFF = 1e-12
 """Relative difference between a compiled kernel and the same in Python: some contracted products."""
@@ -73,38 +75,24 @@ def check(parts: Iterable[Any]) -> list[Finding]:
         findings.append(_finding(part.name, "declaration", partial(_declaration, part)))
         if not findings[-1].passed:
             continue
-        if isinstance(part, Law):
-            for form in forms_of(part):
-                findings += _on_law(form)
-            continue
-        for name, test in next(tests(part) for kind, tests in TESTS.items() if isinstance(part, kind)).items():
-            findings.append(_finding(part.name, name, test))
-            if not findings[-1].passed:
-                break
+        is_law = isinstance(part, Law)
+        for form in forms_of(part) if is_law else [part]:
+            for name, test in next(tests(form) for kind, tests in TESTS.items() if isinstance(form, kind)).items():
+                findings.append(_finding(form.name, name, test))
+                if not findings[-1].passed and (name == "parameters" or not is_law):
+                    break
     return findings
 
 
-def _finding(part: str, name: str, test: Test) -> Finding:
+def _finding(part: str, name: str, test: Callable[[], Result | Cases]) -> Finding:
     try:
-        return Finding(part, name, *test())
+        result = test()
+        if not isinstance(result, tuple):  # the first failure, with its case
+            result = next(((False, f"{what}: {detail}") for what, (passed, detail) in result if not passed), (True, ""))
+        return Finding(part, name, *result)
     except Exception as problem:  # third-party code: any exception is a finding
         text = (str(problem).strip().splitlines() or [""])[0]
         return Finding(part, name, False, compile_error(problem) or f"{type(problem).__name__}: {text}")
-
-
-def _on_law(law: Law) -> list[Finding]:
-    """Return the findings on the compiled law, or on a variant."""
-    benches: list[Bench] = []
-
-    def parameters() -> Result:
-        benches.append(bench := Bench(law))
-        cases = [(one.label, partial(bench.parameters, k)) for k, one in enumerate(bench.settings)]
-        return _parameters(law.parameters, cases)
-
-    result = [_finding(law.name, "parameters", parameters)]
-    if result[0].passed:
-        result += [_finding(law.name, name, partial(test, benches[0])) for name, stages, test in LAW_TESTS if law.stage in stages]
-    return result
 
 
 def report(findings: Sequence[Finding]) -> str:
@@ -146,16 +134,13 @@ def _declaration(part: Any) -> Result:
     return not faults, "; ".join(faults)
 
 
-def _parameters(declared: type, cases: Iterable[tuple[str, Callable[[], Any]]]) -> Result:
+def _parameters(declared: type, cases: Iterable[tuple[str, Any]]) -> Cases:
     """Test that `mix` returns finite floats in a tuple of the declared type."""
-    for label, mix in cases:
-        p = mix()
-        if not issubclass(type(p), declared):
-            return False, f"mix gives a {type(p).__name__}, declared is {declared.__name__}"
-        passed, detail = _numbers(p, len(p), "")
-        if not passed:
-            return False, f"{label}: {detail}"
-    return True, ""
+    for label, p in cases:
+        if isinstance(p, declared):
+            yield label, _numbers(p, len(p), "")
+        else:
+            yield label, (False, f"mix gives a {type(p).__name__}, declared is {declared.__name__}")
 
 
 def _numbers(values: Any, count: int, what: str) -> Result:
@@ -167,16 +152,20 @@ def _numbers(values: Any, count: int, what: str) -> Result:
     return not bad, f"returns {bad[0][1]!r}" + (f" for {bad[0][0]}" if isinstance(bad[0][0], str) else "") if bad else ""
 
 
-def _all(results: Callable[[], Iterator[Case]]) -> Test:
-    """Return a test that gives the first failure, with its case."""
-    failed = lambda: ((False, f"{what}: {detail}") for what, (passed, detail) in results() if not passed)  # noqa: E731
-    return lambda: next(failed(), (True, ""))
-
-
 def _equal(got: np.ndarray, expected: Any) -> Result:
     """Test that a compiled kernel gives what the same in Python gives, to rounding of the largest value."""
     off = np.abs(got - np.array(expected, float))
     return bool((off <= ROUND_OFF * np.abs(expected)).all()), f"compiled {got.tolist()}, in Python {list(expected)}"
+
+
+# -- laws
+
+
+def _of_law(law: Law) -> Tests:
+    bench = cache(lambda: Bench(law))  # the parameters are tested first: what raises here fails that test
+    cases = lambda: zip((one.label for one in bench().settings), bench().parameters, strict=True)  # noqa: E731
+    tests: Tests = {"parameters": lambda: _parameters(law.parameters, cases())}
+    return tests | {name: lambda test=test: test(bench()) for name, stages, test in LAW_TESTS if law.stage in stages}
 
 
 # -- measures
@@ -192,34 +181,31 @@ STEPS = {
 }
 
 
-def _of_measure(measure: Measure) -> dict[str, Test]:
+def _of_measure(measure: Measure) -> Tests:
     pairs = {label: replace(pair, a=replace(pair.a, **FULL), b=replace(pair.b, **FULL)) for label, pair, _ in PAIRS}
     sets = option_sets(measure)
     cases = [(label + more, partial(measure.mix, pair, options)) for label, pair in pairs.items() for more, options in sets]
-    columns = [*summed([measure]), *largest([measure])]
+    summands, maxima = ([amount for _, _, amount in entries] for entries in by_kind([measure]))
 
-    def amounts() -> Iterator[Case]:
-        for label, mix in cases:
-            for what, step in STEPS.items():
-                values = plain(measure.kernel)(step, mix())
-                yield f"{what}, {label}", _numbers(values, len(measure.amounts), "one for each amount")
+    def amounts() -> Cases:
+        for (label, mix), (what, step) in product(cases, STEPS.items()):
+            values = plain(measure.kernel)(step, mix())
+            yield f"{what}, {label}", _numbers(values, len(measure.amounts), "one for each amount")
 
-    def as_in_a_run() -> Iterator[Case]:
+    def as_in_a_run() -> Cases:
         function, layout = compose_measures([measure]), layout_of([measure])
-        for label, mix in cases:
-            for what, step in STEPS.items():
-                H = np.zeros((1, layout.width))
-                function(step, 0, H, 0, 0, np.array(mix(), float))
-                values = plain(measure.kernel)(step, mix())
-                expected = [values[i] * (step.dt if measure.amounts[i].kind == "mean" else 1.0) for _, i in columns]
-                got = np.delete(H[0, 1:], layout.sums - 1) if layout.time >= 0 else H[0, 1:]
-                expected = [*expected[: len(summed([measure]))], *np.maximum(expected[len(summed([measure])) :], 0.0)]
-                yield f"{what}, {label}", _equal(got, expected)
+        for (label, mix), (what, step) in product(cases, STEPS.items()):
+            H = np.zeros((1, layout.width))
+            function(step, 0, H, 0, 0, np.array(mix(), float))
+            values = dict(zip(measure.amounts, plain(measure.kernel)(step, mix()), strict=True))
+            expected = [values[amount] * (step.dt if amount.kind == MEAN else 1.0) for amount in summands]
+            expected += [max(values[amount], 0.0) for amount in maxima]
+            yield f"{what}, {label}", _equal(np.delete(H[0, 1:], layout.sums - 1) if layout.time >= 0 else H[0, 1:], expected)
 
     return {
-        "parameters": partial(_parameters, measure.parameters, cases),
-        "amounts": _all(amounts),
-        "compiled": _all(as_in_a_run),
+        "parameters": lambda: _parameters(measure.parameters, ((label, mix()) for label, mix in cases)),
+        "amounts": amounts,
+        "compiled": as_in_a_run,
     }
 
 
@@ -233,37 +219,40 @@ TOTAL = Wrench(1e-11, -2e-11, 3e-11, 1e-16, -2e-16, 3e-16)
 """Force and torque of the contacts, for effects that see them."""
 
 
-def _of_effect(effect: BodyEffect) -> dict[str, Test]:
+def _of_effect(effect: BodyEffect) -> Tests:
     cases = [(f"usual options{more}", partial(effect.mix, options)) for more, options in option_sets(effect)]
 
     def wrench(state: Body, p: Any) -> Any:
         return plain(effect.kernel)(state, TOTAL, p) if effect.sees_forces else plain(effect.kernel)(state, p)
 
-    def forces() -> Iterator[Case]:
-        for label, mix in cases:
-            for what, state in BODIES.items():
-                yield f"{what}, {label}", _numbers(wrench(state, mix()), 6, "a Wrench")
+    def forces() -> Cases:
+        for (label, mix), (what, state) in product(cases, BODIES.items()):
+            yield f"{what}, {label}", _numbers(wrench(state, mix()), 6, "a Wrench")
 
-    def as_in_a_run() -> Iterator[Case]:
+    def as_in_a_run() -> Cases:
         function = compose_effects([effect])
-        for label, mix in cases:
-            for what, state in BODIES.items():
-                B, E = np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH))
-                B[0, body.MASS], B[0, body.POSITION3], B[0, body.VELOCITY3] = state[0], state[1:4], state[4:7]
-                B[0, body.SPIN3] = state[7:10]
-                B[0, body.FORCE3], B[0, body.TORQUE3], E[0, body_extra.INERTIA3] = TOTAL[:3], TOTAL[3:], state.inertia
-                late = [math.inf] if effect.settling else []  # the end of settling
-                function(B, E, 0, 1, state.time, 1e-9, np.array([*mix(), *late], float))
-                got = np.concatenate((E[0, body_extra.EFFECT_FORCE3], E[0, body_extra.EFFECT_TORQUE3]))
-                yield f"{what}, {label}", _equal(got, wrench(state, mix()))
+        for (label, mix), (what, state) in product(cases, BODIES.items()):
+            B, E = np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH))
+            B[0, body.MASS], B[0, body.POSITION3], B[0, body.VELOCITY3], B[0, body.SPIN3] = (
+                state.mass, state[1:4], state[4:7], state[7:10],
+            )  # fmt: skip
+            B[0, body.FORCE3], B[0, body.TORQUE3], E[0, body_extra.INERTIA3] = TOTAL[:3], TOTAL[3:], state.inertia
+            late = [math.inf] if effect.settling else []  # the end of settling
+            function(B, E, 0, 1, state.time, 1e-9, np.array([*mix(), *late], float))
+            got = np.concatenate((E[0, body_extra.EFFECT_FORCE3], E[0, body_extra.EFFECT_TORQUE3]))
+            yield f"{what}, {label}", _equal(got, wrench(state, mix()))
 
-    return {"parameters": partial(_parameters, effect.parameters, cases), "forces": _all(forces), "compiled": _all(as_in_a_run)}
+    return {
+        "parameters": lambda: _parameters(effect.parameters, ((label, mix()) for label, mix in cases)),
+        "forces": forces,
+        "compiled": as_in_a_run,
+    }
 
 
 # -- labellers
 
 
-def _of_labeller(labeller: Labeller) -> dict[str, Test]:
+def _of_labeller(labeller: Labeller) -> Tests:
     rows = np.zeros((3, loaded_contact.MEMORY + len(labeller.contact_memory)))
     for row, partner, normal in zip(rows, (LOWER, UPPER, DEBRIS), ([0, 0, 1], [0, 0, -1], [1, 0, 0]), strict=True):
         row[loaded_contact.PARTNER], row[loaded_contact.IDENTITY] = partner, partner + 1.0
@@ -273,7 +262,7 @@ def _of_labeller(labeller: Labeller) -> dict[str, Test]:
         row[loaded_contact.TANGENTIAL_FORCE], row[loaded_contact.FRICTION_LIMIT] = 3e-5, 3e-5
         row[loaded_contact.CRITICAL_SLIP], row[loaded_contact.SLIP] = 1e-9, 1e-9
 
-    def states() -> Iterator[Case]:
+    def states() -> Cases:
         observe, label = compose_labeller(labeller)
         for what, n in {"a body without contacts": 0, "a pressed body": 2, "a body that touches another": 3}.items():
             C = rows[:n].copy()
@@ -288,7 +277,7 @@ def _of_labeller(labeller: Labeller) -> dict[str, Test]:
             wrong = [f"{name} {code:g} of {len(known)}" for name, code, known in names if code not in range(len(known))]
             yield what, (not wrong, ", ".join(wrong))
 
-    return {"states": _all(states)}
+    return {"states": states}
 
 
 # -- interactions of spots
@@ -297,37 +286,34 @@ OVERLAP = 1e-4
 """Over the radius, of the contact in which forces are compared."""
 
 
-def _of_spots(effect: SpotInteraction) -> dict[str, Test]:
+def _of_spots(effect: SpotInteraction) -> Tests:
     """Test both numbers: finite; the force of Hertz' law; plates that give way at most as half-spaces, c_a + c_b <= 1/(pi E*)."""
-    sets = option_sets(effect)
+    cases = [(label + more, pair, radius, options) for more, options in option_sets(effect) for label, pair, radius in PAIRS]
 
-    def parameters() -> Iterator[Case]:
-        for more, options in sets:
-            for label, pair, _ in PAIRS:
-                values = {"stiffness": effect.stiffness(pair, options)}
-                values |= {f"compliance of {one.name}": effect.compliance(one, options) for one in (pair.a, pair.b)}
-                for name, value in values.items():
-                    sound = math.isfinite(value) and value >= 0.0 and (name != "stiffness" or value > 0.0)
-                    yield label + more, (sound, f"{name} is {value!r}")
+    def parameters() -> Cases:
+        for label, pair, _, options in cases:
+            values = {"stiffness": effect.stiffness(pair, options)}
+            values |= {f"compliance of {one.name}": effect.compliance(one, options) for one in (pair.a, pair.b)}
+            for name, value in values.items():
+                sound = math.isfinite(value) and value >= 0.0 and (name != "stiffness" or value > 0.0)
+                yield label, (sound, f"{name} is {value!r}")
 
-    def stiffness() -> Iterator[Case]:  # the law then sees what is left of the overlap
-        for more, options in sets:
-            for label, pair, radius in PAIRS:
-                d = OVERLAP * radius
-                force = plain(HERTZ.kernel)(Contact(d, radius, 8e3 * radius**3, *(0.0,) * 7), HERTZ.mix(pair, {})).force
-                off = abs(effect.stiffness(pair, options) * math.sqrt(radius * d**3) / force - 1.0)
-                yield label + more, (off <= ROUND_OFF, f"the force of a spot alone is off that of Hertz by {off:.1e}")
+    def stiffness() -> Cases:  # the law then sees what is left of the overlap
+        for label, pair, radius, options in cases:
+            d = OVERLAP * radius
+            force = plain(HERTZ.kernel)(Contact(d, radius, 8e3 * radius**3, *(0.0,) * 7), HERTZ.mix(pair, {})).force
+            off = abs(effect.stiffness(pair, options) * math.sqrt(radius * d**3) / force - 1.0)
+            yield label, (off <= ROUND_OFF, f"the force of a spot alone is off that of Hertz by {off:.1e}")
 
-    def compliance() -> Iterator[Case]:  # with more, spots that touch could relieve each other by more than their own indentation
-        for more, options in sets:
-            for label, pair, _ in PAIRS:
-                compliances = sum(effect.compliance(one, options) for one in (pair.a, pair.b))
-                ratio = math.pi * 0.75 * effect.stiffness(pair, options) * compliances
-                yield label + more, (ratio <= 1.0 + ROUND_OFF, f"the plates give way {ratio:.3g} times as far as half-spaces")
+    def compliance() -> Cases:  # with more, spots that touch could relieve each other by more than their own indentation
+        for label, pair, _, options in cases:
+            compliances = sum(effect.compliance(one, options) for one in (pair.a, pair.b))
+            ratio = math.pi * 0.75 * effect.stiffness(pair, options) * compliances
+            yield label, (ratio <= 1.0 + ROUND_OFF, f"the plates give way {ratio:.3g} times as far as half-spaces")
 
-    return {"parameters": _all(parameters), "stiffness": _all(stiffness), "compliance": _all(compliance)}
+    return {"parameters": parameters, "stiffness": stiffness, "compliance": compliance}
 
 
-TESTS: dict[type, Callable[[Any], dict[str, Test]]] = {
-    Measure: _of_measure, BodyEffect: _of_effect, Labeller: _of_labeller, SpotInteraction: _of_spots,
+TESTS: dict[type, Callable[[Any], Tests]] = {
+    Law: _of_law, Measure: _of_measure, BodyEffect: _of_effect, Labeller: _of_labeller, SpotInteraction: _of_spots,
 }  # fmt: skip

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.tile import TILE, law_output
-from thirdbody.laws.conformance.bench import (  # fmt: skip
+from thirdbody.laws.conformance.bench import (
+    COMPILER_IS_OFF,
     Array,
     Bench,
     Contacts,
-    Moment,
     Path,
     Result,
-    compiler_is_off,
     extremes,
     follow_path,
     random_paths,
@@ -41,12 +40,9 @@ def finite(bench: Bench) -> Result:
     memory = bench.virgin(len(bench.settings))
     for requested in extremes(bench, 24):
         answer, memory = bench.call(requested, memory)
-        for what, values in (("answer", answer), ("history", memory)):
-            bad = np.argwhere(~np.isfinite(values))
-            if len(bad):
-                tile, column, lane = bad[0]
-                name = NAMES[column] if what == "answer" else bench.chain.history[column]
-                return False, f"{name} is {values[tile, column, lane]}, {_describe(bench, requested, tile, lane)}"
+        for names, values in ((NAMES, answer), (bench.chain.history, memory)):
+            for tile, column, lane in np.argwhere(~np.isfinite(values)):
+                return False, f"{names[column]} is {values[tile, column, lane]}, {_describe(bench, requested, tile, lane)}"
             memory = np.where(np.isfinite(memory), memory, 0.0)
     return True, ""
 
@@ -58,14 +54,12 @@ def no_touch(bench: Bench) -> Result:
     """
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
-    apart = bench.outermost(tiles) * np.where(np.arange(TILE) % 2 == 0, 1.0, 1.5)
+    apart = bench.outermost[:tiles] * np.where(np.arange(TILE) % 2 == 0, 1.0, 1.5)
     moved = Contacts(apart, path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
     memories = [bench.virgin(tiles), *(moment.after for moment in follow_path(bench, path, 2))]
     for memory in memories:
         answer, _ = bench.call(moved, memory)
-        bad = np.argwhere(answer[:, FORCES] != 0.0)  # a NaN counts
-        if len(bad):
-            tile, k, lane = bad[0]
+        for tile, k, lane in np.argwhere(answer[:, FORCES] != 0.0):  # a NaN counts
             value = answer[tile, FORCES[k], lane]
             where = f"{-apart[tile, lane]:.3g} m apart" if apart[tile, lane] < 0.0 else "at zero overlap"
             return False, f"{NAMES[FORCES[k]]} is {value:.3g} {where}, {bench.settings[tile].label}"
@@ -86,15 +80,14 @@ def swap(bench: Bench) -> Result:
     that negating the slip negates the force. The order of two materials must not matter either. The rotation about the normal is
     the same seen from either body; there the mirror image is tested, which negates rotation and moment.
     """
-    one = np.ones((len(bench.settings), TILE))
-    passed, detail = _transformed(bench, np.array([[-one, 0.0 * one], [0.0 * one, one]]), ROUND_OFF)
+    mirror = np.array([[-1.0, 0.0], [0.0, 1.0]])[:, :, None, None] * np.ones((len(bench.settings), TILE))
+    passed, detail = _transformed(bench, mirror, ROUND_OFF)
     if not passed:
         return passed, detail
-    for k, setting in enumerate(bench.settings):
-        pair = setting.pair
-        other = bench.law.mix(replace(pair, a=pair.b, b=pair.a), setting.options)
-        if not np.allclose(bench.parameters(k), other, rtol=ROUND_OFF, atol=0.0):
-            return False, f"mix depends on the order of the materials: {bench.parameters(k)}, {other}"
+    for setting, p in zip(bench.settings, bench.parameters, strict=True):
+        other = bench.law.mix(replace(setting.pair, a=setting.pair.b, b=setting.pair.a), setting.options)
+        if not np.allclose(p, other, rtol=ROUND_OFF, atol=0.0):
+            return False, f"mix depends on the order of the materials: {p}, {other}"
     return True, detail
 
 
@@ -129,23 +122,19 @@ def friction_limit(bench: Bench) -> Result:
     """
     path = random_paths(bench, 8, repeats=2)
     tiles = len(path.overlap[0])
-    mu = bench.friction(tiles)
-    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if bench.rolling else "mu")
-    if bench.rolling and has_mu:
-        mu = bench.per_tile([bench.parameters(k).mu_r for k in range(len(bench.settings))], tiles)
+    rolls = bench.law.stage == "rolling"
+    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if rolls else "mu")
+    mu = (bench.columns(p.mu_r for p in bench.parameters) if rolls and has_mu else bench.friction)[:tiles]
     for m in (1, 4):
         for moment in follow_path(bench, path, m):
             answer = moment.answer
             size = np.hypot(answer[:, law_output.TANGENTIAL_X], answer[:, law_output.TANGENTIAL_Y])
             limit = answer[:, law_output.FRICTION_LIMIT]
-            over = np.argwhere(~(size <= limit * (1.0 + ROUND_OFF)))
-            if len(over):
-                tile, lane = over[0]
+            for tile, lane in np.argwhere(~(size <= limit * (1.0 + ROUND_OFF))):
                 ratio = size[tile, lane] / max(limit[tile, lane], 1e-300)
                 return False, f"force is {ratio:.6g} of the limit, {_describe(bench, moment.requested, tile, lane)}"
             allowed = mu * answer[:, law_output.LOAD]
-            if has_mu and not np.allclose(limit, allowed, rtol=ROUND_OFF, atol=0.0):
-                tile, lane = np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0))[0]
+            for tile, lane in np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0) & has_mu):
                 ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
                 return False, f"limit is {ratio:.6g} mu N, {_describe(bench, moment.requested, tile, lane)}"
     return True, "" if has_mu or not bench.sheared else "no parameter mu: only |T| <= limit"
@@ -158,16 +147,14 @@ def passive(bench: Bench) -> Result:
     for moment in follow_path(bench, path, 2):
         requested, zero = moment.requested, np.zeros_like(moment.requested.v_n)
         open_at = np.maximum(requested.overlap, 0.0)
-        speed = np.sqrt(9.81 * bench.radius(len(zero))) * 10.0 ** rng.uniform(-3.0, 2.0, zero.shape)
+        speed = np.sqrt(9.81 * bench.radius[: len(zero)]) * 10.0 ** rng.uniform(-3.0, 2.0, zero.shape)
         v = speed[:, None] * rng.uniform(-1.0, 1.0, requested.v.shape)
         v_n = speed * rng.uniform(-1.0, 1.0, zero.shape)
         moving, _ = bench.call(Contacts(open_at, requested.slip, v_n, v), moment.before)
         still, _ = bench.call(Contacts(open_at, requested.slip, zero, np.zeros_like(v)), moment.before)
         power = moving[:, law_output.DASHPOT_POWER]
         scale = np.abs(still[:, law_output.NORMAL_FORCE]) * speed
-        bad = np.argwhere(~(power >= -ROUND_OFF * scale))
-        if len(bad):
-            tile, lane = bad[0]
+        for tile, lane in np.argwhere(~(power >= -ROUND_OFF * scale)):
             return False, f"power is {power[tile, lane]:.3g} W, {_describe(bench, requested, tile, lane)}"
         if np.any(still[:, law_output.DASHPOT_POWER] != 0.0):
             return False, "power without velocity"
@@ -176,10 +163,10 @@ def passive(bench: Bench) -> Result:
 
 def compiled(bench: Bench) -> Result:
     """Compare the compiled tile with the same text in the interpreter, on ordinary and absurd contacts."""
-    if compiler_is_off():
+    if COMPILER_IS_OFF:
         return True, "the compiler is off"
     law = bench.interpreted()
-    outermost = bench.outermost(len(bench.settings))
+    outermost = bench.outermost[: len(bench.settings)]
     cases: list[tuple[Contacts, Array]] = []
     for moment in follow_path(bench, random_paths(bench, 2), 1):
         cases.append((moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost)), moment.before))
@@ -202,16 +189,15 @@ def history(bench: Bench) -> Result:
 
     No memory is hidden. A history value named `energy` must be the stored energy.
     """
-    path = random_paths(bench, 4)
-    moments: list[Moment] = list(follow_path(bench, path, 3))
+    moments = list(follow_path(bench, random_paths(bench, 4), 3))
     order = np.random.default_rng(3).permutation(TILE)
-    memory, outermost = moments[5].after.copy(), bench.outermost(len(bench.settings))
+    back = np.argsort(order)
+    memory, outermost = moments[5].after.copy(), bench.outermost[: len(bench.settings)]
     for moment in moments[6:]:
         touches = (moment.requested.overlap > outermost)[:, None]
         touched = moment.requested._replace(overlap=np.maximum(moment.requested.overlap, outermost))
         shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
         answer, after = bench.call(shuffled, np.ascontiguousarray(memory[..., order]))
-        back = np.argsort(order)
         answer, after = np.where(touches, answer[..., back], 0.0), np.where(touches, after[..., back], 0.0)
         if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
             return False, "a continued contact differs from one that was not interrupted"
