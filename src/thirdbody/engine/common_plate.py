@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit_stops import explain
 from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Array, State
-from thirdbody.engine.upper_plate import value_before
+from thirdbody.engine.upper_plate import direct_loss, direct_reaction, value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.arguments import Motion

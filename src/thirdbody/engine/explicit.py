@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates, Numbers
-from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.candidates import AllRows, Candidates, Numbers
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures

@@ -54,28 +54,20 @@ class EnergyGuard:
 
     def check(self, state: State, result: Stored | None = None) -> None:
         """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
-        _check_norms(state, self.norm)
+        when = f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"
+        norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
+        bad = np.flatnonzero(~(np.abs(norms - 1.0) <= self.norm))
+        if len(bad):
+            raise GuardStop(
+                f"{when}: the orientation of body {state.order[bad[0]]} is no rotation any more: its quaternion has the length "
+                f"{norms[bad[0]]:.9g} (guard: 1 within {self.norm:g}); a smaller time step is needed"
+            )
         energy = 0.0 if result is None else sum(result)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"], energy)
         self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above
         if self.above >= self.patience:
             raise GuardStop(
-                f"{_when(state)}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
+                f"{when}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
                 f"(guard: {self.residual:g}); a smaller solver.time_step is needed, or a contact law that creates no energy "
                 "(thirdbody laws --check)"
             )
-
-
-def _check_norms(state: State, maximum: float) -> None:
-    norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
-    bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
-    if len(bad):
-        who = int(bad[0])
-        raise GuardStop(
-            f"{_when(state)}: the orientation of body {state.order[who]} is no rotation any more: its quaternion has the length "
-            f"{norms[who]:.9g} (guard: 1 within {maximum:g}); a smaller time step is needed"
-        )
-
-
-def _when(state: State) -> str:
-    return f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"

@@ -26,8 +26,7 @@ from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import arguments_of, update_measures
 from thirdbody.engine.meeting import Meeting
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.rayleigh_time import rayleigh_time
-from thirdbody.engine.state import Array, State
+from thirdbody.engine.state import Array, State, rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address

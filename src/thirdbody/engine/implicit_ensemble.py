@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.contact_rows import AllRows, ClosedRows
+from thirdbody.engine.candidates import AllRows, ClosedRows
 from thirdbody.engine.implicit import Implicit
 from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Array, State, table

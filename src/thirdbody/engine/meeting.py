@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Numbers
-from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.candidates import AllRows, Numbers
 from thirdbody.engine.islands import LARGEST, MARGIN, island_stride, islands_of
 from thirdbody.engine.measures import collect_measures, deposit_on_maps
 from thirdbody.engine.neighbours import replace_pairs, search_pairs

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates
-from thirdbody.engine.contact_rows import ClosedRows
+from thirdbody.engine.candidates import Candidates, ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State

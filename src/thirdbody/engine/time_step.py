@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates
-from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
-from thirdbody.engine.state import Array, Ints, State
+from thirdbody.engine.state import RAYLEIGH_FRACTION, Array, Ints, State, rayleigh_time
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.kernels.tables import patch, run_totals
