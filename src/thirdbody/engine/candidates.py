@@ -104,7 +104,6 @@ class ClosedRows:
             self.compact[batch] = ClosedContacts(on, H, R)
 
     def closed(self) -> Ints:
-        """Return the numbers of the closed candidates."""
         return np.concatenate([batch.on + first for batch, first in zip(self.compact, self.edges, strict=False)])
 
     def pieces(self) -> tuple[list[Array], list[Array]]:
@@ -112,11 +111,9 @@ class ClosedRows:
         return [each.H[: len(each.on)] for each in self.compact], [each.R[: len(each.on)] for each in self.compact]
 
     def histories(self, closed: Ints, columns: Any) -> Array:
-        """Return columns of the histories of closed candidates."""
         return self._columns(0, closed, columns)[0]
 
     def records(self, closed: Ints, *columns: Any) -> list[Array]:
-        """Return columns of the records of closed candidates, an array for each column or slice of them."""
         return self._columns(1, closed, *columns)
 
     def _columns(self, which: int, closed: Ints, *columns: Any) -> list[Array]:
@@ -139,7 +136,6 @@ class ClosedRows:
 
     @property
     def R(self) -> Array:
-        """Records of all candidates, as H."""
         return self._whole(1)
 
     def _whole(self, which: int) -> Array:
@@ -198,12 +194,10 @@ class Candidates:
 
     @property
     def R(self) -> Array:
-        """Records of the candidates, as H."""
         return self.rows.R
 
     @property
     def count(self) -> int:
-        """Number of candidates."""
         return len(self.own)
 
     @property

@@ -10,19 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.jit.arguments import address
-from thirdbody.kernels.arguments import MEASURE
+from thirdbody.engine.candidates import Array
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
 from thirdbody.laws.measures import MEAN, Layout
 
 if TYPE_CHECKING:
     from thirdbody.engine.state import State
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -39,22 +36,12 @@ class Measures:
 
     @property
     def mapped(self) -> bool:
-        """Whether there are maps."""
         return bool(self.layout.maps) and self.cells[0] > 0
 
     def tables(self, bodies: int) -> tuple[Array, Array]:
         """Return at the start: W (bodies, `Layout.bodies`), what bodies have; `maps` (maps, 2 plates, n_y, n_x), on cells."""
         n_x, n_y = self.cells if self.mapped else (1, 1)
         return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
-
-
-def arguments_of(state: State) -> dict[str, Any]:
-    """Return the arguments of a step for the measures of a state, if any, by name (`kernels.arguments`)."""
-    measures = state.physics.measures
-    if measures is None:
-        return {"measured": 0, "measure": 0, "measure_parameters": np.zeros(1)}
-    function = address(measures.function, MEASURE)
-    return {"measured": measures.layout.width, "measure": function, "measure_parameters": measures.parameters}
 
 
 def collect_measures(state: State) -> Array:

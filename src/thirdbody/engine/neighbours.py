@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from thirdbody.engine.candidates import AllRows, Candidates, Numbers, sides_of
-from thirdbody.engine.state import Array, Ints, Physics, State, table
+from thirdbody.engine.state import Array, Ints, State, table
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.bodies import BODIES

@@ -17,18 +17,29 @@ from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.arguments import address
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels.arguments import LAW
-from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
 from thirdbody.laws.contract import Material
 from thirdbody.rotations import to_body, to_world
 
+Action = Callable[[], None]
+"""What an integrator calls between steps: it may read the state, save it, or raise."""
+
 FLAT = np.zeros(0)
 """Heights of a flat plate."""
 
 RAYLEIGH_FRACTION = 0.2
 """Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""
+
+SUMMED = (
+    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK, run_totals.PLATE_WORK_SIZE,
+    run_totals.EFFECT_WORK, run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
+    run_totals.STORED_TANGENTIAL, run_totals.DIRECT_WORK, *(first + k for first in (run_totals.UPPER_IMPULSE,
+    run_totals.LOWER_IMPULSE, run_totals.UPPER_FORCE, run_totals.LOWER_FORCE, run_totals.DIRECT_IMPULSE,
+    run_totals.DIRECT_FORCE) for k in range(3)),
+)  # fmt: skip
+"""Totals that are summed over bodies, or groups of them, that are advanced each for itself."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,6 @@ class World:
 
     @property
     def rough(self) -> bool:
-        """Whether a plate is rough."""
         return self.lower_surface is not None or self.upper_surface is not None
 
     @property
@@ -185,11 +195,6 @@ class State:
     def upper_surface(self) -> Array:
         """The same of the upper plate."""
         return FLAT if self.world.upper_surface is None else self.world.upper_surface
-
-    @cached_property
-    def update_surfaces(self) -> int:
-        """Address of the function that updates the contacts with rough plates; 0 where both are flat, and none is compiled."""
-        return address(update, UPDATE) if self.world.rough else 0
 
     @property
     def given(self) -> Ints:

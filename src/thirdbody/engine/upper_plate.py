@@ -9,13 +9,10 @@ from functools import cached_property
 from itertools import pairwise, zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 
+from thirdbody.engine.candidates import Array, Ints
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.tables import patch
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDED, WHOLE = 1e-9, 1000
 """Relative difference below which two motions count as equal; largest number of cycles after which a path closes on itself."""
@@ -75,7 +72,6 @@ class Schedule:
 
     @property
     def moves(self) -> bool:
-        """Whether there is any lateral motion."""
         return _moving((*self.x, *self.y))
 
     def direction(self) -> tuple[float, float]:
@@ -268,8 +264,7 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
     if not end > start:
         return at_time(axis, end)
     corners = [start, *(s.start for s in axis if start < s.start < end), end]
-    pieces = zip(corners, corners[1:], strict=False)
-    return sum(0.5 * (at_time(axis, a) + value_before(axis, a, b)) * (b - a) for a, b in pieces) / (end - start)
+    return sum(0.5 * (at_time(axis, a) + value_before(axis, a, b)) * (b - a) for a, b in pairwise(corners)) / (end - start)
 
 
 def value_before(axis: Axis, t: float, end: float) -> float:
@@ -299,13 +294,10 @@ def _first_rate(axis: Axis) -> tuple[float, float]:
 def _top_rate(axis: Axis) -> float:
     top = 0.0
     for s, after in zip_longest(axis, axis[1:]):
-        if s.kind == motion.SINE:
-            top = max(top, 0.5 * abs(s.b * s.c))
-        elif s.kind == motion.TRIANGLE:
-            top = max(top, 2.0 * abs(s.b * s.c))
+        if s.kind == motion.POLYNOMIAL:
+            top = max(top, abs(s.rate(s.start)), abs(s.rate(after.start)) if after else 0.0)
         else:
-            ends = [s.rate(s.start)] + ([s.rate(after.start)] if after else [])
-            top = max(top, *(abs(rate) for rate in ends))
+            top = max(top, (0.5 if s.kind == motion.SINE else 2.0) * abs(s.b * s.c))
     return top
 
 
