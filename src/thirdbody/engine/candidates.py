@@ -8,7 +8,6 @@ candidates of a clump of six spheres between two plates, some four are closed. A
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -75,17 +74,8 @@ class ClosedRows:
     compact: list[ClosedContacts]
 
     @classmethod
-    def of(cls, edges: Ints, size: int, H: Array, R: Array) -> ClosedRows:
-        """Return the closed ones of all rows."""
-        rows = cls(edges, size, (H.shape[1], R.shape[1]), [])
-        for low, high in pairwise(edges):
-            on = np.flatnonzero(H[low:high, contact_state.SLIP]).astype(np.int32)
-            rows.compact.append(_with_spare(on, H[low:high][on], R[low:high][on]))
-        return rows
-
-    @classmethod
-    def restored(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
-        """Return the rows of closed candidates, as `closed` and `pieces` gave them."""
+    def of(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
+        """Return copies of the rows of closed candidates, given by their numbers, histories and records."""
         H, R = rows
         result, cuts = cls(edges, size, (H.shape[1], R.shape[1]), []), np.searchsorted(closed, edges)
         for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
@@ -96,12 +86,10 @@ class ClosedRows:
     def replace(self, batch: int, contacts: ClosedContacts, n: int) -> None:
         """Take copies of the first n of these contacts as those of a batch."""
         _, H, R = self.compact[batch]
-        on = contacts.on[:n].copy()
         if n > len(H):
-            self.compact[batch] = _with_spare(on, contacts.H[:n], contacts.R[:n])
-        else:
-            H[:n], R[:n] = contacts.H[:n], contacts.R[:n]
-            self.compact[batch] = ClosedContacts(on, H, R)
+            H, R = (np.empty((int(SPARE * n), width)) for width in self.widths)
+        H[:n], R[:n] = contacts.H[:n], contacts.R[:n]
+        self.compact[batch] = ClosedContacts(contacts.on[:n].copy(), H, R)
 
     def closed(self) -> Ints:
         return np.concatenate([batch.on + first for batch, first in zip(self.compact, self.edges, strict=False)])
@@ -146,14 +134,6 @@ class ClosedRows:
     def expected_bytes(self, bodies: int) -> int:
         """Return the bytes that the rows are expected to take during a run."""
         return int(SPARE * EXPECTED * bodies * (4 + 8 * sum(self.widths)))
-
-
-def _with_spare(on: Numbers, H: Array, R: Array) -> ClosedContacts:
-    """Return closed contacts with copies of these rows, and spare ones."""
-    n = int(SPARE * len(on))
-    contacts = ClosedContacts(on, np.empty((n, H.shape[1])), np.empty((n, R.shape[1])))
-    contacts.H[: len(on)], contacts.R[: len(on)] = H, R
-    return contacts
 
 
 @dataclass

@@ -19,7 +19,7 @@ from thirdbody.engine import implicit_stops as stops
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.common_plate import CommonPlate, own_patches
 from thirdbody.engine.guards import name_of, set_guards
-from thirdbody.engine.islands import BATCH, Islands, ThreadScratch, single_bodies
+from thirdbody.engine.islands import BATCH, Islands, ThreadScratch, island_stride, single_bodies
 from thirdbody.engine.labels import labels
 from thirdbody.engine.measures import update_measures
 from thirdbody.engine.meeting import Meeting
@@ -123,12 +123,12 @@ class Implicit:
         if world.rough:  # the contacts that spheres can have with rough plates within the first step
             state.slots.Q[:, surface_contact.SEARCHED] = math.inf
             update_closest_points(state, rough.update_accepted)
-        self.max_per_body, self.stride = state.slots.max_per_body, math.inf
+        self.max_per_body, self.stride = state.slots.max_per_body, island_stride(state)
         self.edges, self.incidence = state.slots.edges, state.slots.incidence
         if self.plate:
             self.plate.start()
         if self.meeting:
-            self.meeting.start()
+            self.meeting.search()
         else:
             self.connect(single_bodies(state.n_bodies))
 

@@ -43,7 +43,8 @@ class ImplicitEnsemble(Implicit):
         edges = np.append(slots.edges[:-1:BATCH], slots.edges[-1]).astype(np.int64)
         # batches: the candidates of a body follow each other, in the order of the bodies
         assert slots.count == slots.n_plates and np.array_equal(slots.incidence[::2], 2 * np.arange(0, slots.count, 2))
-        slots.rows = ClosedRows.of(edges, BATCH, slots.H, slots.R)
+        closed = slots.rows.closed()
+        slots.rows = ClosedRows.of(edges, BATCH, closed, (slots.H[closed], slots.R[closed]))
         slots.outer, slots.near, slots.closed = slots.outer[:0].copy(), slots.near[:0].copy(), slots.closed[:0].copy()
         if state.S is not state.B:
             state.drop_spheres()

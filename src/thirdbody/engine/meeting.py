@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.candidates import AllRows, Numbers
-from thirdbody.engine.islands import LARGEST, MARGIN, island_stride, islands_of
+from thirdbody.engine.islands import LARGEST, MARGIN, islands_of
 from thirdbody.engine.measures import collect_measures, deposit_on_maps
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
 from thirdbody.engine.state import Action, Array, Ints, State
@@ -48,11 +48,6 @@ class Meeting:
         self.integrator = integrator
         self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
         self._deposits: list[Array] = []  # of this stride, on maps of measures
-
-    def start(self) -> None:
-        """Find the first islands."""
-        self.integrator.stride = island_stride(self.integrator.state)
-        self.search()
 
     def summary(self) -> dict[str, Any]:
         """Return the number of searches, the largest island, and the mean fraction of bodies in islands."""

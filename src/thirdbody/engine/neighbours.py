@@ -12,17 +12,7 @@ from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.minima import RoughPlates, update
 from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.tables import (
-    DEBRIS,
-    LOWER,
-    contact_state,
-    domain,
-    height_field,
-    remote_force,
-    run_totals,
-    sphere,
-    surface_contact,
-)
+from thirdbody.kernels.tables import LOWER, contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 
 
 def search(state: State, recorded: bool = True) -> None:
@@ -32,7 +22,7 @@ def search(state: State, recorded: bool = True) -> None:
     """
     old, world = state.slots, state.world
     capacity = max(64, int(1.3 * old.count), 2 * state.n_spheres)
-    n_plates, own, partner = _pairs_within(state, state.skin + state.reach, capacity, True, world.debris_meets)
+    n_plates, own, partner = _pairs_within(state, state.skin + state.reach, capacity, debris=world.debris_meets)
     Q = table(n_plates if world.rough else 0, surface_contact.WIDTH)
     Q[:, surface_contact.DISTANCE] = Q[:, surface_contact.SEARCHED] = np.inf
     if len(Q):
@@ -81,14 +71,14 @@ def plate_pairs(state: State) -> Candidates:
     Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
     when other bodies made it due.
     """
-    n, own, partner = _pairs_within(state, np.inf, 2 * BASINS * state.n_spheres, True, False)
+    n, own, partner = _pairs_within(state, np.inf, 2 * BASINS * state.n_spheres, debris=False)
     none = np.zeros((n, contact_state.LAW))
     return slots_of(state, own, partner, n, (state.slots.Q[:0], none, none))
 
 
 def search_pairs(state: State, skin: float) -> tuple[Numbers, Numbers]:
     """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]: owners and partners, sorted."""
-    return _pairs_within(state, skin, max(64, state.n_spheres), False, True)[1:]
+    return _pairs_within(state, skin, max(64, state.n_spheres), plates=False)[1:]
 
 
 def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
@@ -139,7 +129,9 @@ def _carry(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array,
     distribute(pieces_of(*part, passes.FEWEST), lambda: carry)
 
 
-def _pairs_within(state: State, distance: float, capacity: int, plates: bool, debris: bool) -> tuple[int, Numbers, Numbers]:
+def _pairs_within(
+    state: State, distance: float, capacity: int, plates: bool = True, debris: bool = True
+) -> tuple[int, Numbers, Numbers]:
     """Return the number of pairs with plates, then owners and partners of all pairs with gaps smaller than `distance` [m].
 
     `capacity`: number of pairs for which there is room in the first attempt; `plates`, `debris`: whether to find such pairs.
@@ -169,14 +161,12 @@ def grid(state: State, skin: float) -> passes.Grid:
     cell = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
     low, length = lowest - 0.5 * cell, highest - lowest + cell
-    periodic = np.array([state.D[domain.LENGTH_X] > 0.0, state.D[domain.LENGTH_Y] > 0.0])
-    for axis in (0, 1):
-        if periodic[axis]:
-            low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
+    lengths = np.maximum(state.D[[domain.LENGTH_X, domain.LENGTH_Y]], 0.0)
+    periodic = lengths > 0.0
+    low[:2][periodic], length[:2][periodic] = 0.0, lengths[periodic]
     # bounded number of cells along each axis: an escaping body must not inflate the grid
     count = np.clip((length / cell).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
-    lengths = (max(float(state.D[axis]), 0.0) for axis in (domain.LENGTH_X, domain.LENGTH_Y))
-    return passes.Grid(low, length / count, count, periodic, *lengths)
+    return passes.Grid(low, length / count, count, periodic, float(lengths[0]), float(lengths[1]))
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
@@ -187,7 +177,6 @@ def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     world = state.world
     lower = -1 if world.lower is None else world.lower
     upper = -1 if world.upper is None else world.upper.material
-    sides = sides_of(partner)
-    other, with_sphere = np.where(sides == LOWER, lower, upper), sides == DEBRIS
+    other, with_sphere = np.where(sides_of(partner) == LOWER, lower, upper), partner >= 0
     other[with_sphere] = material[partner[with_sphere]]
     return state.physics.kinds[material[own], other].astype(np.int32)

@@ -151,7 +151,7 @@ def _slots(captured: Snapshot, state: State) -> Candidates:
         closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))
         wanted = {f"slots_{name}": np.empty((len(closed), width)) for name, width in zip("HR", rows.widths, strict=True)}
         check(arrays, {"slots_own": slots.own, "slots_partner": slots.partner} | wanted)
-        return replace(slots, rows=ClosedRows.restored(rows.edges, rows.size, closed, (H, R)))
+        return replace(slots, rows=ClosedRows.of(rows.edges, rows.size, closed, (H, R)))
     own, partner, Q, H, R = (arrays[f"slots_{name}"] for name in SLOTS)
     plates = int(captured.notes["plates"])
     counts = dict.fromkeys(SLOTS, len(own)) | {"Q": plates if state.world.rough else 0}
