@@ -34,7 +34,7 @@ from machine import head, machine, screen
 from rich.console import Console
 from rich.table import Table
 
-from thirdbody.engine.rayleigh_time import rayleigh_time
+from thirdbody.engine.state import rayleigh_time
 from thirdbody.runner.simulate import prepare
 
 SPEEDS = [1.0, 10e-3, 1e-3]

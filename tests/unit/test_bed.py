@@ -18,7 +18,7 @@ from steel import scene_text
 import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump
-from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.candidates import AllRows
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.state import World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment

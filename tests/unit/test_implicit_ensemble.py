@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thirdbody.engine import implicit, implicit_ensemble
-from thirdbody.engine.contact_rows import AllRows, ClosedRows
+from thirdbody.engine.candidates import AllRows, ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.snapshot import restore, snapshot
 from thirdbody.report.scene_check import memory_of

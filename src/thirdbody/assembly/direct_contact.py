@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
-from thirdbody.engine.direct_contact import DirectContact
+from thirdbody.engine.upper_plate import DirectContact
 from thirdbody.errors import InputError
 from thirdbody.laws.hertz import e_star
 from thirdbody.scene.model import Scene

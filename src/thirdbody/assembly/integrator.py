@@ -12,8 +12,7 @@ from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.islands import LARGEST, ExpectedIslands, expected_islands
-from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
-from thirdbody.engine.state import State
+from thirdbody.engine.state import RAYLEIGH_FRACTION, State, rayleigh_time
 from thirdbody.engine.units import EXPLICIT
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError

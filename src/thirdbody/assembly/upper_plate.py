@@ -15,9 +15,8 @@ from thirdbody.assembly.placement import CLEARANCE
 from thirdbody.assembly.populate import sphere_centres
 from thirdbody.assembly.rough_start import plate_heights
 from thirdbody.assembly.schedule import first_load, schedule
-from thirdbody.engine.direct_contact import DirectContact
 from thirdbody.engine.placed import Placed
-from thirdbody.engine.upper_plate import Foundation, UpperPlate
+from thirdbody.engine.upper_plate import DirectContact, Foundation, UpperPlate
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import ONLY_LOWER
 from thirdbody.scene.model import Scene

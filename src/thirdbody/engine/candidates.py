@@ -1,13 +1,19 @@
-"""Candidate contacts: pairs that may touch, with their histories and records."""
+"""Candidate contacts: pairs that may touch, with their histories and records.
+
+Histories and records have a row for each candidate, or rows of closed contacts only, batch by batch of bodies. Of the twelve
+candidates of a clump of six spheres between two plates, some four are closed. An open one has no history
+(`kernels.memory.reset_history`), and its record is never read.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.engine.contact_rows import AllRows, ClosedRows
+from thirdbody.kernels.memory import ClosedContacts
 from thirdbody.kernels.plates import BASINS
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, contact_state, record, remote_force, surface_contact
@@ -16,6 +22,118 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = NDArray[np.int32]
 """Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
+
+SPARE = 1.1
+"""Room in the rows of a batch over their number when they were allocated: few batches need new ones later."""
+
+EXPECTED = 4.0
+"""Closed contacts of a body, to estimate the memory of a run before its first step: 3.1 to 3.9 were counted in clumps of 4 to 8
+spheres between pressing and 5 um of drag."""
+
+
+@dataclass
+class AllRows:
+    """A row for each candidate: histories H; records R, or no rows where they are not needed."""
+
+    H: Array
+    R: Array
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """Number of columns of histories and of records."""
+        return self.H.shape[1], self.R.shape[1]
+
+    def expected_bytes(self, _bodies: int) -> int:
+        """Return the bytes that the rows will take besides those of H and R: none."""
+        return 0
+
+    def closed(self) -> Ints:
+        """Return the numbers of the closed candidates."""
+        return np.flatnonzero(self.H[:, contact_state.SLIP] > 0.0)
+
+    def histories(self, closed: Ints, columns: Any) -> Array:
+        """Return columns of the histories of closed candidates."""
+        return self.H[:, columns][closed]
+
+    def records(self, closed: Ints, *columns: Any) -> list[Array]:
+        """Return columns of the records of closed candidates, an array for each column or slice of them."""
+        return [self.R[:, each][closed] for each in columns]
+
+
+@dataclass
+class ClosedRows:
+    """Rows of closed contacts only.
+
+    `edges` (batches + 1,): first candidate of each batch of `size` bodies; `widths`: columns of H and R; `compact`: the closed
+    contacts of each batch, whose H and R may have spare rows.
+    """
+
+    edges: Ints
+    size: int
+    widths: tuple[int, int]
+    compact: list[ClosedContacts]
+
+    @classmethod
+    def of(cls, edges: Ints, size: int, closed: Ints, rows: tuple[Array, Array]) -> ClosedRows:
+        """Return copies of the rows of closed candidates, given by their numbers, histories and records."""
+        H, R = rows
+        result, cuts = cls(edges, size, (H.shape[1], R.shape[1]), []), np.searchsorted(closed, edges)
+        for first, low, high in zip(edges, cuts, cuts[1:], strict=False):
+            on = (closed[low:high] - first).astype(np.int32)
+            result.compact.append(ClosedContacts(on, H[low:high].copy(), R[low:high].copy()))
+        return result
+
+    def replace(self, batch: int, contacts: ClosedContacts, n: int) -> None:
+        """Take copies of the first n of these contacts as those of a batch."""
+        _, H, R = self.compact[batch]
+        if n > len(H):
+            H, R = (np.empty((int(SPARE * n), width)) for width in self.widths)
+        H[:n], R[:n] = contacts.H[:n], contacts.R[:n]
+        self.compact[batch] = ClosedContacts(contacts.on[:n].copy(), H, R)
+
+    def closed(self) -> Ints:
+        return np.concatenate([batch.on + first for batch, first in zip(self.compact, self.edges, strict=False)])
+
+    def pieces(self) -> tuple[list[Array], list[Array]]:
+        """Return histories and records of the closed candidates, batch by batch, without copies."""
+        return [each.H[: len(each.on)] for each in self.compact], [each.R[: len(each.on)] for each in self.compact]
+
+    def histories(self, closed: Ints, columns: Any) -> Array:
+        return self._columns(0, closed, columns)[0]
+
+    def records(self, closed: Ints, *columns: Any) -> list[Array]:
+        return self._columns(1, closed, *columns)
+
+    def _columns(self, which: int, closed: Ints, *columns: Any) -> list[Array]:
+        """Return columns of histories (0) or records (1)."""
+        pieces, none, end = self.pieces()[which], np.empty((1, self.widths[which])), 0
+        result = [np.empty((sum(map(len, pieces)), *none[:, each].shape[1:])) for each in columns]
+        for rows in pieces:
+            begin, end = end, end + len(rows)
+            for each, array in zip(columns, result, strict=True):  # all of a batch while it is in the cache
+                array[begin:end] = rows[:, each]
+        if len(closed) == end:
+            return result
+        some = np.searchsorted(self.closed(), closed)
+        return [array[some] for array in result]
+
+    @property
+    def H(self) -> Array:
+        """Histories of all candidates: a table made anew, for readers that are not made for many bodies."""
+        return self._whole(0)
+
+    @property
+    def R(self) -> Array:
+        return self._whole(1)
+
+    def _whole(self, which: int) -> Array:
+        table = np.zeros((int(self.edges[-1]), self.widths[which]))
+        table[self.closed()] = np.concatenate(self.pieces()[which])
+        return table
+
+    def expected_bytes(self, bodies: int) -> int:
+        """Return the bytes that the rows are expected to take during a run."""
+        return int(SPARE * EXPECTED * bodies * (4 + 8 * sum(self.widths)))
 
 
 @dataclass
@@ -56,12 +174,10 @@ class Candidates:
 
     @property
     def R(self) -> Array:
-        """Records of the candidates, as H."""
         return self.rows.R
 
     @property
     def count(self) -> int:
-        """Number of candidates."""
         return len(self.own)
 
     @property

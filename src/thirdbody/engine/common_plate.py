@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.direct_contact import direct_loss, direct_reaction
 from thirdbody.engine.implicit_stops import explain
 from thirdbody.engine.islands import BATCH
-from thirdbody.engine.state import Array, State
-from thirdbody.engine.upper_plate import value_before
+from thirdbody.engine.state import Action, Array, State
+from thirdbody.engine.upper_plate import direct_loss, direct_reaction, value_before
 from thirdbody.errors import GuardStop
-from thirdbody.jit.threads import distribute, pieces_of
+from thirdbody.jit.threads import pieces_of
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit.control import EASY, NEARLY, StepLimit, Stop
@@ -45,19 +43,7 @@ def own_patches(state: State) -> None:
         state.patch = np.arange(state.n_bodies)
 
 
-def one_plate(state: State) -> None:
-    """Move a rigid plate to the last row of the patches and give every body a copy that follows it."""
-    if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
-        return
-    copies = np.repeat(state.P, state.n_bodies, axis=0)
-    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
-        copies[:, column] = 0.0
-    state.P = np.concatenate([copies, state.P])
-    state.patch = np.arange(state.n_bodies)
-
-
-@dataclass
-class PlateStep:
+class PlateStep(NamedTuple):
     """Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end.
 
     `rate`: change of the velocity with the rise [1/s]; `error` of the step over the tolerance.
@@ -74,8 +60,14 @@ class CommonPlate:
     """A free plate that all bodies carry, the last patch: it makes the steps of an implicit integrator."""
 
     def __init__(self, integrator: Implicit, state: State) -> None:
-        one_plate(state)
-        self.integrator = integrator
+        self.integrator, upper = integrator, state.world.upper
+        if len(state.P) == 1 and upper and not upper.foundation:
+            # a rigid plate becomes the last row of the patches, and every body gets a copy that follows it
+            copies = np.repeat(state.P, state.n_bodies, axis=0)
+            for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD, patch.DIRECT_PREFACTOR):
+                copies[:, column] = 0.0
+            state.P = np.concatenate([copies, state.P])
+            state.patch = np.arange(state.n_bodies)
         self.totals = np.zeros(run_totals.WIDTH)  # of the plate itself
         self.memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
 
@@ -89,7 +81,7 @@ class CommonPlate:
         """Return the tables of the plate by their names in a checkpoint."""
         return {"plate": self.totals, "plate_memory": self.memory}
 
-    def advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+    def advance_to(self, until: float, watch: Action, between: Action) -> None:
         """Advance all bodies to a time [s]."""
         one = self.integrator
         while one.totals[0, run_totals.TIME] < until:
@@ -110,28 +102,30 @@ class CommonPlate:
             one.totals[:, run_totals.TIME] = end
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
             return
-        (dt, cause), cuts, load, body = self._length(time, end), 0, float(one.state.patches.load[-1]), 0
+        row, ends = one.state.P[-1], one.solutions
+        (dt, cause), cuts, load, body = self._length(time, end), 0, float(row[patch.LOAD]), 0
         while True:
             whole = dt >= NEARLY * (end - time)
             dt = end - time if whole else dt
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
-            self._load(time, dt)
+            if one.schedule.load:  # at the end of a step that crosses no breakpoint
+                row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
             step, converged = self._solve(dt, (v_x, v_y))
-            error, rotation = one.solutions[:, [body_solution.ERROR, body_solution.ROTATION]].max(axis=0).tolist()
-            error = max(step.error, error)
+            error = max(step.error, float(ends[:, body_solution.ERROR].max()))
+            rotation = float(ends[:, body_solution.ROTATION].max())
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
             cuts += 1
             body, cause = self._why(converged, error, rotation)
             self.each_island(kernel.restore_islands)
             dt *= kernel.reduction(converged, error, rotation)
-            if dt < one.settings[step_settings.SHORTEST] or one.solutions[:, body_solution.CROWDED].any():
+            if dt < one.settings[step_settings.SHORTEST] or ends[:, body_solution.CROWDED].any():
                 self._refuse_unsolved()
         self.each_island(kernel.accept_at, (end, whole, cuts), Motion(dt, v_x, v_y))
         self._accept(dt, step, load, (v_x, v_y))
-        body = body if cuts else int(np.argmax(one.solutions[:, body_solution.ERROR]))
+        body = body if cuts else int(np.argmax(ends[:, body_solution.ERROR]))
         one.memory[body, step_memory.LIMITED + cause] += 1.0
-        easy = one.solutions[:, body_solution.ITERATIONS].max() <= 2 * EASY
+        easy = ends[:, body_solution.ITERATIONS].max() <= 2 * EASY
         kernel.set_common_length(T, one.accuracy.growth, dt, error, easy, cuts > 0, cause)
         if whole and kernel.next_breakpoint_after(time, context, math.inf) <= end:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
@@ -150,12 +144,13 @@ class CommonPlate:
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
         one = self.integrator
-        row, first_iteration = one.state.P[-1], True
-        displacement, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
+        row, first_iteration, now = one.state.P[-1], True, float(one.state.P[-1, patch.VELOCITY])
+        displacement, low, high = now * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
             self.each_island(kernel.solve_at, first_iteration, displacement, Motion(dt, *velocity))
-            first_iteration = False
-            step = self._motion(displacement, dt)
+            first_iteration, radius = False, float(one.memory[:, step_memory.CONTACT_RADIUS].max())
+            speed, acceleration, rate, error = kernel.plate_motion(self.memory, one.settings, displacement, now, radius, dt)
+            step = PlateStep(displacement, speed, acceleration if one.accuracy.inertia else 0.0, rate, error)
             if not one.solutions[:, body_solution.SOLVED].all():
                 return step, False
             push, slope = (float(one.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
@@ -176,16 +171,8 @@ class CommonPlate:
         return step, False
 
     def each_island(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
-        """Call a kernel for pieces of all islands."""
-        one = self.integrator
-        pieces = one.islands.pieces or pieces_of(0, one.islands.count, FEWEST)
-        context, tables = one.packed(), one.packed_islands()
-
-        def worker() -> Callable[[tuple[int, int]], None]:
-            scratch = one.scratch()
-            return lambda piece: kernel_of_pieces(*piece, *step, context, tables, scratch)
-
-        distribute(pieces, worker)
+        islands = self.integrator.islands
+        self.integrator.each_island(islands.pieces or pieces_of(0, islands.count, FEWEST), kernel_of_pieces, *step)
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
@@ -194,39 +181,16 @@ class CommonPlate:
         max_overlap = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
         return 0.5 * max(max_overlap, float(one.settings[step_settings.EXPECTED_OVERLAP]))
 
-    def _motion(self, displacement: float, dt: float) -> PlateStep:
-        """Return the step of the plate that rises by `displacement` [m]."""
-        one = self.integrator
-        now = float(one.state.patches.velocity[-1])
-        radius = float(one.memory[:, step_memory.CONTACT_RADIUS].max())
-        velocity, acceleration, rate, error = kernel.plate_motion(self.memory, one.settings, displacement, now, radius, dt)
-        return PlateStep(displacement, velocity, acceleration if one.accuracy.inertia else 0.0, rate, error)
-
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Return the length [s] of the next step and its cause (`kernels.implicit.control`)."""
-        one = self.integrator
-        carrying = self._carrying()
+        one, state, slots = self.integrator, self.integrator.state, self.integrator.state.slots
+        # bodies that touch neither the upper plate nor others do not count: their weight presses them on the lower plate by less
+        # than a nanometre, and no drag slides over that
+        carrying = np.zeros(state.n_bodies, bool)
+        carrying[state.body[slots.own[(slots.sides != LOWER) & (slots.H[:, contact_state.SLIP] > 0.0)]]] = True
         radii = one.memory[carrying if carrying.any() else slice(None), step_memory.CONTACT_RADIUS]
         self.memory[step_memory.CONTACT_RADIUS] = radii.min()
         return kernel.common_step_length(self.memory, time, one.packed(), end)
-
-    def _carrying(self) -> np.ndarray:
-        """Return which bodies touch the upper plate or other bodies (n,), bool.
-
-        Others lie on the lower plate. Their weight presses them by less than a nanometre, and no drag slides over that.
-        """
-        one = self.integrator
-        state, slots = one.state, one.state.slots
-        carrying = np.zeros(state.n_bodies, bool)
-        carrying[state.body[slots.own[(slots.sides != LOWER) & (slots.H[:, contact_state.SLIP] > 0.0)]]] = True
-        return carrying
-
-    def _load(self, time: float, dt: float) -> None:
-        """Set the scheduled load [N] of the plate at the end of a step that crosses no breakpoint."""
-        one = self.integrator
-        if one.schedule.load:
-            row = one.state.P[-1]
-            row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
 
     def _accept(self, dt: float, step: PlateStep, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""

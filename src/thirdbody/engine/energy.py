@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from thirdbody.engine.direct_contact import direct_energy
 from thirdbody.engine.state import State
+from thirdbody.engine.upper_plate import direct_energy
 from thirdbody.kernels.tables import body, body_extra, patch, record, run_totals
 
 LINES = (
@@ -11,13 +11,21 @@ LINES = (
     "residual",
 )  # fmt: skip
 
+BOOKED = (
+    run_totals.DAMPING_WORK, run_totals.FRICTION_WORK, run_totals.PLATE_WORK, run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS,
+)  # fmt: skip
+"""Totals of a run that are lines of the ledger as they are, `damping` to `numerical`."""
 
 Stored = tuple[float, float, float, float, float]
 
 
 def stored_energies(state: State) -> Stored:
     """Return the energies [J] at the last observed step: kinetic, elastic normal and tangential, foundation, direct contact."""
-    P, kinetic, direct = state.P, _kinetic(state) if state.inertial else 0.0, direct_energy(state.P)
+    B, E, P, kinetic, direct = state.B, state.E, state.P, 0.0, direct_energy(state.P)
+    if state.inertial:
+        kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
+        kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
+        kinetic += 0.5 * float(np.sum(P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2))
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
         return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs, direct
@@ -25,15 +33,6 @@ def stored_energies(state: State) -> Stored:
     stored = rows.records(rows.closed(), record.STORED_NORMAL, record.STORED_TANGENTIAL)
     normal, tangential = (float(each.sum()) for each in stored)
     return kinetic, normal, tangential, springs, direct
-
-
-def _kinetic(state: State) -> float:
-    """Return the kinetic energy [J] of bodies and free patches."""
-    B, E, P = state.B, state.E, state.P
-    kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
-    kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
-    kinetic += 0.5 * float(np.sum(P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2))
-    return kinetic
 
 
 class Ledger:
@@ -68,17 +67,7 @@ class Ledger:
         spent = kinetic + normal + tangential + springs + direct - self.start
         spent += A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK] + A[run_totals.DIRECT_WORK]
         spent += A[run_totals.NUMERICAL_LOSS]
-        values = (
-            kinetic,
-            normal,
-            tangential,
-            A[run_totals.DAMPING_WORK],
-            A[run_totals.FRICTION_WORK],
-            A[run_totals.PLATE_WORK],
-            A[run_totals.EFFECT_WORK],
-            A[run_totals.NUMERICAL_LOSS],
-            gained - spent,
-        )
+        values = kinetic, normal, tangential, *(A[k] for k in BOOKED), gained - spent
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if state.physics.loss:
             lines[state.physics.loss] = float(state.E[:, body_extra.NORMAL_LOSS].sum())
@@ -86,9 +75,9 @@ class Ledger:
         if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]
         upper = state.world.upper
-        if upper is not None and upper.foundation is not None:
+        if upper and upper.foundation:
             lines["foundation"] = springs
-        if upper is not None and upper.direct is not None:
+        if upper and upper.direct:
             lines |= {"direct_elastic": direct, "direct_friction": float(A[run_totals.DIRECT_WORK])}
         return lines
 

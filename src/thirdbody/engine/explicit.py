@@ -2,31 +2,30 @@
 
 import math
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates, Numbers
-from thirdbody.engine.contact_rows import AllRows
-from thirdbody.engine.guards import Guards
+from thirdbody.engine.candidates import AllRows, Numbers
+from thirdbody.engine.guards import name_of, partner_of, set_guards
 from thirdbody.engine.labels import labels
-from thirdbody.engine.measures import arguments_of, update_measures
+from thirdbody.engine.measures import update_measures
 from thirdbody.engine.neighbours import plate_pairs, search
 from thirdbody.engine.remote_rows import force_rows, remote_rows
-from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
+from thirdbody.engine.state import SUMMED, Action, Array, State, refresh_spheres, table, unite
+from thirdbody.engine.step_arguments import constant_arguments, table_arguments
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import allowed_threads, helpers, words_of
 from thirdbody.kernels import bodies as body_pass
-from thirdbody.kernels.arguments import EFFECTS, KINDS, LAW, OBSERVE, OBSERVE_BODIES, WORK, Context
+from thirdbody.kernels.arguments import KINDS, WORK, Context
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.explicit.tables import body_force, chunk_motion, contact_sums, drift_scratch
-from thirdbody.kernels.labels import observe_bodies
-from thirdbody.kernels.tables import LOWER, UPPER, domain, loaded_contact, run_totals
+from thirdbody.kernels.minima import UPDATE, update
+from thirdbody.kernels.tables import domain, loaded_contact, run_totals
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
@@ -40,66 +39,49 @@ GROWTH, PATIENCE = 1.25, 16
 only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
 
 
-LEDGER = (
-    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK, run_totals.PLATE_WORK_SIZE,
-    run_totals.EFFECT_WORK, run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
-    run_totals.STORED_TANGENTIAL, run_totals.DIRECT_WORK, *(first + k for first in (run_totals.UPPER_IMPULSE,
-    run_totals.LOWER_IMPULSE, run_totals.UPPER_FORCE, run_totals.LOWER_FORCE, run_totals.DIRECT_IMPULSE,
-    run_totals.DIRECT_FORCE) for k in range(3)),
-)  # fmt: skip
-"""Totals that are summed over groups of bodies where these do not influence each other."""
-
-
 class Explicit:
     """Explicit integrator. `time_step=None`: automatic. Stops between outputs do not change the steps."""
 
     divisible = True
 
-    def __init__(
-        self,
-        state: State,
-        materials: list[Material],
-        time_step: float | None = None,
-        guards: Guards | None = None,
-        force: bool = False,
-    ):
+    def __init__(self, state: State, materials: list[Material], time_step: float | None = None, force: bool = False):
         self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
-        (guards or Guards()).put(state)
+        set_guards(state)
         state.summed = True
         unite(state)
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all larger than the step
-        self.drag = np.array(_drag(state))
+        self.drag = np.array(state.world.schedule.direction())
         self.pace, self.seconds = ThreadTuner(), CALL / BUDGET  # last measured wall time of a step
-        physics = state.physics
-        self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
-        self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
-        self.observe_bodies = address(observe_bodies, OBSERVE_BODIES) if physics.labels else 0
-        self.packer, self.measures = Packer(KINDS), arguments_of(state)
-        self.announced = np.zeros(step_loop.ANNOUNCED)
-        self.independent = _independent(state)
+        self.packer, self.announced = Packer(KINDS), np.zeros(step_loop.ANNOUNCED)
+        upper = state.world.upper
+        common = upper is not None and (upper.foundation is not None or (upper.free and len(upper.heights) == 1))
+        # whether no body influences another, neither by contact nor by a plate that they carry together
+        self.independent = not state.world.debris_meets and not (common and state.n_bodies > 1)
         if self.independent and state.world.rough:
             # all spheres are candidates: what a body does must not depend on when others make a search due
             state.skin = state.D[domain.SKIN] = math.inf
         groups = -(-state.n_bodies // (body_pass.BODIES * contact_pass.GROUP)) if self.independent else 0
         self.ledgers = np.zeros((groups, run_totals.WIDTH))
+        self.constant = constant_arguments(state, self.drag) | {
+            "X0": state.X0, "A": state.A, "ledgers": self.ledgers, "announced": self.announced, "jumps": int(state.physics.jumps),
+            "stride": state.physics.stride, "work": address(work, WORK),
+            "update_surfaces": address(update, UPDATE) if state.world.rough else 0,
+        }  # fmt: skip
 
     def start(self) -> None:
         """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
-        self.pairs = self._all_pairs()
+        # those that bound the time step; None: the present candidates
+        self.pairs = plate_pairs(self.state) if self.independent and not self.state.world.rough else None
         self._advance(1, math.inf, math.inf, 0.0)
         self.state.A[run_totals.STEPS] = self.state.A[run_totals.ELAPSED] = 0.0
         self._choose_step()
 
     def advance_to(
-        self,
-        time: float = math.inf,
-        distance: float = math.inf,
-        watch: Callable[[], None] = lambda: None,
-        between: Callable[[], None] = lambda: None,
+        self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
         """Advance to the first step at or after a time [s] or a sliding distance [m].
 
@@ -135,13 +117,9 @@ class Explicit:
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
         """Restore the result of `export_state`, after the state itself was restored. Raises KeyError or TypeError."""
         self.ledgers[:] = arrays["ledgers"]
-        bounds = {name: None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest")}
-        self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
+        self.bound, self.tightest = (None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest"))
+        self.waiting = [float(x) for x in notes["waiting"]]
         self._tables()
-
-    def _all_pairs(self) -> Candidates | None:
-        """Return the pairs that bound the time step where bodies are independent; None: the present candidates."""
-        return plate_pairs(self.state) if self.independent and not self.state.world.rough else None
 
     def _tables(self) -> None:
         chunks = -(-self.state.n_bodies // body_pass.BODIES)
@@ -152,16 +130,6 @@ class Explicit:
         self.forces = table(0, body_force.WIDTH)
         self.kinds = self.state.slots.kind[: 0 if self.state.physics.kinds.size == 1 else None]  # not read where all are equal
         self._scratch(allowed_threads())
-
-    def _force_rows(self, threads: int) -> tuple[Numbers, Numbers, Numbers]:
-        """Return the rows of F by candidate (-1: none) and by remote force, and of `forces` by group, on so many threads."""
-        slots, parts = self.state.slots, step_loop.parts_of.py_func(len(self.moved), threads)
-        if parts not in self.rows_of_parts:
-            rows = remote_rows(slots, self.state.body, parts)
-            shifts, count = force_rows(slots.lowest, parts)
-            self.forces = self.forces if count <= len(self.forces) else table(count, body_force.WIDTH)
-            self.rows_of_parts[parts] = np.append(rows, np.int32(-1))[slots.outer], rows, shifts
-        return self.rows_of_parts[parts]
 
     def _scratch(self, threads: int) -> None:
         """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
@@ -176,70 +144,70 @@ class Explicit:
         maximum = slots.max_per_body if physics.labels else 0
         self.rows = np.empty((parts, maximum, loaded_contact.MEMORY + physics.contact_memory))
 
-    def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
-        s, (began, worked) = self.state, clocks()
+    def _advance(self, budget: int, until: float, distance: float, dt: float) -> tuple[int, int]:
+        s, began, worked = self.state, time.perf_counter(), time.process_time()
         before = s.A[run_totals.STEPS]
         threads = self.pace.threads(allowed_threads(), began)
         if len(self.scratch) < step_loop.PARTS_PER_THREAD * threads:
             self._scratch(threads)
         context = self._context(threads)
-        with helpers(self._members(threads), self.team, lambda member: step_loop.help_out(member, threads, context)):
-            answer = step_loop.advance(budget, time, distance, dt, threads, context)
-        for column in LEDGER if len(self.ledgers) else ():
+        members = threads if self._parts(threads) > 1 else 1
+        with helpers(members, self.team, lambda member: step_loop.help_out(member, threads, context)):
+            answer = step_loop.advance(budget, until, distance, dt, threads, context)
+        for column in SUMMED if len(self.ledgers) else ():
             s.A[column] = self.ledgers[:, column].sum()
-        now, busy = clocks()
+        now, busy = time.perf_counter(), time.process_time()
         done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
         self.seconds = max(now - began, 1e-9) / max(done, 1)
         refresh_spheres(s)  # the kernel updates only spheres with candidates
         return answer
 
-    def _members(self, threads: int) -> int:
-        """Return the number of threads that a step of so few groups is divided among."""
-        return threads if step_loop.parts_of.py_func(len(self.moved), threads) > 1 else 1
+    def _parts(self, threads: int) -> int:
+        return int(step_loop.parts_of.py_func(len(self.moved), threads))
 
     def _context(self, threads: int = 1) -> Array:
         """Return the packed kernel arguments for so many threads."""
-        s, slots, physics = self.state, self.state.slots, self.state.physics
-        outer, rows, shifts = self._force_rows(threads)
-        given = Context(  # type: ignore[call-arg]
-            slots.own, slots.partner, slots.edges, slots.incidence, s.B, s.E, s.orientations, slots.H, slots.R, s.M, self.drag,
-            len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
-            self.kinds, outer, slots.near, slots.beginning, slots.remote_body, rows, slots.closed, slots.cuts, slots.lowest,
-            slots.needs, shifts, s.body, s.start, s.offsets, s.X0, s.patch, s.S, self.forces, s.P, slots.Q, slots.F,
-            physics.pairs, physics.interaction, physics.effect_parameters, s.D, s.A, self.ledgers, self.sums, self.moves,
-            s.lower_surface, s.upper_surface, s.schedule, s.first, self.scratch, self.marks, self.rows, self.moved,
-            self.team, self.announced, *physics.field, physics.rolling, *physics.force_columns, physics.stored, physics.dashpots,
-            physics.loss_column, int(physics.jumps), int(physics.has_effects), physics.stride, int(physics.labels), self.law,
-            self.effects, self.observe, self.observe_bodies, self.work, s.update_surfaces, **self.measures,
+        slots, parts = self.state.slots, self._parts(threads)
+        if parts not in self.rows_of_parts:
+            rows = remote_rows(slots, self.state.body, parts)
+            shifts, count = force_rows(slots.lowest, parts)
+            self.forces = self.forces if count <= len(self.forces) else table(count, body_force.WIDTH)
+            # rows of F by candidate (-1: none) and by remote force, and of `forces` by group
+            self.rows_of_parts[parts] = np.append(rows, np.int32(-1))[slots.outer], rows, shifts
+        outer, rows, shifts = self.rows_of_parts[parts]
+        return self.packer(
+            Context(  # type: ignore[call-arg]
+                **self.constant, **table_arguments(self.state), kind=self.kinds, outer=outer, near=slots.near,
+                beginning=slots.beginning, remote_body=slots.remote_body, remote_row=rows, closed=slots.closed, cuts=slots.cuts,
+                lowest=slots.lowest, needs=slots.needs, force_rows=shifts, forces=self.forces, F=slots.F, sums=self.sums,
+                moves=self.moves, moved=self.moved, scratch=self.scratch, marks=self.marks, rows=self.rows, team=self.team,
+            )
         )  # fmt: skip
-        return self.packer(given)
 
     def _choose_step(self) -> None:
+        s, now = self.state, self.state.dt
         # a fixed step is compared with the bound of the present contacts
-        steps = BUDGET if self.fixed is None else 0
-        largest = float(self.state.D[domain.OVERLAP_GUARD])
-        self.bound = bound(self.state, self.materials, steps, largest, self.pairs)
-        if self.tightest is None or self.bound.step < self.tightest.step:
-            self.tightest = self.bound
+        steps, largest = BUDGET if self.fixed is None else 0, float(s.D[domain.OVERLAP_GUARD])
+        limit = self.bound = bound(s, self.materials, steps, largest, self.pairs)
+        if self.tightest is None or limit.step < self.tightest.step:
+            self.tightest = limit
         if self.fixed is not None:
-            self.state.dt = self.fixed
-            if self.fixed > self.bound.stability and not self.force and self.state.time > 0.0:
-                raise GuardStop(self._explain_step(self.bound))
-        else:
-            self._grow(self.bound.step, steps, largest)
-
-    def _grow(self, allowed: float, steps: int, largest: float) -> None:
-        """Set the automatic step for a bound of `allowed` [s]. Longer steps come to contacts that shorter ones did not foresee:
-        a step that these would make unstable grows by less."""
-        state, now = self.state, self.state.dt
-        state.dt = self._next_step(allowed, now)
-        if 0.0 < now < state.dt:
-            ahead = bound(state, self.materials, steps, largest, self.pairs)
-            refused = state.dt > ahead.stability
-            while refused and now < state.dt > ahead.step:
-                state.dt = max(0.5 * state.dt, now)
-                ahead = bound(state, self.materials, steps, largest, self.pairs)
+            s.dt = self.fixed
+            if self.fixed > limit.stability and not self.force and s.time > 0.0:
+                raise GuardStop(
+                    f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}): the time step {s.dt:.3g} s exceeds the "
+                    f"stability limit {limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
+                )
+            return
+        s.dt = self._next_step(limit.step, now)
+        if 0.0 < now < s.dt:
+            # longer steps come to contacts that shorter ones did not foresee: one that these would make unstable grows by less
+            ahead = bound(s, self.materials, steps, largest, self.pairs)
+            refused = s.dt > ahead.stability
+            while refused and now < s.dt > ahead.step:
+                s.dt = max(0.5 * s.dt, now)
+                ahead = bound(s, self.materials, steps, largest, self.pairs)
 
     def _next_step(self, allowed: float, now: float) -> float:
         """Return the automatic time step [s] for a bound of `allowed` [s]; `now`: the present step [s]."""
@@ -271,11 +239,14 @@ class Explicit:
         return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:
-        s = self.state
+        s, slots = self.state, self.state.slots
+        contact = code in (step_loop.Stop.OVERLAP, step_loop.Stop.BAD_CONTACT)
+        b = int(s.body[slots.own[number]]) if contact else number
+        who = name_of(b, s)
         when = f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}, time step {s.dt:.3g} s)"
         laws = ", ".join(sorted({name.split(".")[0] for name in s.physics.history})) or "contact laws"
-        if code in (step_loop.Stop.OVERLAP, step_loop.Stop.BAD_CONTACT):
-            who, partner = self._who(number)
+        if contact:
+            partner = partner_of(s, number, b)
             if code == step_loop.Stop.BAD_CONTACT:
                 return f"{when}: the force between {who} and {partner} is not a number ({laws})"
             ratio = float(self.sums[:, contact_sums.MAX_OVERLAP].max())
@@ -283,8 +254,6 @@ class Explicit:
                 f"{when}: {who} and {partner} overlap by {ratio:.2f} of the smaller radius "
                 f"(guard: {s.D[domain.OVERLAP_GUARD]:g}); a smaller time step, a lower load or a stiffer material is needed"
             )
-        where = ", ".join(f"{x:.4g}" for x in s.bodies.position[number])
-        who = f"body {s.order[number]} at ({where}) m"
         if code == step_loop.Stop.BAD_BODY:
             return f"{when}: the position of body {s.order[number]} is not a number; the time step is too large"
         if code == step_loop.Stop.LEFT:
@@ -292,34 +261,6 @@ class Explicit:
         return (
             f"{when}: {who} moves more than {s.D[domain.TRAVEL_GUARD]:g} of a radius in one step; a smaller time step is needed"
         )
-
-    def _explain_step(self, limit: Bound) -> str:
-        s = self.state
-        return (
-            f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}): the time step {s.dt:.3g} s exceeds the "
-            f"stability limit {limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
-        )
-
-    def _who(self, slot: int) -> tuple[str, str]:
-        s, slots = self.state, self.state.slots
-        names, side = {LOWER: "the lower plate", UPPER: "the upper plate"}, int(slots.sides[slot])
-        other = names.get(side) or f"body {s.order[s.body[slots.partner[slot]]]}"
-        b = int(s.body[slots.own[slot]])
-        where = ", ".join(f"{x:.4g}" for x in s.bodies.position[b])
-        return f"body {s.order[b]} at ({where}) m", other
-
-
-def _independent(state: State) -> bool:
-    """Return whether no body influences another, neither by contact nor by a plate that they carry together."""
-    upper = state.world.upper
-    common = upper is not None and (upper.foundation is not None or (upper.free and len(upper.heights) == 1))
-    return not state.world.debris_meets and not (common and state.n_bodies > 1)
-
-
-def _drag(state: State) -> tuple[float, float]:
-    """Return the unit vector of the prescribed drag of the upper plate, or (0, 0)."""
-    upper = state.world.upper
-    return (0.0, 0.0) if upper is None else upper.schedule.direction()
 
 
 STARVED = 0.6
@@ -365,8 +306,3 @@ class ThreadTuner:
             self.pause = PAUSE
             if step < SHORT and now - self.tried > LONGEST:
                 self.until = now + MIN_MEASUREMENT
-
-
-def clocks() -> tuple[float, float]:
-    """Return wall-clock time and CPU time [s]."""
-    return time.perf_counter(), time.process_time()

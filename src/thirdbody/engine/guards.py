@@ -1,13 +1,11 @@
-"""Validity limits of a run, for all integrators."""
-
-from dataclasses import dataclass
+"""Validity limits of a run, for all integrators, and the names of bodies and plates in messages."""
 
 import numpy as np
 
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.tables import domain, height_field, run_totals
+from thirdbody.kernels.tables import LOWER, domain, height_field, run_totals
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid."""
@@ -26,19 +24,12 @@ NORM_GUARD = 1e-6
 """Largest deviation of the norm of a quaternion from 1; rounding causes less than 1e-12 over a million steps."""
 
 
-@dataclass(frozen=True)
-class Guards:
-    """Dimensionless limits of a run."""
-
-    overlap: float = OVERLAP_GUARD
-    travel: float = TRAVEL_GUARD
-
-    def put(self, state: State) -> None:
-        """Write the limits into the tables of a state."""
-        state.D[domain.OVERLAP_GUARD], state.D[domain.TRAVEL_GUARD] = self.overlap, self.travel
-        if state.world.lower is not None:
-            lowest = float(state.lower_surface[height_field.MIN_HEIGHT]) if len(state.lower_surface) else 0.0
-            state.D[domain.FLOOR] = lowest - FLOOR * float(state.rayleigh_radius.max())
+def set_guards(state: State) -> None:
+    """Write the limits that kernels watch into the tables of a state."""
+    state.D[domain.OVERLAP_GUARD], state.D[domain.TRAVEL_GUARD] = OVERLAP_GUARD, TRAVEL_GUARD
+    if state.world.lower is not None:
+        lowest = float(state.lower_surface[height_field.MIN_HEIGHT]) if len(state.lower_surface) else 0.0
+        state.D[domain.FLOOR] = lowest - FLOOR * float(state.rayleigh_radius.max())
 
 
 class EnergyGuard:
@@ -48,34 +39,41 @@ class EnergyGuard:
     its work, which can be all the energy at that instant.
     """
 
-    def __init__(self, ledger: Ledger, patience: int = 1, residual: float = RESIDUAL_GUARD, norm: float = NORM_GUARD) -> None:
-        self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
+    def __init__(self, ledger: Ledger, patience: int = 1) -> None:
+        self.ledger, self.patience = ledger, patience
         self.above = 0  # consecutive checks with a residual above the limit
 
     def check(self, state: State, result: Stored | None = None) -> None:
         """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
-        _check_norms(state, self.norm)
+        when = f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"
+        norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
+        bad = np.flatnonzero(~(np.abs(norms - 1.0) <= NORM_GUARD))
+        if len(bad):
+            raise GuardStop(
+                f"{when}: the orientation of body {state.order[bad[0]]} is no rotation any more: its quaternion has the length "
+                f"{norms[bad[0]]:.9g} (guard: 1 within {NORM_GUARD:g}); a smaller time step is needed"
+            )
         energy = 0.0 if result is None else sum(result)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"], energy)
-        self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above
+        self.above = 0 if off <= RESIDUAL_GUARD else self.above + 1  # NaN counts as above
         if self.above >= self.patience:
             raise GuardStop(
-                f"{_when(state)}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
-                f"(guard: {self.residual:g}); a smaller solver.time_step is needed, or a contact law that creates no energy "
+                f"{when}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
+                f"(guard: {RESIDUAL_GUARD:g}); a smaller solver.time_step is needed, or a contact law that creates no energy "
                 "(thirdbody laws --check)"
             )
 
 
-def _check_norms(state: State, maximum: float) -> None:
-    norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
-    bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
-    if len(bad):
-        who = int(bad[0])
-        raise GuardStop(
-            f"{_when(state)}: the orientation of body {state.order[who]} is no rotation any more: its quaternion has the length "
-            f"{norms[who]:.9g} (guard: 1 within {maximum:g}); a smaller time step is needed"
-        )
+def name_of(number: int, state: State) -> str:
+    """Return text that names a body by its number in the scene and its position."""
+    where = ", ".join(f"{x:.4g}" for x in state.bodies.position[number])
+    return f"body {state.order[number]} at ({where}) m"
 
 
-def _when(state: State) -> str:
-    return f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"
+def partner_of(state: State, slot: int, body: int) -> str:
+    """Return text that names what a body touches in a contact."""
+    slots = state.slots
+    if slots.partner[slot] < 0:
+        return f"the {'lower' if slots.sides[slot] == LOWER else 'upper'} plate"
+    owner, partner = state.body[slots.own[slot]], state.body[slots.partner[slot]]
+    return f"body {state.order[partner if owner == body else owner]}"

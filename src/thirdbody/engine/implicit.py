@@ -11,7 +11,6 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,26 +18,24 @@ import numpy as np
 from thirdbody.engine import implicit_stops as stops
 from thirdbody.engine.accuracy import Accuracy
 from thirdbody.engine.common_plate import CommonPlate, own_patches
-from thirdbody.engine.guards import Guards
-from thirdbody.engine.implicit_parts import ThreadScratch, find_minima, part_addresses
-from thirdbody.engine.islands import BATCH, Islands, single_bodies
+from thirdbody.engine.guards import name_of, set_guards
+from thirdbody.engine.islands import BATCH, Islands, ThreadScratch, island_stride, single_bodies
 from thirdbody.engine.labels import labels
-from thirdbody.engine.measures import arguments_of, update_measures
+from thirdbody.engine.measures import update_measures
 from thirdbody.engine.meeting import Meeting
-from thirdbody.engine.neighbours import search
-from thirdbody.engine.rayleigh_time import rayleigh_time
-from thirdbody.engine.state import Array, State
-from thirdbody.engine.upper_plate import Schedule, at_time
+from thirdbody.engine.neighbours import search, update_closest_points
+from thirdbody.engine.state import SUMMED, Action, Array, State, rayleigh_times
+from thirdbody.engine.step_arguments import constant_arguments, table_arguments
+from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute, parts_of
-from thirdbody.kernels.arguments import EFFECTS, LAW, OBSERVE, OBSERVE_BODIES
-from thirdbody.kernels.implicit import driver
+from thirdbody.kernels.arguments import LAW
+from thirdbody.kernels.implicit import books, driver, pairs, rough, spots_part
 from thirdbody.kernels.implicit.control import StepLimit, Stop
 from thirdbody.kernels.implicit.tables import body_solution, sphere_path, step_memory, step_start
-from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, ImplicitContext
-from thirdbody.kernels.labels import observe_bodies
-from thirdbody.kernels.tables import loaded_contact, patch, run_totals
+from thirdbody.kernels.implicit.workspace import FREEDOMS, ISLANDS, KINDS, PART, STAGE, UPDATE_MINIMA, ImplicitContext
+from thirdbody.kernels.tables import patch, run_totals, surface_contact
 from thirdbody.laws.contract import Material
 
 CALL, PACE, FEW = 1.0, 1e4, 8.0
@@ -67,7 +64,7 @@ class Implicit:
 
     def __init__(
         self, state: State, materials: list[Material], tangents: Callable, overlap: float, accuracy: Accuracy | None = None,
-        guards: Guards | None = None, together: bool = False,
+        together: bool = False,
     ) -> None:  # fmt: skip
         self.meeting = Meeting(self) if state.world.debris_meets else None
         self.plate = CommonPlate(self, state) if together else None
@@ -76,12 +73,10 @@ class Implicit:
         self.accuracy = accuracy or Accuracy()
         self.state, self._tangents = state, tangents
         state.inertial = self.accuracy.inertia
-        (guards or Guards()).put(state)
-        upper = state.world.upper
-        self.schedule = Schedule() if upper is None else upper.schedule
+        set_guards(state)
+        self.schedule = state.world.schedule
         self.drag = np.array(self.schedule.direction())
-        times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
-        self.rayleigh = float(times.min())
+        self.rayleigh = float(rayleigh_times(state, materials).min())
         own_patches(state)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
         shared = state.n_bodies if together else 0
@@ -97,15 +92,13 @@ class Implicit:
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
         self.memory[:, step_memory.MAX_ENERGY] = ENERGY_FRACTION * float(state.patches.load.max()) * overlap
         self.settings = self.accuracy.settings(state, overlap, self.rayleigh)
-        physics = state.physics
-        self._law, self._effects, self._observe = (
-            address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
-        )  # fmt: skip
-        self._observe_bodies = address(observe_bodies, OBSERVE_BODIES) if physics.labels else 0
-        self._tangent, self._pack, self._parts = address(tangents, LAW), Packer(KINDS), part_addresses(state)
+        self._constant = constant_arguments(state, self.drag) | part_addresses(state, tangents) | {
+            "settings": self.settings, "totals": self.totals, "memory": self.memory, "starts": self.starts, "ends": self.ends,
+            "solutions": self.solutions, "paths": self.paths,
+        }  # fmt: skip
+        self._pack, self.pack_islands, self.scratch_of_threads = Packer(KINDS), Packer(ISLANDS), ThreadScratch()
         self.islands: Islands
-        self._pack_islands, self.scratch_of_threads = Packer(ISLANDS), ThreadScratch()
-        self._measures, self._mapped = arguments_of(state), bool(len(state.maps))
+        self._mapped = bool(len(state.maps))
         self.pace = PACE  # trial steps per second in the last call
         self._reported, self._limit = stops.causes(self.memory).copy(), ""  # counters and text of the last `describe_limit`
 
@@ -126,13 +119,15 @@ class Implicit:
         state.world = replace(world, debris_meets=False)
         search(state)
         state.world = world
-        find_minima(state)
-        self.max_per_body, self.stride = state.slots.max_per_body, math.inf
+        if world.rough:  # the contacts that spheres can have with rough plates within the first step
+            state.slots.Q[:, surface_contact.SEARCHED] = math.inf
+            update_closest_points(state, partial(rough.update_minima, STAGE.ACCEPT))
+        self.max_per_body, self.stride = state.slots.max_per_body, island_stride(state)
         self.edges, self.incidence = state.slots.edges, state.slots.incidence
         if self.plate:
             self.plate.start()
         if self.meeting:
-            self.meeting.start()
+            self.meeting.search()
         else:
             self.connect(single_bodies(state.n_bodies))
 
@@ -140,14 +135,10 @@ class Implicit:
         """Take these islands as those that are advanced."""
         self.islands = islands
         self.initial_overlaps = np.zeros(self.state.slots.count if self.meets or self.together else 0)
-        self.scratch_of_threads.fit((*islands.largest(FREEDOMS), self.max_per_body))
+        self.scratch_of_threads.fit((*islands.largest(), self.max_per_body))
 
     def advance_to(
-        self,
-        time: float = math.inf,
-        distance: float = math.inf,
-        watch: Callable[[], None] = lambda: None,
-        between: Callable[[], None] = lambda: None,
+        self, time: float = math.inf, distance: float = math.inf, watch: Action = lambda: None, between: Action = lambda: None
     ) -> None:
         """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first.
 
@@ -155,20 +146,21 @@ class Implicit:
         all other steps. Raises GuardStop when a body leaves its valid range or no step converges; the bodies then remain at the
         times they have reached.
         """
-        state = self.state
+        state, advance = self.state, self.meeting.advance_to if self.meeting else self.advance_all
         while state.time < time and state.distance < distance:
             stop = min(distance, state.distance + self.stride)
             by_distance = self.schedule.time_of(stop - state.distance, state.time) if math.isfinite(stop) else math.inf
-            until = self._until(min(time, by_distance))
-            path = self.schedule.path(state.time, until)
-            reached = False
+            until = min(time, by_distance)
+            if self.meeting:
+                until = self.meeting.until(until)
             try:
-                self._advance_to(until, watch, between)
-                reached = True
-            finally:
-                # also after a guard or an interrupt: bodies are at the times they have reached
-                now = until if reached else float(self.totals[:, run_totals.TIME].min())
-                self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
+                advance(until, watch, between)
+            except BaseException:  # a guard or an interrupt: bodies are at the times they have reached
+                now = float(self.totals[:, run_totals.TIME].min())
+                self._sum_up(now, state.distance + self.schedule.path(state.time, now))
+                raise
+            path = self.schedule.path(state.time, until)
+            self._sum_up(until, state.distance + path if by_distance > until else stop)
             self.refuse_stopped()
 
     @property
@@ -176,32 +168,23 @@ class Implicit:
         """Largest number of islands in a call."""
         return self.islands.count if self.meeting else BATCH
 
-    def _advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
-        if self.meeting:
-            self.meeting.advance_to(until, watch, between)
-        else:
-            self.advance_all(until, watch, between)
-
-    def advance_all(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+    def advance_all(self, until: float, watch: Action, between: Action) -> None:
         """Advance all islands to a time [s]."""
         if self.plate:
             self.plate.advance_to(until, watch, between)
             return
         for first in range(0, self.islands.count, self.per_call):
             last = min(first + self.per_call, self.islands.count)
+            tries = self.memory[slice(None) if self.meeting else slice(first, last), step_memory.TRIES]
             while waiting := self._waiting(first, last, until):
-                those = slice(None) if self.meeting else slice(first, last)
-                self._call(waiting, partial(self.advance_islands, first, last, until), those)
+                begun, before = clock.perf_counter(), tries.sum()
+                # a call is of one trial step, if measures map where bodies are then
+                self.advance_islands(first, last, until, 1.0 if self._mapped else max(FEW, CALL * self.pace / waiting))
+                self.pace = float(tries.sum() - before) / max(clock.perf_counter() - begun, 1e-9)
+                if self._mapped:
+                    self.collect()
                 watch()
         self.collect()
-
-    def _call(self, bodies: int, advance: Callable[[float], None], those: slice = slice(None)) -> None:
-        """Advance so many bodies of `those` by one compiled call; of one trial step, if measures map where they are then."""
-        begun, before = clock.perf_counter(), self.memory[those, step_memory.TRIES].sum()
-        advance(1.0 if self._mapped else max(FEW, CALL * self.pace / bodies))
-        self.pace = float(self.memory[those, step_memory.TRIES].sum() - before) / max(clock.perf_counter() - begun, 1e-9)
-        if self._mapped:
-            self.collect()
 
     def collect(self) -> None:
         """Collect what contacts have measured (`engine.measures`), at instants that do not depend on the wall time."""
@@ -209,10 +192,6 @@ class Implicit:
             self.meeting.collect()
         else:
             update_measures(self.state)
-
-    def _until(self, until: float) -> float:
-        """Return the time [s], at most `until`, to which all bodies are advanced next."""
-        return self.meeting.until(until) if self.meeting else until
 
     def _waiting(self, first: int, last: int, until: float) -> int:
         """Return the number of bodies in islands `order[first:last]` that go on and have not reached a time [s]."""
@@ -240,97 +219,59 @@ class Implicit:
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
         pieces = self.islands.pieces if self.meeting else parts_of(first, last, tries)
-        context, tables = self.packed(), self.packed_islands()
+        self.each_island(pieces, driver.advance_islands, until, tries)
+
+    def each_island(self, pieces: list[tuple[int, int]], kernel: Callable[..., None], *step: Any) -> None:
+        """Call a kernel for pieces of the islands."""
+        context, tables = self.packed(), self.pack_islands(self.islands.tables)
 
         def worker() -> Callable[[tuple[int, int]], None]:
             scratch = self.scratch()
-            return lambda piece: driver.advance_islands(*piece, until, tries, context, tables, scratch)
+            return lambda piece: kernel(*piece, *step, context, tables, scratch)
 
         distribute(pieces, worker)
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies, under a common plate all, to a time [s], to measure the cost. Raises GuardStop."""
-        if self.plate:
-            self.plate.advance_to(until, lambda: None, lambda: None)
-            return
-        islands = single_bodies(bodies)
         own, meeting = self.islands, self.meeting
         try:
-            self.islands, self.meeting = islands, None
-            while waiting := self._waiting(0, bodies, until):
-                self._call(waiting, partial(self.advance_islands, 0, bodies, until), slice(bodies))
-            self.collect()
+            if not self.plate:
+                self.islands, self.meeting = single_bodies(bodies), None
+            self.advance_all(until, lambda: None, lambda: None)
         finally:
             self.islands, self.meeting = own, meeting
         self.refuse_stopped()
 
     def scratch(self) -> Array:
-        """Return the packed scratch of this thread."""
         return self.scratch_of_threads.of_thread(self._pack.given)
-
-    def packed_islands(self) -> Array:
-        """Return the packed tables of the islands."""
-        return self._pack_islands(self.islands.tables)
 
     def packed(self) -> Array:
         """Return the packed kernel arguments."""
-        s, slots, physics = self.state, self.state.slots, self.state.physics
-        force, moment, twist = physics.force_columns
-        begin, size = physics.field
         return self._pack(
             ImplicitContext(  # type: ignore[call-arg]
-                own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
-                plate_edges=self.edges, plate_incidence=self.incidence,
-                body=s.body, start=s.start, offsets=s.offsets, B=s.B, E=s.E, orientations=s.orientations, P=s.P, Q=slots.Q,
-                **self._contact_tables(), M=s.M, pairs=physics.pairs, interaction=physics.interaction,
-                effect_parameters=physics.effect_parameters, D=s.D, drag=self.drag, lower=s.lower_surface, upper=s.upper_surface,
-                n_history=len(physics.history), field_begin=begin, field_size=size, rolling=physics.rolling,
-                force=force, moment=moment, twist=twist, stored=physics.stored, dashpots=physics.dashpots,
-                loss_column=physics.loss_column, width=loaded_contact.MEMORY + physics.contact_memory,
-                has_effects=int(physics.has_effects), law=self._law, effects=self._effects, observe=self._observe,
-                observe_bodies=self._observe_bodies, patch=s.patch,
-                settings=self.settings, totals=self.totals, memory=self.memory, schedule=s.schedule, first=s.first,
-                starts=self.starts, ends=self.ends, solutions=self.solutions, initial_overlaps=self.initial_overlaps,
-                labels=int(physics.labels), tangents=self._tangent,
-                paths=self.paths, **self._parts, **self._measures,
+                **self._constant, **table_arguments(self.state), kind=self.state.slots.kind, plate_edges=self.edges,
+                plate_incidence=self.incidence, initial_overlaps=self.initial_overlaps,
             )
         )  # fmt: skip
-
-    def _contact_tables(self) -> dict[str, Array]:
-        """Return spheres, histories and records."""
-        return {"S": self.state.S, "H": self.state.slots.H, "R": self.state.slots.R}
 
     def _summed(self) -> Array:
         """Return the totals summed over all bodies, and those of a common plate."""
         summed = self.totals.sum(axis=0)
         return summed + self.plate.totals if self.plate else summed
 
-    def _distance(self, time: float, whole: float, reached: bool) -> float:
-        """Return the sliding distance [m] at a time [s]; `whole` if the stop was reached."""
-        return whole if reached else self.state.distance + self.schedule.path(self.state.time, time)
-
     def _sum_up(self, time: float, distance: float) -> None:
         """Update the totals of the run from those of the bodies."""
-        A = self.state.A
-        summed = self._summed()
-        for column in (
-            run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK,
-            run_totals.PLATE_WORK_SIZE, run_totals.EFFECT_WORK, run_totals.NUMERICAL_LOSS, run_totals.STEPS,
-            *range(run_totals.UPPER_IMPULSE, run_totals.UPPER_IMPULSE + 6),
-            *range(run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 6),
-            *range(run_totals.DIRECT_WORK, run_totals.DIRECT_FORCE + 3),
-        ):  # fmt: skip
+        A, P, summed, upper = self.state.A, self.state.P, self._summed(), self.state.world.upper
+        for column in (*SUMMED, run_totals.NUMERICAL_LOSS, run_totals.STEPS):
             A[column] = summed[column]
         A[run_totals.TIME], A[run_totals.DISTANCE] = time, distance
         ahead = self.totals[int(np.argmax(self.totals[:, run_totals.TIME]))]
-        A[run_totals.PLATE_SPEED] = ahead[run_totals.PLATE_SPEED]
-        A[run_totals.HEADING2] = ahead[run_totals.HEADING2]
-        P = self.state.P
+        A[run_totals.PLATE_SPEED], A[run_totals.HEADING2] = ahead[run_totals.PLATE_SPEED], ahead[run_totals.HEADING2]
         if len(P) > self.state.n_bodies:  # the last row is the common plate, at the time of the run
             behind = int(np.argmin(self.totals[:, run_totals.TIME]))
             P[-1, patch.DISPLACEMENT2] = P[self.state.patch[behind], patch.DISPLACEMENT2]
-        if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
-            self.state.patches.height[-1] = at_time(self.schedule.gap, time)
+        if self.schedule.gap and upper and upper.foundation:
+            P[-1, patch.HEIGHT] = at_time(self.schedule.gap, time)
 
     def refuse_stopped(self) -> None:
         """Raise GuardStop for the first stopped body; with `skip_unsolved`, bodies without a solution are skipped."""
@@ -347,7 +288,7 @@ class Implicit:
         built, whole = stops.created_fractions(self.totals, stored, self._summed())
         body = int(np.argmax(built))
         if built[body] > stops.CREATED_ENERGY_GUARD:
-            fraction, who, when = built[body], stops.name_of(body, self.state), self.totals[body, run_totals.TIME]
+            fraction, who, when = built[body], name_of(body, self.state), self.totals[body, run_totals.TIME]
         elif whole > stops.CREATED_ENERGY_GUARD:
             fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
@@ -392,3 +333,17 @@ class Implicit:
     def label(self) -> Array:
         """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
+
+
+def part_addresses(state: State, tangents: Callable) -> dict[str, int]:
+    """Return the addresses of the functions by their names in `workspace.KINDS`; 0 for parts that a state does not need."""
+    pairs_meet, rough_plates = state.world.debris_meets, state.world.rough
+    parts: dict[str, tuple[bool, Any, Any]] = {
+        "tangents": (True, tangents, LAW), "book_contacts": (True, books.book_contacts, books.BOOK),
+        "write_contacts": (True, books.write_contacts, books.WRITE),
+        "end_contact": (True, books.end_contact, books.END), "pairs_part": (pairs_meet, pairs.pairs_part, PART),
+        "update_minima": (rough_plates, rough.update_minima, UPDATE_MINIMA),
+        "rough_part": (rough_plates, rough.rough_part, PART),
+        "spots_part": (len(state.physics.interaction) > 0, spots_part.spots_part, PART),
+    }  # fmt: skip
+    return {name: address(function, kind) if needed else 0 for name, (needed, function, kind) in parts.items()}

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thirdbody.engine.guards import name_of, partner_of
 from thirdbody.engine.state import Array, State
 from thirdbody.kernels.implicit.control import CAUSES, OF_A_BODY, WORDS, Stop
 from thirdbody.kernels.implicit.tables import step_memory, step_settings
-from thirdbody.kernels.tables import LOWER, body, body_extra, domain, patch, run_totals
+from thirdbody.kernels.tables import body, body_extra, domain, patch, run_totals
 from thirdbody.kernels.tile import TILE
 
 if TYPE_CHECKING:
@@ -23,27 +24,6 @@ NEGLIGIBLE = 0.01
 """Exchanged energy below which that of a body is no scale, as a fraction of the mean of all bodies. The tolerance of a step is a
 length, which does not resolve the weak impacts of bodies that carry no load between rough plates: they may create a tenth of what
 they exchange, a millionth of what a loaded body exchanges."""
-
-
-def loaded_spots(state: State, body: int) -> str:
-    """Return text that lists the contacts of a body with their forces."""
-    slots, report = state.slots, []
-    for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:
-        k = entry >> 1
-        if slots.histories.slip[k] > 0.0:
-            sphere = int((slots.partner[k] if entry & 1 else slots.own[k]) - state.start[body])
-            force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
-            report.append(f"sphere {sphere} on {partner_of(state, k, body)} with N = {force:.3g} N, T = {shear:.3g} N")
-    return "its loaded spots: " + ("; ".join(report) or "none")
-
-
-def partner_of(state: State, slot: int, body: int) -> str:
-    """Return text that names what a body touches in a contact."""
-    slots = state.slots
-    if slots.partner[slot] < 0:
-        return f"the {'lower' if slots.sides[slot] == LOWER else 'upper'} plate"
-    owner, partner = state.body[slots.own[slot]], state.body[slots.partner[slot]]
-    return f"body {state.order[partner if owner == body else owner]}"
 
 
 def causes(memory: Array) -> Array:
@@ -107,12 +87,6 @@ def body_energies(state: State, stored: Array) -> Array:
     return 0.5 * float(state.inertial) * kinetic + stored
 
 
-def name_of(number: int, state: State) -> str:
-    """Return text that names a body by its number in the scene and its position."""
-    where = ", ".join(f"{x:.4g}" for x in state.bodies.position[number])
-    return f"body {state.order[number]} at ({where}) m"
-
-
 def explain(integrator: Implicit, body: int) -> str:
     """Return what stopped a body, when, and what can be done."""
     s, totals = integrator.state, integrator.totals[body]
@@ -131,5 +105,12 @@ def explain(integrator: Implicit, body: int) -> str:
         return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
     if code == Stop.BAD_BODY:
         return f"{when}: the position of body {s.order[body]} is not a number"
-    shortest = integrator.settings[step_settings.SHORTEST]
-    return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {loaded_spots(s, body)}"
+    slots, loaded = s.slots, []
+    for entry in slots.incidence[slots.edges[body] : slots.edges[body + 1]]:
+        k = entry >> 1
+        if slots.histories.slip[k] > 0.0:
+            sphere = int((slots.partner[k] if entry & 1 else slots.own[k]) - s.start[body])
+            force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
+            loaded.append(f"sphere {sphere} on {partner_of(s, k, body)} with N = {force:.3g} N, T = {shear:.3g} N")
+    shortest, spots = integrator.settings[step_settings.SHORTEST], "; ".join(loaded) or "none"
+    return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; its loaded spots: {spots}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,8 +12,9 @@ import numpy as np
 from thirdbody.engine.candidates import Candidates
 from thirdbody.engine.neighbours import search_pairs
 from thirdbody.engine.state import Ints, State
+from thirdbody.jit.arguments import Packer
 from thirdbody.jit.threads import PIECES
-from thirdbody.kernels.implicit.workspace import IslandTables
+from thirdbody.kernels.implicit.workspace import FREEDOMS, SCRATCH, IslandTables, make_scratch
 
 BATCH = 512
 """Bodies per call, or per part of one; one step of so many is enough between two looks at the clock."""
@@ -32,7 +34,6 @@ class Islands:
 
     @property
     def count(self) -> int:
-        """Number of islands."""
         return len(self.sizes)
 
     @property
@@ -40,10 +41,10 @@ class Islands:
         """Number of bodies that are not alone."""
         return int(self.sizes[self.sizes > 1].sum())
 
-    def largest(self, freedoms: int) -> tuple[int, int, int]:
+    def largest(self) -> tuple[int, int, int]:
         """Return the largest numbers of bodies, of pairs, and of numbers in the band of the Jacobian of an island."""
-        widths = freedoms * (self.tables.widths + 1) - 1
-        band = freedoms * self.sizes * (3 * widths + 1)
+        widths = FREEDOMS * (self.tables.widths + 1) - 1
+        band = FREEDOMS * self.sizes * (3 * widths + 1)
         pairs = int(np.diff(self.tables.pair_edges).max(initial=0))
         return int(self.sizes.max(initial=1)), max(pairs, 1), int(band.max(initial=1))
 
@@ -52,6 +53,30 @@ class Islands:
         first = self.tables.body_edges[:-1]
         going = ~np.maximum.reduceat(stopped[self.tables.bodies], first)
         return int(self.sizes[going & late[self.tables.bodies[first]]].sum())
+
+
+class ThreadScratch:
+    """Scratch of each thread (`workspace.SCRATCH`)."""
+
+    def __init__(self) -> None:
+        self._sizes, self._packers = (1, 1, 1, 1), {}  # type: tuple[int, ...], dict[int, Packer]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of a copy: it makes its own scratch."""
+        return {"_sizes": self._sizes, "_packers": {}}
+
+    def fit(self, sizes: tuple[int, ...]) -> None:
+        """Provide for islands of at most so many bodies, pairs, numbers in the band, and candidates of a body."""
+        if any(new > old for new, old in zip(sizes, self._sizes, strict=True)):
+            self._sizes, self._packers = tuple(map(max, sizes, self._sizes)), {}
+
+    def of_thread(self, context: Any) -> Any:
+        """Return the packed scratch of this thread."""
+        scratch = self._packers.get(threading.get_ident())
+        if scratch is None:
+            scratch = self._packers[threading.get_ident()] = Packer(SCRATCH)
+            scratch(make_scratch(context, *self._sizes))
+        return scratch(scratch.given)
 
 
 def single_bodies(n: int) -> Islands:
@@ -70,14 +95,11 @@ def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
     The bodies of an island are in an order in which those that could meet are close (reverse Cuthill-McKee), so that its
     Jacobian is a narrow band.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     k = np.arange(slots.n_plates, slots.count)
     a, b, n = state.body[slots.own[k]], state.body[slots.partner[k]], state.n_bodies
-    graph = coo_matrix((np.ones(2 * len(k)), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
-    count, number = connected_components(graph, directed=False)
-    number = number.astype(np.int64)
+    graph, count, number = _connected(np.concatenate((a, b)), np.concatenate((b, a)), n)
     sizes = np.bincount(number, minlength=count)
     near = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
     bodies = near[np.argsort(number[near], kind="stable")]
@@ -95,6 +117,16 @@ def islands_of(state: State, slots: Candidates, threads: int) -> Islands:
         bodies=bodies, body_edges=body_edges, position=position, pairs=pairs, pair_edges=pair_edges, widths=widths, order=order,
     )  # fmt: skip
     return Islands(tables, sizes, number, _pieces(costs[order], threads))
+
+
+def _connected(a: Ints, b: Ints, n: int) -> tuple[Any, int, Ints]:
+    """Return the graph of n bodies with connections from a to b, the number of its islands, and that of each body."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)).tocsr()
+    count, number = connected_components(graph, directed=False)
+    return graph, int(count), number.astype(np.int64)
 
 
 def _pieces(costs: np.ndarray, threads: int) -> list[tuple[int, int]]:
@@ -162,12 +194,7 @@ def expected_islands(state: State) -> ExpectedIslands:
 
 def _island_sizes(state: State) -> np.ndarray:
     """Return the numbers of bodies of all islands at the start."""
-    n = state.n_bodies
     own, partner = search_pairs(state, MARGIN * island_stride(state)) if state.world.debris_meets else ((), ())
     if not len(own):
-        return np.ones(n, np.int64)
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(own)), (state.body[own], state.body[partner])), shape=(n, n))
-    return np.bincount(connected_components(graph, directed=False)[1])
+        return np.ones(state.n_bodies, np.int64)
+    return np.bincount(_connected(state.body[own], state.body[partner], state.n_bodies)[2])

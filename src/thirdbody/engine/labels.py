@@ -1,12 +1,10 @@
 """Labels of all bodies at a synchronised instant."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates, Numbers
-from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.candidates import AllRows, Numbers
 from thirdbody.engine.state import Array, State
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import distribute
@@ -21,47 +19,29 @@ def labels(state: State, drag: Array) -> Array:
     The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate. Batches of an
     ensemble are distributed over the threads; bodies do not see each other, so the bits are the same for any number.
     """
-    out, rows = np.zeros((state.n_bodies, state.physics.outputs)), state.slots.rows
-    labeller = address(state.physics.observe, OBSERVE), address(state.physics.label, LABEL)
+    out, slots, physics = np.zeros((state.n_bodies, state.physics.outputs)), state.slots, state.physics
+    rows, labeller = slots.rows, (address(physics.observe, OBSERVE), address(physics.label, LABEL))
+
+    def label(bodies: slice, candidates: tuple[Numbers, ...], H: Array, R: Array) -> None:
+        """Label a batch of bodies. `candidates`: own, partner, edges and incidence; H, R: their rows."""
+        observed: Any = Observed(  # type: ignore[call-arg]
+            *candidates, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R, state.M[bodies].copy(), drag,
+            len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
+        )  # fmt: skip
+        table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
+        label_bodies(Packer(OBSERVED)(observed), state.A, *labeller, out[bodies], np.empty(observed_body.WIDTH), table)
+
     if isinstance(rows, AllRows):
-        slots = state.slots
-        candidates = slots.own, slots.partner, slots.edges, slots.incidence
-        _label(labeller, _observed(state, drag, slice(None), candidates, (rows.H, rows.R)), state.A, out)
+        label(slice(None), (slots.own, slots.partner, slots.edges, slots.incidence), rows.H, rows.R)
         return out
 
-    def worker() -> Callable[[int], None]:
-        def label(number: int) -> None:
-            bodies = slice(number * rows.size, (number + 1) * rows.size)
-            closed = rows.compact[number]
-            n, candidates = len(closed.on), _closed_candidates(state.slots, closed.on, bodies)
-            _label(labeller, _observed(state, drag, bodies, candidates, (closed.H[:n], closed.R[:n])), state.A, out[bodies])
+    def label_batch(number: int) -> None:
+        bodies, batch = slice(number * rows.size, (number + 1) * rows.size), rows.compact[number]
+        edges, n = slots.edges[bodies.start : bodies.stop + 1], len(batch.on)
+        closed = batch.on + edges[0]
+        own_edges = np.searchsorted(closed, edges).astype(np.int32)
+        candidates = slots.own[closed], slots.partner[closed], own_edges, 2 * np.arange(n, dtype=np.int32)
+        label(bodies, candidates, batch.H[:n], batch.R[:n])
 
-        return label
-
-    distribute(range(rows.number), worker)
+    distribute(range(len(rows.compact)), lambda: label_batch)
     return out
-
-
-def _closed_candidates(slots: Candidates, on: Numbers, bodies: slice) -> tuple[Numbers, ...]:
-    """Return own, partner, edges and incidence of the closed candidates of a batch; `on`: counted from its first candidate."""
-    edges = slots.edges[bodies.start : bodies.stop + 1]
-    closed = on + edges[0]
-    return (
-        slots.own[closed], slots.partner[closed], np.searchsorted(closed, edges).astype(np.int32),
-        2 * np.arange(len(on), dtype=np.int32),
-    )  # fmt: skip
-
-
-def _observed(state: State, drag: Array, bodies: slice, candidates: tuple[Numbers, ...], rows: tuple[Array, Array]) -> Any:
-    """Return the tables of the bodies of a batch; `candidates`: own, partner, edges and incidence; `rows`: their H and R."""
-    (own, partner, edges, incidence), (H, R), physics = candidates, rows, state.physics
-    return Observed(  # type: ignore[call-arg]
-        own, partner, edges, incidence, state.B[bodies], state.E[bodies], state.orientations[bodies], H, R,
-        state.M[bodies].copy(), drag, len(physics.history), loaded_contact.MEMORY + physics.contact_memory,
-    )  # fmt: skip
-
-
-def _label(labeller: tuple[int, int], observed: Any, totals: Array, out: Array) -> None:
-    """Write the labels of the bodies of a batch; `totals`: of the run."""
-    table = np.empty((int(np.diff(observed.edges).max(initial=0)), observed.width))
-    label_bodies(Packer(OBSERVED)(observed), totals, *labeller, out, np.empty(observed_body.WIDTH), table)

@@ -10,32 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.jit.arguments import address
-from thirdbody.kernels.arguments import MEASURE
+from thirdbody.engine.candidates import Array
 from thirdbody.kernels.measures import AMOUNTS, Collection, collect, deposit
 from thirdbody.laws.measures import MEAN, Layout
 
 if TYPE_CHECKING:
     from thirdbody.engine.state import State
-
-Array = np.ndarray
-
-NONE: dict[str, Any] = {"measured": 0, "measure": 0, "measure_parameters": np.zeros(1)}
-"""Arguments of a step without measures."""
-
-
-def nothing_measured() -> Array:
-    """Return the table W (bodies, `Layout.bodies`) of what bodies have, in a run without measures."""
-    return np.zeros((0, 0))
-
-
-def no_maps() -> Array:
-    """Return the maps (maps, 2 plates, n_y, n_x), amounts on the cells of the lower and the upper plate, in a run without."""
-    return np.zeros((0, 2, 1, 1))
 
 
 @dataclass(frozen=True)
@@ -52,23 +36,12 @@ class Measures:
 
     @property
     def mapped(self) -> bool:
-        """Whether there are maps."""
         return bool(self.layout.maps) and self.cells[0] > 0
 
     def tables(self, bodies: int) -> tuple[Array, Array]:
-        """Return the tables W and `maps` at the start."""
+        """Return at the start: W (bodies, `Layout.bodies`), what bodies have; `maps` (maps, 2 plates, n_y, n_x), on cells."""
         n_x, n_y = self.cells if self.mapped else (1, 1)
         return np.zeros((bodies, len(self.layout.bodies))), np.zeros((len(self.layout.maps) if self.mapped else 0, 2, n_y, n_x))
-
-    def arguments(self) -> dict[str, Any]:
-        """Return the arguments of a step by name (`kernels.arguments`)."""
-        return {"measured": self.layout.width, "measure": address(self.function, MEASURE), "measure_parameters": self.parameters}
-
-
-def arguments_of(state: State) -> dict[str, Any]:
-    """Return the arguments of a step for the measures of a state, if any."""
-    measures = state.physics.measures
-    return NONE if measures is None else measures.arguments()
 
 
 def collect_measures(state: State) -> Array:
@@ -92,8 +65,7 @@ def deposit_on_maps(state: State, deposits: Array) -> None:
 
 def update_measures(state: State) -> None:
     """Collect what contacts have measured, and deposit it."""
-    if state.physics.measures is not None:
-        deposit_on_maps(state, collect_measures(state))
+    deposit_on_maps(state, collect_measures(state))
 
 
 def reset_means(state: State) -> None:
@@ -112,13 +84,11 @@ def body_amounts(state: State) -> dict[str, Array]:
     if measures is None:
         return {}
     layout, W = measures.layout, state.W
-    result = {}
-    for k, column in enumerate(layout.bodies):
-        values = W[:, k].copy()
+    result = {column.name: W[:, k].copy() for k, column in enumerate(layout.bodies)}
+    for column in layout.bodies:
         if column.kind == MEAN:
-            time = W[:, layout.time]
-            values = np.divide(values, time, out=np.zeros_like(values), where=time > 0.0)
-        result[column.name] = values
+            values, time = result[column.name], W[:, layout.time]
+            result[column.name] = np.divide(values, time, out=np.zeros_like(values), where=time > 0.0)
     return result
 
 

@@ -8,17 +8,15 @@ under a common plate all bodies do. So the result does not depend on how far bod
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Numbers
-from thirdbody.engine.contact_rows import AllRows
-from thirdbody.engine.islands import LARGEST, MARGIN, island_stride, islands_of
+from thirdbody.engine.candidates import AllRows, Numbers
+from thirdbody.engine.islands import LARGEST, MARGIN, islands_of
 from thirdbody.engine.measures import collect_measures, deposit_on_maps
 from thirdbody.engine.neighbours import replace_pairs, search_pairs
-from thirdbody.engine.state import Array, Ints, State
+from thirdbody.engine.state import Action, Array, Ints, State
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import allowed_threads
 from thirdbody.kernels.implicit.accept_step import ROUNDED
@@ -49,13 +47,7 @@ class Meeting:
     def __init__(self, integrator: Implicit) -> None:
         self.integrator = integrator
         self.counts, self._recent = np.zeros(len(COUNTS)), np.zeros(len(COUNTS))
-        self._saved: dict[str, Array] = {}
         self._deposits: list[Array] = []  # of this stride, on maps of measures
-
-    def start(self) -> None:
-        """Find the first islands."""
-        self.integrator.stride = island_stride(self.integrator.state)
-        self.search()
 
     def summary(self) -> dict[str, Any]:
         """Return the number of searches, the largest island, and the mean fraction of bodies in islands."""
@@ -76,11 +68,10 @@ class Meeting:
         # all share their steps: no stop is added where no bodies are near each other now
         return sooner if len(search_pairs(one.state, MARGIN * one.stride)[0]) else until
 
-    def advance_to(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+    def advance_to(self, until: float, watch: Action, between: Action) -> None:
         """Advance all islands to a time [s], until none has missed a contact."""
         one = self.integrator
-        going = one.memory[:, step_memory.CODE] == Stop.NONE
-        if not np.any(going & (one.totals[:, run_totals.TIME] < until)):
+        if not np.any(self._going & (one.totals[:, run_totals.TIME] < until)):
             return  # the run was stopped after this stride
         self.search()
         while True:
@@ -105,16 +96,21 @@ class Meeting:
 
     # -- search --
 
+    @property
+    def _going(self) -> np.ndarray:
+        """Which bodies have not been stopped (n_bodies,), bool."""
+        return self.integrator.memory[:, step_memory.CODE] == Stop.NONE
+
     def search(self) -> None:
         """Find the pairs that can touch within the next stride, and the islands that they make; save the state."""
-        one = self.integrator
-        state, going = one.state, one.memory[:, step_memory.CODE] == Stop.NONE
+        one, state, going = self.integrator, self.integrator.state, self._going
         own, partner = search_pairs(state, MARGIN * one.stride)
         both = going[state.body[own]] & going[state.body[partner]]
         replace_pairs(state, own[both], partner[both])
         self._positions = state.S[:, :3].copy()
         self._begin_paths(np.ones(state.n_spheres, bool))
-        self._save()
+        # a run can go on from these copies only, until the end of the stride
+        one.earlier = {name: table.copy() for name, table in self._tables().items()}
         self._recent[:] = 0.0
         self._connect()
         self._recent[0], self._recent[2] = 1.0, float(one.islands.in_islands)
@@ -143,19 +139,15 @@ class Meeting:
 
     def _missed(self) -> tuple[Numbers, Numbers]:
         """Return the pairs of spheres that may have touched since the last search without being candidates."""
-        one = self.integrator
-        state, slots = one.state, one.state.slots
-        own, partner = may_have_touched(state, self._positions, one.paths)
-        pairs = slice(slots.n_plates, slots.count)
-        known = np.isin(self._keys(own, partner), self._keys(slots.own[pairs], slots.partner[pairs]))
-        going = one.memory[:, step_memory.CODE] == Stop.NONE
+        state, going, n = self.integrator.state, self._going, self.integrator.state.slots.n_plates
+        own, partner = may_have_touched(state, self._positions, self.integrator.paths)
+        known = np.isin(self._keys(own, partner), self._keys(state.slots.own[n:], state.slots.partner[n:]))
         new = ~known & going[state.body[own]] & going[state.body[partner]]
         return own[new], partner[new]
 
     def _keys(self, own: Numbers, partner: Numbers) -> np.ndarray:
         """Return a number for each pair, in the order of candidates."""
-        one = self.integrator
-        return own.astype(np.int64) * one.state.n_spheres + partner
+        return own.astype(np.int64) * self.integrator.state.n_spheres + partner
 
     def _repeat(self, own: Numbers, partner: Numbers) -> None:
         """Make these pairs candidates, and return the islands that they connect to the last search."""
@@ -163,12 +155,11 @@ class Meeting:
         state, old, n = one.state, one.state.slots, one.state.slots.n_plates
         keys = np.union1d(self._keys(own, partner), self._keys(old.own[n:], old.partner[n:]))
         pairs = (keys // state.n_spheres).astype(np.int32), (keys % state.n_spheres).astype(np.int32)
-        now, old.rows = old.rows, AllRows(self._saved["H"], self._saved["R"])
+        now, old.rows = old.rows, AllRows(one.earlier["slots_H"], one.earlier["slots_R"])
         replace_pairs(state, *pairs)
-        self._saved |= {"H": state.slots.H, "R": state.slots.R}
+        one.earlier |= {"slots_H": state.slots.H, "slots_R": state.slots.R}
         state.slots, old.rows = old, now
         replace_pairs(state, *pairs)
-        self._name_saved()
         self._connect()
         number = one.islands.number
         back = np.isin(number, number[state.body[own]])
@@ -178,44 +169,35 @@ class Meeting:
     # -- copies of the state --
 
     def _tables(self) -> dict[str, Array]:
-        """Return all tables that steps change, by name."""
+        """Return all tables that steps change, by their names in a snapshot (`engine.snapshot`)."""
         one = self.integrator
         tables = {name: getattr(one.state, name) for name in STATE}
-        tables |= {name: getattr(one.state.slots, name) for name in SLOTS}
+        tables |= {f"slots_{name}": getattr(one.state.slots, name) for name in SLOTS}
         tables |= {"W": one.state.W} if one.state.physics.measures else {}
-        tables |= {"totals": one.totals, "memory": one.memory}
-        return tables | one.plate.tables() if one.plate else tables
-
-    def _save(self) -> None:
-        """Copy them: a run can go on from here only, until the end of the stride (`earlier`)."""
-        self._saved = {name: table.copy() for name, table in self._tables().items()}
-        self._name_saved()
-
-    def _name_saved(self) -> None:
-        """Name the copies as `engine.snapshot` does."""
-        one = self.integrator
-        prefix = dict.fromkeys((*STATE, "W"), "") | dict.fromkeys(SLOTS, "slots_")
-        one.earlier = {prefix.get(name, "integrator_") + name: table for name, table in self._saved.items()}
+        own = {"totals": one.totals, "memory": one.memory} | (one.plate.tables() if one.plate else {})
+        return tables | {f"integrator_{name}": table for name, table in own.items()}
 
     def _put_back(self, bodies: np.ndarray) -> None:
         """Return some `bodies` (n,), a mask, to the start of the stride; all of them under a common plate."""
         one = self.integrator
         state, tables = one.state, self._tables()
+        rows: dict[str, Any] = dict.fromkeys(tables, slice(None))
         if one.plate:
-            for name, table in tables.items():
-                table[:] = self._saved[name]
-            self._begin_paths(np.ones(state.n_spheres, bool))
-            self._deposits = []
-            return
-        patches = np.zeros(len(state.P), bool)
-        patches[state.patch[bodies]] = True
-        rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
-        rows["H"] = rows["R"] = bodies[state.body[state.slots.own]]
-        rows["Q"] = rows["H"][: len(state.slots.Q)]
+            bodies = np.ones(state.n_bodies, bool)
+        else:
+            patches, contacts = np.zeros(len(state.P), bool), bodies[state.body[state.slots.own]]
+            patches[state.patch[bodies]] = True
+            rows = dict.fromkeys(tables, bodies) | {
+                "S": bodies[state.body],
+                "P": patches,
+                "slots_H": contacts,
+                "slots_R": contacts,
+            }
+            rows["slots_Q"] = contacts[: len(state.slots.Q)]
         for name, table in tables.items():
-            table[rows[name]] = self._saved[name][rows[name]]
-        self._begin_paths(rows["S"])
-        self._deposits = [rows[~bodies[rows[:, 0].astype(int)]] for rows in self._deposits]
+            table[rows[name]] = one.earlier[name][rows[name]]
+        self._begin_paths(bodies[state.body])
+        self._deposits = [each[~bodies[each[:, 0].astype(int)]] for each in self._deposits]
 
 
 OUTLIER = 4.0
@@ -233,8 +215,11 @@ def may_have_touched(state: State, positions: Array, swept: Array) -> tuple[Numb
     own, partner = search_pairs(state, 2.0 * usual + float(state.D[domain.REACH]))
     if np.any(paths > usual):
         own, partner = _with_fast(state, paths, np.flatnonzero(paths > usual), own, partner)
-    # a body that chatters has a long path in a small box, one that slides a straight path in a large one
-    near = _gaps_of_boxes(state, swept, own, partner) <= state.D[domain.REACH]
+    # boxes around the paths: a body that chatters has a long path in a small box, one that slides a straight path in a large one
+    low, high, radius = swept[:, sphere_path.LOW3], swept[:, sphere_path.HIGH3], state.S[:, sphere.RADIUS]
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    between = np.abs(_nearest_images(state, middle[own] - middle[partner])) - half[own] - half[partner]
+    near = np.linalg.norm(np.maximum(between, 0.0), axis=1) - radius[own] - radius[partner] <= state.D[domain.REACH]
     own, partner = own[near], partner[near]
     near = _smallest_gaps(state, positions, paths, own, partner) <= state.D[domain.REACH]
     return own[near], partner[near]
@@ -276,14 +261,6 @@ def _smallest_gaps(state: State, positions: Array, paths: Array, own: Numbers, p
     reach = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + paths[own] + paths[partner]
     lengths = state.D[domain.LENGTH_X : domain.LENGTH_X + 2]
     return np.where(reach < 0.5 * np.min(lengths, where=lengths > 0.0, initial=np.inf), gaps, -np.inf)
-
-
-def _gaps_of_boxes(state: State, swept: Array, own: Numbers, partner: Numbers) -> Array:
-    """Return lower bounds (n,) of the gaps [m] of pairs anywhere in the boxes around their paths."""
-    low, high, radius = swept[:, sphere_path.LOW3], swept[:, sphere_path.HIGH3], state.S[:, sphere.RADIUS]
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    between = np.abs(_nearest_images(state, middle[own] - middle[partner])) - half[own] - half[partner]
-    return np.linalg.norm(np.maximum(between, 0.0), axis=1) - radius[own] - radius[partner]
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:

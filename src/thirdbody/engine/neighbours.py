@@ -4,26 +4,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates, Numbers, sides_of
-from thirdbody.engine.contact_rows import AllRows
-from thirdbody.engine.state import Array, Ints, Physics, State, table
+from thirdbody.engine.candidates import AllRows, Candidates, Numbers, sides_of
+from thirdbody.engine.state import Array, Ints, State, table
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.minima import RoughPlates, update
 from thirdbody.kernels.plates import BASINS
-from thirdbody.kernels.tables import (
-    DEBRIS,
-    LOWER,
-    contact_state,
-    domain,
-    height_field,
-    remote_force,
-    run_totals,
-    sphere,
-    surface_contact,
-)
+from thirdbody.kernels.tables import LOWER, contact_state, domain, height_field, remote_force, run_totals, sphere, surface_contact
 
 
 def search(state: State, recorded: bool = True) -> None:
@@ -31,21 +20,20 @@ def search(state: State, recorded: bool = True) -> None:
 
     Records are transferred if this step was `recorded`; they are allocated then, or if a labeller needs them between outputs.
     """
-    n_plates, own, partner = _candidates(state)
-    old = state.slots
-    n = len(own)
-    H, R = table(n, old.H.shape[1]), table(n if recorded or state.physics.labels else 0, old.R.shape[1])
-    _carry(n_plates, own, partner, old, old.H, H)
-    if recorded:
-        _carry(n_plates, own, partner, old, old.R, R)
-    Q = _closest_points(state, n_plates, own, partner, old)
-    state.slots = slots_of(state, own, partner, n_plates, (Q, H, R))
+    old, world = state.slots, state.world
+    capacity = max(64, int(1.3 * old.count), 2 * state.n_spheres)
+    n_plates, own, partner = _pairs_within(state, state.skin + state.reach, capacity, debris=world.debris_meets)
+    Q = table(n_plates if world.rough else 0, surface_contact.WIDTH)
+    Q[:, surface_contact.DISTANCE] = Q[:, surface_contact.SEARCHED] = np.inf
+    if len(Q):
+        _carry((0, n_plates), own, partner, Q, passes.CandidateRows(0, old.n_plates, old.own, old.partner, old.Q))
+    state.slots = slots_of(state, own, partner, n_plates, (Q, *_carried_rows(state, n_plates, own, partner, recorded)))
     state.search_poses.position[:] = state.bodies.position
     state.search_poses.quaternion[:] = state.bodies.quaternion
     state.A[run_totals.MAX_DISPLACEMENT] = 0.0
     state.patches.search_height[:] = state.patches.height
     state.searches += 1
-    if state.world.rough:
+    if world.rough:
         update_closest_points(state, update)
 
 
@@ -65,6 +53,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
     outer, remote_body, lowest, needs = _between_groups(owner_body[n_plates:], state.body[partner[n_plates:]], state.n_bodies)
     chunks = np.arange(-(-state.n_bodies // BODIES) + 1) * BODIES
     flat, paired = np.searchsorted(owner_body[:n_plates], chunks), n_plates + np.searchsorted(owner_body[n_plates:], chunks)
+    columns = remote_force.WIDTH if state.physics.loss else remote_force.WIDTH_WITHOUT_NORMAL_LOSS
     cuts = flat, paired, np.searchsorted(remote_body // BODIES * BODIES, chunks)
     return Candidates(
         own=own, partner=partner, kind=kinds_of(state, own, partner), closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int8),
@@ -72,13 +61,8 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, rows: 
         near=np.flatnonzero(can_touch).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(can_touch)))[state.start].astype(np.int32), remote_body=remote_body,
         cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, Q=Q,
-        F=table(len(remote_body), remote_columns(state.physics)), rows=AllRows(H, R),
+        F=table(len(remote_body), columns), rows=AllRows(H, R),
     )  # fmt: skip
-
-
-def remote_columns(physics: Physics) -> int:
-    """Return the width of F."""
-    return remote_force.WIDTH if physics.loss else remote_force.WIDTH_WITHOUT_NORMAL_LOSS
 
 
 def plate_pairs(state: State) -> Candidates:
@@ -87,30 +71,21 @@ def plate_pairs(state: State) -> Candidates:
     Where bodies meet only plates, these are all contacts that may ever come: unlike the result of a search, they do not depend on
     when other bodies made it due.
     """
-    n, own, partner = _plate_candidates(state, np.inf, 2 * BASINS * state.n_spheres)
+    n, own, partner = _pairs_within(state, np.inf, 2 * BASINS * state.n_spheres, debris=False)
     none = np.zeros((n, contact_state.LAW))
-    return slots_of(state, own[:n].copy(), partner[:n].copy(), n, (state.slots.Q[:0], none, none))
+    return slots_of(state, own, partner, n, (state.slots.Q[:0], none, none))
 
 
 def search_pairs(state: State, skin: float) -> tuple[Numbers, Numbers]:
     """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]: owners and partners, sorted."""
-    cells, capacity = grid(state, skin), max(64, state.n_spheres)
-    while True:
-        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-        n = passes.pair_candidates(state.S, spheres_of(state), skin, cells, 0, own, partner)
-        if n <= capacity:
-            return own[:n].copy(), partner[:n].copy()
-        capacity = int(1.2 * n)
+    return _pairs_within(state, skin, max(64, state.n_spheres), plates=False)[1:]
 
 
 def replace_pairs(state: State, own: Numbers, partner: Numbers) -> None:
     """Replace the candidates between bodies by these pairs, sorted by owner and partner; histories and records are carried."""
     old, n = state.slots, state.slots.n_plates
     own, partner = np.concatenate((old.own[:n], own)), np.concatenate((old.partner[:n], partner))
-    H, R = table(len(own), old.H.shape[1]), table(len(own), old.R.shape[1])
-    _carry(n, own, partner, old, old.H, H)
-    _carry(n, own, partner, old, old.R, R)
-    state.slots = slots_of(state, own, partner, n, (old.Q, H, R))
+    state.slots = slots_of(state, own, partner, n, (old.Q, *_carried_rows(state, n, own, partner, True)))
     state.searches += 1
 
 
@@ -132,12 +107,17 @@ def _between_groups(owner_body: Ints, partner_body: Ints, n_bodies: int) -> tupl
     return outer, partner_body[others].astype(np.int32), lowest, needs.astype(np.int32)
 
 
-def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, source: Array, target: Array) -> None:
-    for new_part, old_part in (((0, n_plates), (0, old.n_plates)), ((n_plates, len(own)), (old.n_plates, old.count))):
-        _carry_part(new_part, own, partner, target, passes.CandidateRows(*old_part, old.own, old.partner, source))
+def _carried_rows(state: State, n_plates: int, own: Numbers, partner: Numbers, recorded: bool) -> tuple[Array, Array]:
+    """Return H and R of new candidates, with the rows of those that were candidates before."""
+    old, n = state.slots, len(own)
+    H, R = table(n, old.H.shape[1]), table(n if recorded or state.physics.labels else 0, old.R.shape[1])
+    for source, target in ((old.H, H), (old.R, R))[: 1 + recorded]:
+        for part, first, last in (((0, n_plates), 0, old.n_plates), ((n_plates, n), old.n_plates, old.count)):
+            _carry(part, own, partner, target, passes.CandidateRows(first, last, old.own, old.partner, source))
+    return H, R
 
 
-def _carry_part(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array, old: passes.CandidateRows) -> None:
+def _carry(part: tuple[int, int], own: Numbers, partner: Numbers, target: Array, old: passes.CandidateRows) -> None:
     """Carry rows to candidates `part[0]` to `part[1]` - 1; both lists are sorted by owner."""
     owners = old.own[old.first : old.last]
 
@@ -149,48 +129,30 @@ def _carry_part(part: tuple[int, int], own: Numbers, partner: Numbers, target: A
     distribute(pieces_of(*part, passes.FEWEST), lambda: carry)
 
 
-def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
-    world, distance = state.world, state.skin + state.reach
-    capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
+def _pairs_within(
+    state: State, distance: float, capacity: int, plates: bool = True, debris: bool = True
+) -> tuple[int, Numbers, Numbers]:
+    """Return the number of pairs with plates, then owners and partners of all pairs with gaps smaller than `distance` [m].
+
+    `capacity`: number of pairs for which there is room in the first attempt; `plates`, `debris`: whether to find such pairs.
+    """
+    world, spheres, cells = state.world, passes.Spheres(state.body, state.side), grid(state, distance) if debris else None
+
+    def limit(exists: bool, surface: Array | None) -> tuple[int, float]:
+        """Return the number of basins of a plate, and the height [m] below which spheres may be near it."""
+        if surface is None:
+            return int(exists), distance
+        return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
+
+    limits = limit(world.lower is not None, world.lower_surface), limit(world.upper is not None, world.upper_surface)
     while True:
-        n_plates, own, partner = _plate_candidates(state, distance, capacity)
-        n = n_plates
-        if world.debris_meets:
-            n = passes.pair_candidates(state.S, spheres_of(state), distance, grid(state, distance), n, own, partner)
+        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
+        n = n_plates = passes.plate_candidates(state.S, state.P, spheres, state.patch, limits, own, partner) if plates else 0
+        if debris:
+            n = passes.pair_candidates(state.S, spheres, distance, cells, n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)
-
-
-def _plate_candidates(state: State, distance: float, capacity: int) -> tuple[int, Numbers, Numbers]:
-    """Return the number of candidates with plates, and tables of `capacity` rows that begin with them."""
-    own, partner, world = np.empty(capacity, np.int32), np.empty(capacity, np.int32), state.world
-    limits = (
-        _limit(world.lower is not None, world.lower_surface, distance),
-        _limit(world.upper is not None, world.upper_surface, distance),
-    )
-    return passes.plate_candidates(state.S, state.P, spheres_of(state), state.patch, limits, own, partner), own, partner
-
-
-def spheres_of(state: State) -> passes.Spheres:
-    """Return what a search asks of the spheres besides their places."""
-    return passes.Spheres(state.body, state.side)
-
-
-def _limit(exists: bool, surface: Array | None, distance: float) -> tuple[int, float]:
-    """Return the number of basins of a plate, and the height [m] below which spheres may be nearer to it than `distance` [m]."""
-    if surface is None:
-        return int(exists), distance
-    return BASINS * int(exists), float(surface[height_field.MAX_HEIGHT]) + distance
-
-
-def _closest_points(state: State, n_plates: int, own: Numbers, partner: Numbers, old: Candidates) -> Array:
-    """Return the closest points of rough plates for new candidates, those of old ones carried over; no rows if both are flat."""
-    Q = table(n_plates if state.world.rough else 0, surface_contact.WIDTH)
-    Q[:, surface_contact.DISTANCE] = Q[:, surface_contact.SEARCHED] = np.inf
-    if len(Q):
-        _carry_part((0, n_plates), own, partner, Q, passes.CandidateRows(0, old.n_plates, old.own, old.partner, old.Q))
-    return Q
 
 
 def grid(state: State, skin: float) -> passes.Grid:
@@ -199,14 +161,12 @@ def grid(state: State, skin: float) -> passes.Grid:
     cell = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
     low, length = lowest - 0.5 * cell, highest - lowest + cell
-    periodic = np.array([state.D[domain.LENGTH_X] > 0.0, state.D[domain.LENGTH_Y] > 0.0])
-    for axis in (0, 1):
-        if periodic[axis]:
-            low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
+    lengths = np.maximum(state.D[[domain.LENGTH_X, domain.LENGTH_Y]], 0.0)
+    periodic = lengths > 0.0
+    low[:2][periodic], length[:2][periodic] = 0.0, lengths[periodic]
     # bounded number of cells along each axis: an escaping body must not inflate the grid
     count = np.clip((length / cell).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
-    lengths = (max(float(state.D[axis]), 0.0) for axis in (domain.LENGTH_X, domain.LENGTH_Y))
-    return passes.Grid(low, length / count, count, periodic, *lengths)
+    return passes.Grid(low, length / count, count, periodic, float(lengths[0]), float(lengths[1]))
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
@@ -217,7 +177,6 @@ def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     world = state.world
     lower = -1 if world.lower is None else world.lower
     upper = -1 if world.upper is None else world.upper.material
-    sides = sides_of(partner)
-    other, with_sphere = np.where(sides == LOWER, lower, upper), sides == DEBRIS
+    other, with_sphere = np.where(sides_of(partner) == LOWER, lower, upper), partner >= 0
     other[with_sphere] = material[partner[with_sphere]]
     return state.physics.kinds[material[own], other].astype(np.int32)

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from thirdbody.bodies.clump import Clump
+from thirdbody.engine.candidates import Array, Ints
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.explicit.contact_forces import GROUP
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class _Reordered(Sequence[Clump]):

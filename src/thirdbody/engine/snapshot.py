@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.candidates import Candidates
-from thirdbody.engine.contact_rows import ClosedRows
+from thirdbody.engine.candidates import Candidates, ClosedRows
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, State
@@ -137,38 +136,28 @@ def _within(name: str, values: np.ndarray, low: int, high: int | np.ndarray, wha
 
 
 def _fixed(state: State) -> dict[str, Array]:
-    """Return the tables `FIXED` by name."""
     measured = {"W": state.W, "maps": state.maps} if state.physics.measures else {}
     own_table = state.sphere_table is not None and state.sphere_table is not state.B
     return {name: getattr(state, name) for name in FIXED if name != "S" or own_table} | measured
 
 
 def _slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again."""
-    if isinstance(state.slots.rows, ClosedRows):
-        return _closed_slots(captured, state)
-    own, partner, Q, H, R = (captured.arrays[f"slots_{name}"] for name in SLOTS)
-    empty = {f"slots_{name}": getattr(state.slots, name)[:0] for name in SLOTS}
+    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again.
+
+    Where only closed ones have rows, the pairs are those of the built scene. Raises KeyError or ValueError.
+    """
+    slots, arrays, rows = state.slots, captured.arrays, state.slots.rows
+    if isinstance(rows, ClosedRows):
+        closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))
+        wanted = {f"slots_{name}": np.empty((len(closed), width)) for name, width in zip("HR", rows.widths, strict=True)}
+        check(arrays, {"slots_own": slots.own, "slots_partner": slots.partner} | wanted)
+        return replace(slots, rows=ClosedRows.of(rows.edges, rows.size, closed, (H, R)))
+    own, partner, Q, H, R = (arrays[f"slots_{name}"] for name in SLOTS)
     plates = int(captured.notes["plates"])
-    counts = dict.fromkeys(empty, len(own)) | {"slots_Q": plates if state.world.rough else 0}
-    wanted = {name: np.empty((counts[name], *rows.shape[1:]), rows.dtype) for name, rows in empty.items()}
+    counts = dict.fromkeys(SLOTS, len(own)) | {"Q": plates if state.world.rough else 0}
+    present = {name: getattr(slots, name) for name in SLOTS}
+    wanted = {f"slots_{name}": np.empty((counts[name], *each.shape[1:]), each.dtype) for name, each in present.items()}
     if not len(R):  # not needed, so not stored
         R = np.zeros_like(wanted["slots_R"])
-    check(captured.arrays | {"slots_R": R}, wanted)
+    check(arrays | {"slots_R": R}, wanted)
     return slots_of(state, own, partner, plates, (Q, H, R))
-
-
-def _closed_slots(captured: Snapshot, state: State) -> Candidates:
-    """Return the candidates of a state of which only closed ones have rows: the pairs are those of the built scene.
-
-    Raises KeyError or ValueError.
-    """
-    slots, arrays = state.slots, captured.arrays
-    rows = slots.rows
-    assert isinstance(rows, ClosedRows)
-    check(arrays, {"slots_own": slots.own, "slots_partner": slots.partner})
-    closed, H, R = (arrays[name] for name in (CLOSED, "slots_H", "slots_R"))
-    check(
-        {"slots_H": H, "slots_R": R}, {f"slots_{k}": np.empty((len(closed), w)) for k, w in zip("HR", rows.widths, strict=True)}
-    )
-    return replace(slots, rows=ClosedRows.restored(rows.edges, rows.size, closed, (H, R)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,20 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.engine.candidates import Array, Candidates, Ints, empty_slots
-from thirdbody.engine.measures import Measures, no_maps, nothing_measured
+from thirdbody.engine.measures import Measures
 from thirdbody.engine.placed import Placed
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.arguments import address
 from thirdbody.kernels import bodies as body_pass
 from thirdbody.kernels.arguments import LAW
-from thirdbody.kernels.minima import UPDATE, update
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
+from thirdbody.laws.contract import Material
 from thirdbody.rotations import to_body, to_world
+
+Action = Callable[[], None]
+"""What an integrator calls between steps: it may read the state, save it, or raise."""
 
 FLAT = np.zeros(0)
 """Heights of a flat plate."""
+
+RAYLEIGH_FRACTION = 0.2
+"""Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""
+
+SUMMED = (
+    run_totals.FRICTION_WORK, run_totals.DAMPING_WORK, run_totals.PLATE_WORK, run_totals.DRAG_WORK, run_totals.PLATE_WORK_SIZE,
+    run_totals.EFFECT_WORK, run_totals.EFFECT_POWER, run_totals.PATCH_POWER, run_totals.LOAD_POWER, run_totals.STORED_NORMAL,
+    run_totals.STORED_TANGENTIAL, run_totals.DIRECT_WORK, *(first + k for first in (run_totals.UPPER_IMPULSE,
+    run_totals.LOWER_IMPULSE, run_totals.UPPER_FORCE, run_totals.LOWER_FORCE, run_totals.DIRECT_IMPULSE,
+    run_totals.DIRECT_FORCE) for k in range(3)),
+)  # fmt: skip
+"""Totals that are summed over bodies, or groups of them, that are advanced each for itself."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +62,12 @@ class World:
 
     @property
     def rough(self) -> bool:
-        """Whether a plate is rough."""
         return self.lower_surface is not None or self.upper_surface is not None
+
+    @property
+    def schedule(self) -> Schedule:
+        """Schedule of the upper plate; one without motion if there is none."""
+        return Schedule() if self.upper is None else self.upper.schedule
 
 
 @dataclass(frozen=True)
@@ -87,7 +107,7 @@ class Physics:
 
     @cached_property
     def stiffness_at(self) -> int:
-        """Address of `stiffness` for `critical_time_step`; raises AttributeError if there is none."""
+        """Address of `stiffness`, if there is one."""
         return address(self.stiffness, LAW)
 
     @property
@@ -130,8 +150,8 @@ class State:
     slots: Candidates
     skin: float
     order: Ints
-    W: Array = field(default_factory=nothing_measured)
-    maps: Array = field(default_factory=no_maps)
+    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    maps: Array = field(default_factory=lambda: np.zeros((0, 2, 1, 1)))
     radii: Array = field(default_factory=lambda: np.zeros(0))  # of spheres that are not kept
     dt: float = 0.0
     searches: int = 0
@@ -140,22 +160,21 @@ class State:
 
     @property
     def n_bodies(self) -> int:
-        """Number of bodies."""
         return len(self.B)
 
     @property
     def n_spheres(self) -> int:
-        """Number of spheres."""
         return len(self.offsets)
 
     @property
     def S(self) -> Array:
         """Spheres: positions and velocities are those of their bodies at the end of the last step."""
-        return place_some(self, 0, self.n_bodies) if self.sphere_table is None else self.sphere_table
-
-    @S.setter
-    def S(self, rows: Array) -> None:
-        self.sphere_table = rows
+        if self.sphere_table is not None:
+            return self.sphere_table
+        S = table(self.n_spheres, sphere.WIDTH)
+        S[:, sphere.RADIUS], S[:, sphere.MASS] = self.radii, np.repeat(self.B[:, body.MASS], np.diff(self.start))
+        body_pass.place_as_they_are(self.start, self.offsets, S, self.B, self.orientations)
+        return S
 
     def drop_spheres(self) -> None:
         """Keep of the spheres only what does not follow from their bodies."""
@@ -176,11 +195,6 @@ class State:
     def upper_surface(self) -> Array:
         """The same of the upper plate."""
         return FLAT if self.world.upper_surface is None else self.world.upper_surface
-
-    @cached_property
-    def update_surfaces(self) -> int:
-        """Address of the function that updates the contacts with rough plates; 0 where both are flat, and none is compiled."""
-        return address(update, UPDATE) if self.world.rough else 0
 
     @property
     def given(self) -> Ints:
@@ -225,15 +239,6 @@ class State:
         return float(self.A[run_totals.DISTANCE])
 
 
-def memory_columns(physics: Physics, meets: bool) -> int:
-    """Return the width of H: engine's columns, laws' history, labeller's memory, columns of the measures.
-
-    The labeller's memory is there for the owner and, where bodies meet each other (`meets`), for its partner.
-    """
-    laws = max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH)
-    return laws + (2 if meets else 1) * physics.contact_memory + (physics.measures.layout.width if physics.measures else 0)
-
-
 def table(rows: int, columns: int) -> Array:
     """Return cache-line-aligned zeros (rows, columns): no group of columns straddles two lines."""
     line = 64
@@ -266,19 +271,27 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     S = table(n_spheres, sphere.WIDTH)
     S[:, sphere.RADIUS] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
-    upper = world.upper
+    D, sign = np.zeros(domain.WIDTH), 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
+    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
+    D[domain.SKIN], D[domain.REACH] = skin, reach
+    D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
+    D[domain.CURVED2] = world.curved
+    upper, (schedule, first) = world.upper, world.schedule.tables()
     # kernels index the patch of every body; without an upper plate no candidate refers to it
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
-    schedule, first = (Schedule() if upper is None else upper.schedule).tables()
+    # histories: engine's columns, those of the laws, the labeller's memory for the owner and a body as partner, measures
+    width = max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH)
+    width += (2 if world.debris_meets else 1) * physics.contact_memory
+    width += physics.measures.layout.width if physics.measures else 0
     state = State(
         world=world, physics=physics, B=B, E=E, orientations=orientations, sphere_table=S, P=P,
-        A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
+        A=np.zeros(run_totals.WIDTH), D=D,
         schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
         X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts),
         side=placed.sides().astype(np.int8), start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
         population=placed.populations, rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics, world.debris_meets), record_width(physics.rolling)), skin=skin,
+        slots=empty_slots(width, record_width(physics.rolling)), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )  # fmt: skip
     if physics.measures:
@@ -291,29 +304,19 @@ def unite(state: State) -> None:
     """Alias S to B if all bodies are single centred spheres: half the memory traffic."""
     if state.n_spheres == state.n_bodies and not state.offsets.any():
         state.B[:, sphere.RADIUS] = state.S[:, sphere.RADIUS]
-        state.S = state.B
+        state.sphere_table = state.B
         refresh_spheres(state)
 
 
-def place_some(state: State, first: int, last: int) -> Array:
-    """Return the spheres of bodies `first` to `last` - 1, whose table is not kept."""
-    low, high = int(state.start[first]), int(state.start[last])
-    S = table(high - low, sphere.WIDTH)
-    S[:, sphere.RADIUS] = state.radii[low:high]
-    start, B = state.start[first : last + 1] - low, state.B[first:last]
-    S[:, sphere.MASS] = np.repeat(B[:, body.MASS], np.diff(start))
-    body_pass.place_as_they_are(start, state.offsets[low:high], S, B, state.orientations[first:last])
-    return S
+def rayleigh_time(radius: float, material: Material) -> float:
+    """Return the time [s] of a Rayleigh wave around a sphere: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
+    speed = 0.1631 * material.poisson_ratio + 0.8766
+    return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
-def _limits(world: World, skin: float, reach: float) -> Array:
-    D = np.zeros(domain.WIDTH)
-    sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
-    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
-    D[domain.SKIN], D[domain.REACH] = skin, reach
-    D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
-    D[domain.CURVED2] = world.curved
-    return D
+def rayleigh_times(state: State, materials: list[Material]) -> Array:
+    """Return the Rayleigh time (n_bodies,) [s] of a sphere with the volume of each body."""
+    return np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
 
 
 def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.candidates import Candidates
-from thirdbody.engine.rayleigh_time import RAYLEIGH_FRACTION, rayleigh_time
-from thirdbody.engine.state import Array, Ints, State
+from thirdbody.engine.state import RAYLEIGH_FRACTION, Array, Ints, State, rayleigh_times
 from thirdbody.jit.threads import distribute, pieces_of
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.kernels.tables import patch, run_totals
@@ -46,7 +45,7 @@ def bound(state: State, materials: list[Material], steps: int, max_overlap: floa
 
     `candidates`: contacts that are or may come; None: those of the last search.
     """
-    times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
+    times = rayleigh_times(state, materials)
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
     best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
@@ -76,8 +75,9 @@ def _contact_bounds(
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip
+    drag = float(state.A[run_totals.PLATE_SPEED]) * state.A[run_totals.HEADING2]
     tables = critical_time_step.make_tables(state.n_bodies, slots.count, len(state.P))
-    ahead = critical_time_step.Horizon(horizon, max_overlap, *_drag_velocity(state))
+    ahead = critical_time_step.Horizon(horizon, max_overlap, float(drag[0]), float(drag[1]))
     # contacts with plates in one piece: those of a patch are summed in their order
     flat, pairs = [(0, slots.n_plates)], pieces_of(slots.n_plates, slots.count, FEWEST)
     longest = max(last - first for first, last in flat + pairs)
@@ -90,19 +90,13 @@ def _contact_bounds(
         near = np.empty(slots.max_per_body + 1, np.int32)
         return lambda piece: critical_time_step.bound_bodies(*piece, context, near, tables)
 
-    for pieces in (flat, pairs):
-        distribute(pieces, stiffness_worker)
+    distribute(flat, stiffness_worker)
+    distribute(pairs, stiffness_worker)
     many = state.n_bodies if slots.count else 0
     distribute(pieces_of(0, many, FEWEST), bound_worker)
     near = np.empty(slots.max_per_body + 1, np.int32)
     result = critical_time_step.shortest_steps(many, context, ahead.time, near, tables)
     return tables.number[:result], tables.bodies[:result], tables.patches
-
-
-def _drag_velocity(state: State) -> tuple[float, float]:
-    """Return the velocity of the upper plate along x and y in the last step [m/s]."""
-    speed = state.A[run_totals.PLATE_SPEED]
-    return float(speed * state.A[run_totals.HEADING]), float(speed * state.A[run_totals.HEADING + 1])
 
 
 def _pressed(state: State, horizon: float) -> Array:

@@ -131,7 +131,6 @@ def work_off(names: Sequence[str], queue: int) -> None:
 
 
 def _missing(units: Sequence[str]) -> tuple[str, ...]:
-    """Return those of the units that have not been compiled."""
     return tuple(unit for unit in units if not (cache.cache_folder() / f"{MARK}{unit}").exists())
 
 

@@ -1,22 +1,18 @@
-"""Upper plate: its patches and the schedules of its motion and load."""
+"""Upper plate: its patches, the schedules of its motion and load, and direct contact of both plates (`kernels.plates`)."""
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise, zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 
-from thirdbody.engine.direct_contact import DirectContact
+from thirdbody.engine.candidates import Array, Ints
 from thirdbody.kernels import schedule as motion
 from thirdbody.kernels.tables import patch
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDED, WHOLE = 1e-9, 1000
 """Relative difference below which two motions count as equal; largest number of cycles after which a path closes on itself."""
@@ -69,23 +65,22 @@ class Schedule:
 
     def tables(self) -> tuple[Array, Ints]:
         """Return the rows (n, COLUMNS) of all segments and the first row of each axis (5,) for the kernels."""
-        axes: Sequence[Axis] = (self.x, self.y, self.gap, self.load)
+        axes = self.x, self.y, self.gap, self.load
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
         return np.array(rows, float).reshape(-1, motion.COLUMNS), first
 
     @property
     def moves(self) -> bool:
-        """Whether there is any lateral motion."""
         return _moving((*self.x, *self.y))
 
     def direction(self) -> tuple[float, float]:
         """Return the unit vector of the first lateral motion, (0, 0) if there is none."""
-        rates = [_first_rate(axis) for axis in (self.x, self.y)]
-        starts = [start for start, rate in rates if rate]
-        if not starts:
+        first = [_first_rate(axis) for axis in (self.x, self.y)]
+        earliest = min((start for start, rate in first if rate), default=math.inf)
+        if math.isinf(earliest):
             return 0.0, 0.0
-        v_x, v_y = (rate if rate and start <= min(starts) else 0.0 for start, rate in rates)
+        v_x, v_y = (rate if start <= earliest else 0.0 for start, rate in first)
         speed = math.hypot(v_x, v_y)
         return v_x / speed, v_y / speed
 
@@ -124,8 +119,8 @@ class Schedule:
         intervals = []
         starts = sorted({s.start for s in (*self.x, *self.y)})
         for begin, until in pairwise([*starts, math.inf]):
-            valid = [axis[row] for axis in (self.x, self.y) if (row := _segment_index(axis, begin)) >= 0]
-            periods = [_period(s) for s in valid if _moving((s,))]
+            valid = [_segment_at(axis, begin) for axis in (self.x, self.y)]
+            periods = [_period(s) for s in valid if s and _moving((s,))]
             if not periods or 0.0 in periods:
                 continue
             ratio = Fraction(periods[-1] / periods[0]).limit_denominator(WHOLE)
@@ -145,8 +140,8 @@ class Schedule:
         """Return the largest load over the initial one between two times [s]; 1 if the load does not change."""
         if not self.load:
             return 1.0
-        first = max(_segment_index(self.load, start), 0)
         largest = at_time(self.load, start)
+        first = max(_segments_begun(self.load, start) - 1, 0)
         for s, after in zip_longest(self.load[first:], self.load[first + 1 :]):
             if s.start > end:
                 break
@@ -159,13 +154,12 @@ class Schedule:
         """Return the length [m] of the lateral path between two times [s], accurate to 1e-6 of a stroke."""
         total = 0.0
         for begin, until, speed in self._pieces(start, end):
-            if speed is not None:
-                total += speed * (until - begin) if speed > 0.0 else 0.0
-                continue
-            cycles, cycle = self._cycles(begin, until)
-            after = begin + cycles * cycle
-            total += cycles * self._chorded(begin, begin + cycle) if cycles else 0.0
-            total += self._chorded(after, until)
+            if speed is None:
+                cycles, cycle = self._cycles(begin, until)
+                total += cycles * self._chorded(begin, begin + cycle) if cycles else 0.0
+                total += self._chorded(begin + cycles * cycle, until)
+            elif speed > 0.0:
+                total += speed * (until - begin)
         return total
 
     def time_of(self, distance: float, start: float) -> float:
@@ -194,19 +188,17 @@ class Schedule:
     def _pieces(self, start: float, end: float) -> Iterator[tuple[float, float, float | None]]:
         """Yield (begin, end, speed) of intervals without a new segment; speed None if not constant."""
         breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
-        t = start
-        for until in [*breaks, end]:
+        for t, until in pairwise([start, *breaks, end]):
             rates = [_constant_rate(axis, t) for axis in (self.x, self.y)]
             yield t, until, None if None in rates else math.hypot(*rates)  # type: ignore[arg-type]
-            t = until
 
     def _cycles(self, begin: float, until: float) -> tuple[float, float]:
         """Return the number (possibly infinite) of whole cycles in an interval, and the period [s].
 
         (0, 0) where the motion is not periodic.
         """
-        axes = [axis for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
-        cycles = {_period([s for s in axis if s.start <= begin][-1]) for axis in axes}
+        valid = [_segment_at(axis, begin) for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
+        cycles = {_period(s) for s in valid if s}
         if len(cycles) != 1 or 0.0 in cycles:
             return 0.0, 0.0
         cycle = cycles.pop()
@@ -217,24 +209,18 @@ class Schedule:
         return sum(length for _, _, length in self._chords(begin, until))
 
     def _chords(self, begin: float, until: float) -> Iterator[tuple[float, float, float]]:
-        """Yield (begin, end, length) of the chords of an interval."""
-        chord = self._chord(begin) if begin < until else 0.0
-        while begin < until:
-            after = min(begin + chord, until)
-            yield begin, after, math.dist(self.displacement_at(begin), self.displacement_at(after))
-            begin = after
-
-    def _chord(self, t: float) -> float:
-        """Return the duration [s] of a chord: a thousandth of the period, or of the rest of a ramp."""
+        """Yield (begin, end, length) of the chords of an interval: a thousandth of the period, or of the rest of a ramp."""
         periods = []
         for axis in (self.x, self.y):
-            begun = [s for s in axis if s.start <= t]
-            after = [s.start for s in axis if s.start > t]
-            if begun and _period(begun[-1]) > 0.0:
-                periods.append(_period(begun[-1]))
-            elif after:
-                periods.append(after[0] - t)
-        return 1e-3 * min(periods)
+            valid, starts = _segment_at(axis, begin), [s.start for s in axis if s.start > begin]
+            if valid and _period(valid) > 0.0:
+                periods.append(_period(valid))
+            elif starts:
+                periods.append(starts[0] - begin)
+        while begin < until:
+            after = min(begin + 1e-3 * min(periods), until)
+            yield begin, after, math.dist(self.displacement_at(begin), self.displacement_at(after))
+            begin = after
 
 
 def rate_before(axis: Axis, time: float) -> float:
@@ -256,16 +242,15 @@ def _period(segment: Segment) -> float:
 
 def _constant_rate(axis: Axis, t: float) -> float | None:
     """Return the rate of an axis from t to its next segment if it is constant, otherwise None."""
-    begun = [s for s in axis if s.start <= t]
-    if not begun:
+    s = _segment_at(axis, t)
+    if s is None:
         return 0.0
-    return begun[-1].b if begun[-1].kind == motion.POLYNOMIAL and begun[-1].c == 0.0 else None
+    return s.b if s.kind == motion.POLYNOMIAL and s.c == 0.0 else None
 
 
 def at_time(axis: Axis, t: float) -> float:
     """Return the value of an axis at time t [s]; zero before its first segment."""
-    row = _segment_index(axis, t)
-    return axis[row].value(t) if row >= 0 else 0.0
+    return value_before(axis, t, t)
 
 
 def ends_of(axis: Axis) -> Iterator[tuple[Segment, float]]:
@@ -279,43 +264,58 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
     if not end > start:
         return at_time(axis, end)
     corners = [start, *(s.start for s in axis if start < s.start < end), end]
-    pieces = zip(corners, corners[1:], strict=False)
-    return sum(0.5 * (at_time(axis, a) + value_before(axis, a, b)) * (b - a) for a, b in pieces) / (end - start)
+    return sum(0.5 * (at_time(axis, a) + value_before(axis, a, b)) * (b - a) for a, b in pairwise(corners)) / (end - start)
 
 
 def value_before(axis: Axis, t: float, end: float) -> float:
     """Return the value at `end` [s] of the segment valid at t: the value before a jump at `end`."""
-    row = _segment_index(axis, t)
-    return axis[row].value(end) if row >= 0 else 0.0
+    s = _segment_at(axis, t)
+    return s.value(end) if s else 0.0
 
 
-def _segment_index(axis: Axis, t: float) -> int:
-    """Return the index of the segment valid at time t [s], -1 before the first."""
-    return bisect_right(axis, t, key=lambda segment: segment.start) - 1
+def _segment_at(axis: Axis, t: float) -> Segment | None:
+    """Return the segment valid at time t [s], None before the first."""
+    begun = _segments_begun(axis, t)
+    return axis[begun - 1] if begun else None
 
 
-def _first_rate(axis: Iterable[Segment]) -> tuple[float, float]:
+def _segments_begun(axis: Axis, t: float) -> int:
+    return bisect_right(axis, t, key=lambda segment: segment.start)
+
+
+def _first_rate(axis: Axis) -> tuple[float, float]:
     """Return start [s] and a rate of the right sign of the first segment that moves."""
     for s in axis:
-        if s.kind == motion.POLYNOMIAL:
-            if s.b or s.c:
-                return s.start, s.b or s.c
-        else:
-            return s.start, s.b * s.c
+        if _moving((s,)):
+            return s.start, (s.b or s.c) if s.kind == motion.POLYNOMIAL else s.b * s.c
     return math.inf, 0.0
 
 
 def _top_rate(axis: Axis) -> float:
     top = 0.0
     for s, after in zip_longest(axis, axis[1:]):
-        if s.kind == motion.SINE:
-            top = max(top, 0.5 * abs(s.b * s.c))
-        elif s.kind == motion.TRIANGLE:
-            top = max(top, 2.0 * abs(s.b * s.c))
+        if s.kind == motion.POLYNOMIAL:
+            top = max(top, abs(s.rate(s.start)), abs(s.rate(after.start)) if after else 0.0)
         else:
-            ends = [s.rate(s.start)] + ([s.rate(after.start)] if after else [])
-            top = max(top, *(abs(rate) for rate in ends))
+            top = max(top, (0.5 if s.kind == motion.SINE else 2.0) * abs(s.b * s.c))
     return top
+
+
+@dataclass(frozen=True)
+class DirectContact:
+    """Force at zero gap [N], length u_0 over which it falls by a factor e [m], friction coefficient."""
+
+    prefactor: float
+    length: float
+    friction: float
+
+    def force(self, gap: float) -> float:
+        """Return the normal force [N] at a mean gap [m]."""
+        return self.prefactor * math.exp(-gap / self.length)
+
+    def gap(self, load: float) -> float:
+        """Return the mean gap [m] at which direct contact alone carries a load [N]."""
+        return self.length * math.log(self.prefactor / load)
 
 
 @dataclass(frozen=True)
@@ -360,10 +360,30 @@ class UpperPlate:
             P[:n, patch.SPRING] = f.stiffness
             P[n, patch.HEIGHT], P[n, patch.MASS], P[n, patch.DAMPING] = f.height, f.mass, f.damping
             P[n, patch.LOAD], P[n, patch.FREE] = f.load, float(f.free)
-        for column, value in (self.direct.columns() if self.direct else {}).items():
-            P[-1, column] = value
+        if self.direct is not None:
+            P[-1, patch.DIRECT_PREFACTOR], P[-1, patch.DIRECT_LENGTH] = self.direct.prefactor, self.direct.length
+            P[-1, patch.DIRECT_FRICTION] = self.direct.friction
         P[:, patch.SEARCH_HEIGHT] = P[:, patch.HEIGHT]
         # a load schedule scales the load of the common plate, or of the patches if there is none
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         return P
+
+
+def direct_reaction(row: Array, displacement: float) -> tuple[float, float]:
+    """Return force [N] and stiffness [N/m] of direct contact of a plate that rises by a displacement [m]; row: of the patch."""
+    if row[patch.DIRECT_PREFACTOR] == 0.0:
+        return 0.0, 0.0
+    force = float(row[patch.DIRECT_PREFACTOR] * np.exp(-(row[patch.HEIGHT] + displacement) / row[patch.DIRECT_LENGTH]))
+    return force, force / float(row[patch.DIRECT_LENGTH])
+
+
+def direct_energy(P: Array) -> float:
+    """Return the elastic energy [J] of direct contact: the integral of the force from the present gap of the plate on."""
+    return sum(direct_reaction(row, 0.0)[0] * float(row[patch.DIRECT_LENGTH]) for row in P[P[:, patch.DIRECT_PREFACTOR] > 0.0])
+
+
+def direct_loss(row: Array, displacement: float) -> float:
+    """Return the energy [J] that a step which ended at the present height loses, as the force at its end acts all along."""
+    before, after = direct_reaction(row, -displacement)[0], direct_reaction(row, 0.0)[0]
+    return (before - after) * float(row[patch.DIRECT_LENGTH]) - after * displacement

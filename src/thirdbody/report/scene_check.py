@@ -180,8 +180,7 @@ def memory_of(built: Simulation) -> int:
 
 def _tables(owner: object) -> Iterator[np.ndarray]:
     """Yield the arrays that an object holds: as attributes, in tuples, and in lists of candidates."""
-    from thirdbody.engine.candidates import Candidates
-    from thirdbody.engine.contact_rows import AllRows
+    from thirdbody.engine.candidates import AllRows, Candidates
 
     for value in owner if isinstance(owner, tuple) else vars(owner).values():
         if isinstance(value, np.ndarray):

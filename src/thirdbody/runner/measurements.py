@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.engine.contact_rows import AllRows
+from thirdbody.engine.candidates import AllRows
 from thirdbody.engine.state import State, table
 from thirdbody.errors import InputError, nearest
 from thirdbody.runner.output_schedule import settling_frames
