@@ -11,6 +11,7 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
