@@ -337,19 +337,13 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
     parameters = np.array([[x for values in row for x in values] + [FULL] * chain.jumps for row in rows], float)
     if parameters.size == 0:
         parameters = np.zeros((1, chain.width))
-    observe, label = compose_labeller(labeller or NO_LABELS, bool(effects))
+    given = labeller or NO_LABELS
+    observe, label = compose_labeller(given, bool(effects))
+    same = (
+        "law", "stiffness", "history", "field", "rolling", "force_columns", "stored", "dashpots", "loss_column", "loss", "jumps",
+    )  # fmt: skip
     return Physics(
-        law=chain.law,
-        stiffness=chain.stiffness,
-        history=chain.history,
-        field=chain.field,
-        rolling=chain.rolling,
-        force_columns=chain.force_columns,
-        stored=chain.stored,
-        dashpots=chain.dashpots,
-        loss_column=chain.loss_column,
-        loss=chain.loss,
-        jumps=chain.jumps,
+        **{name: getattr(chain, name) for name in same},
         pairs=np.ascontiguousarray(parameters.ravel()),
         interaction=interaction,
         kinds=kinds,
@@ -358,9 +352,9 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller, inter
         has_effects=bool(effects),
         observe=observe,
         label=label,
-        memory=len(labeller.memory) if labeller else 0,
-        contact_memory=len(labeller.contact_memory) if labeller else 0,
+        memory=len(given.memory),
+        contact_memory=len(given.contact_memory),
         stride=labeller.stride if labeller else 1,
         labels=labeller is not None,
-        outputs=2 + len(labeller.margins) + len(labeller.extras) if labeller else 2,
+        outputs=2 + len(given.margins) + len(given.extras),
     )

@@ -189,8 +189,10 @@ def build(
     # bodies given by spots touch plates only
     meet = sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
     debris_contact = scene.contact.debris_contact == "auto" and meet > 1
-    diameter = float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
-    order = in_columns(placed.positions, diameter) if debris_contact else np.arange(len(placed.clumps))
+    order = np.arange(len(placed.clumps))
+    if debris_contact:
+        diameters = np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])
+        order = in_columns(placed.positions, float(np.mean(diameters)))
     placed = placed.reordered(order)
     requested, bed = scene, bed_of(scene, choice, placed) if debris_contact else None
     scale = speed_scale(scene, choice, bed)

@@ -14,17 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels.table import Array
-from thirdbody.statics.solver import (  # fmt: skip
-    ACCEPTED,
-    CONVERGED,
-    NEUTRAL,
-    OVERLAP_GROWTH,
-    Grip,
-    NoStaticState,
-    QuasiStatic,
-    Trial,
-    after,
-)
+from thirdbody.statics.solver import ACCEPTED, CONVERGED, NEUTRAL, OVERLAP_GROWTH, Grip, NoStaticState, QuasiStatic, Trial, after
 
 MAX_ROTATION = 0.5
 """Rotation [rad] beyond which a particle that still moves has tipped over."""
@@ -64,9 +54,9 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
     """
     if solver.now is None:
         return False
-    last, memory = solver.now, solver.memory
-    solver.adopt(last.coordinates, np.asarray(plate, float), memory, last.slip)
-    if _Relaxation(solver, np.asarray(plate, float)).comes_to_rest():
+    last, memory, goal = solver.now, solver.memory, np.asarray(plate, float)
+    solver.adopt(last.coordinates, goal, memory, last.slip)
+    if _Relaxation(solver, goal).comes_to_rest():
         return True
     solver.now, solver.memory = last, memory
     return False

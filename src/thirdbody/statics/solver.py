@@ -236,16 +236,13 @@ class QuasiStatic:
             normal = self.contacts.evaluate(self.relieved(overlap), np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
             return float(normal[up].sum()), float(normal[~up].sum())
 
+        def excess(sink: float) -> float:
+            above, below = (plate[0], pressed(sink, 0.0)[1]) if self.under_load else pressed(sink, plate[0])
+            return below - above - self.grip.weight
+
+        sink = _root(excess, size)
         if self.under_load:
-            sink = _root(lambda s: pressed(s, 0.0)[1] - plate[0] - self.grip.weight, size)
             y[-1] = sink + _root(lambda d: pressed(0.0, d)[0] - plate[0], size)
-        else:
-
-            def excess(sink: float) -> float:
-                above, below = pressed(sink, plate[0])
-                return below - above - self.grip.weight
-
-            sink = _root(excess, size)
         y[self.vertical] = -sink
         return y
 
