@@ -42,12 +42,12 @@ class Renewing(NamedTuple):
 GROUND = ("offset_x", "offset_y", "reach")
 
 
-def kernels_of(elastic: Callable, memory: Memory, renewing: Callable | None) -> tuple[Callable, Callable]:
+def kernels_of(elastic: Callable, renewing: Callable, memory: Memory, rolls: bool) -> tuple[Callable, Callable]:
     """Return kernel and tangent of a law with this spring: `elastic(c, load, p)` returns `Elastic`.
 
-    With `renewing(load, p, elastic)`, which returns `Renewing`, a rolling contact area is renewed.
+    `rolls`: a rolling contact area is renewed, as `renewing(load, p, elastic)` says in a `Renewing`.
     """
-    step, remaining, scaled, rolls = memory.step, memory.remaining, memory.scaled, renewing is not None
+    step, remaining, scaled = memory.step, memory.remaining, memory.scaled
 
     def law(c, load, p, h):
         e, a = elastic(c, load, p), load.contact_radius
@@ -94,7 +94,7 @@ def with_forms(law: Law, elastic: Callable, renewing: Callable, rolling: Law, sp
     """
     forms: dict[tuple[int, bool], Law] = {}
     for (count, memory), rolls in product(enumerate(MEMORIES), (False, True)):
-        functions = kernels_of(elastic, memory, renewing if rolls else None)
+        functions = kernels_of(elastic, renewing, memory, rolls)
         name = law.name + ("", "_one_ring", "_two_rings")[count] + "_rolling" * rolls
         for function, own in zip(functions, (name, f"{name}_tangent"), strict=True):
             function.__name__ = function.__qualname__ = own
