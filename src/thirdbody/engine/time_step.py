@@ -71,7 +71,7 @@ def _contact_bounds(
 ) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = candidates or state.slots, state.physics
-    context = critical_time_step.Assembly(
+    context = critical_time_step.Assembly(  # type: ignore[call-arg]
         slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
         state.E, state.orientations, _pressed(state, horizon), slots.Q, state.D, physics.pairs,
     )  # fmt: skip

@@ -90,9 +90,9 @@ class Contacts:
         """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""
         outputs = self._call(self.chain.law, law_output.HISTORY + len(self.chain.history), overlap, slip, memory)
         tangential = np.stack([outputs[law_output.TANGENTIAL_X], outputs[law_output.TANGENTIAL_Y]], axis=1)
-        columns = law_output.FRICTION_LIMIT, law_output.CRITICAL_SLIP, law_output.SLIP, law_output.CONTACT_RADIUS
-        others = (outputs[column] for column in columns)
-        return Answer(outputs[law_output.NORMAL_FORCE], tangential, *others, outputs[law_output.HISTORY :].T)
+        limit, critical, slid = outputs[law_output.FRICTION_LIMIT], outputs[law_output.CRITICAL_SLIP], outputs[law_output.SLIP]
+        normal, radius = outputs[law_output.NORMAL_FORCE], outputs[law_output.CONTACT_RADIUS]
+        return Answer(normal, tangential, limit, critical, slid, radius, outputs[law_output.HISTORY :].T)
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """Return (7, n) [N/m]: dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; 0 for open contacts."""

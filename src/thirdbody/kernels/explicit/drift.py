@@ -248,12 +248,12 @@ def drift_bodies(c, context, step, scratch, listed):
         gather_bodies(np.int64(p), listed, context, scratch)
     drift_tile(n, step.dt, step.pending, scratch)
     for p in range(n):
-        b = np.int64(listed[p])
-        scatter_body(p, b, context, step, scratch)
+        i = np.int64(listed[p])
+        scatter_body(p, i, context, step, scratch)
         path = scratch[p + drift_scratch.PATH * BODIES]
-        bad, out = bodies.check_position(b, load(B, b, body.POSITION), path / S[start[b], sphere.RADIUS], limits, bad, out)
-        number = b if path / S[start[b], sphere.RADIUS] > ratio else number
-        longest, ratio = max(longest, path), max(ratio, path / S[start[b], sphere.RADIUS])
+        bad, out = bodies.check_position(i, load(B, i, body.POSITION), path / S[start[i], sphere.RADIUS], limits, bad, out)
+        number = i if path / S[start[i], sphere.RADIUS] > ratio else number
+        longest, ratio = max(longest, path), max(ratio, path / S[start[i], sphere.RADIUS])
     path, largest, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
     moves[c, chunk_motion.MAX_PATH] = max(path, longest)
     moves[c, chunk_motion.BAD_BODY] = max(bad, bad_ball)

@@ -333,7 +333,7 @@ def advance(budget, until, distance, dt, threads, packed):
         if last:
             who = np.int64(due)
             break
-        code, who = (Stop.SEARCH, 1) if due else (Stop.BUDGET, -1)
+        code, who = (Stop.SEARCH, np.int64(1)) if due else (Stop.BUDGET, np.int64(-1))
         if due:
             break
     if pending != 0.0:
