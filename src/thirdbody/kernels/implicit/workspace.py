@@ -145,10 +145,22 @@ part_at, update_minima_at = function_at(PART), function_at(UPDATE_MINIMA)
 ADVANCE = types.void(_I, _I, types.float64, types.float64, PACKED, PACKED, PACKED)
 """Signature of `driver.advance_islands`, which ensembles call through a pointer."""
 
-STAGE = namedtuple("Stages", "START GATHER RELIEVE RESTORE PULL TANGENTS LIMIT ERRORS ACCEPT")(*range(9))
-"""Stages of a step for which a part is called: the step begins; a trial: contacts are gathered, spots solved and relieved before
-the laws, restored after them and pulled, pairs evaluated; derivatives are added to the Jacobian; a correction is limited; errors
-of the step; it is accepted."""
+
+class Stages(NamedTuple):
+    """Stages of a step for which a part is called."""
+
+    START: int = 0  # the step begins
+    GATHER: int = 1  # a trial: contacts are gathered, or pairs evaluated
+    RELIEVE: int = 2  # spots are solved and relieved before the laws,
+    RESTORE: int = 3  # restored after them,
+    PULL: int = 4  # and pulled
+    TANGENTS: int = 5  # derivatives are added to the Jacobian
+    LIMIT: int = 6  # a correction is limited
+    ERRORS: int = 7  # errors of the step
+    ACCEPT: int = 8  # it is accepted
+
+
+STAGE = Stages()
 
 
 def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> Any:
