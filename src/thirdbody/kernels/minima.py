@@ -43,16 +43,10 @@ update_at = function_at(UPDATE)
 
 
 @njit(**BARE)
-def update_by(update, first, last, context):
-    """Update the rows of Q of candidates first to last, all those of a sphere with a plate, by the function at an address."""
-    tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
-    update_at(update)(np.int64(first), np.int64(last), tables)
-
-
-@njit(**BARE)
 def update_surfaces(first, last, context):
-    """Update the rows of Q of candidates first to last."""
-    update_by(context.update_surfaces, first, last, context)
+    """Update the rows of Q of candidates first to last, all those of a sphere with a plate."""
+    tables = RoughPlates(context.own, context.partner, context.S, context.P, context.Q, context.D, context.lower, context.upper)
+    update_at(context.update_surfaces)(np.int64(first), np.int64(last), tables)
 
 
 MOVED = 0.02
