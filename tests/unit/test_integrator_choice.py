@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import thirdbody
 from thirdbody.assembly.simulation import build
 from thirdbody.engine import meeting
 from thirdbody.errors import GuardStop, InputError
+from thirdbody.report import integration_trial
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 
@@ -134,6 +136,21 @@ def test_check_and_run_report_islands_and_the_times_of_both(command):
     assert re.search(r"steps, on one core: implicit about .*, explicit about ", out)
     code, _, err = command((SLOWER,), "run", "-o", "out")
     assert code == 0 and re.search(r"^integrator implicit: few .* times as fast as the explicit one$", err, re.MULTILINE)
+
+
+@pytest.mark.parametrize("settled, tried", [(0.1, 2e-6), (100.0, 2e-6 / 32.0)])
+def test_the_trial_measures_the_drag_however_long_bodies_settle(settled, tried, monkeypatch):
+    """The clock moves on by 1e5 s per metre of drag: the trial ends early where it would take long, but never unmeasured."""
+    path, clock = [0.0], [settled]
+
+    def trial(_bodies, until):
+        clock[0] += 1e5 * (until - path[0])
+        path[0] = until
+
+    monkeypatch.setattr(integration_trial.time, "perf_counter", lambda: clock[0])
+    built = SimpleNamespace(planned_distance=1e-3, schedule=SimpleNamespace(time_of=lambda distance, _start: distance))
+    seconds = integration_trial._with_drag(built, SimpleNamespace(trial=trial), 1, 0.0)
+    assert path[0] == tried and seconds == pytest.approx(settled + 1e5 * 1e-3, rel=1e-9)  # rounding
 
 
 def test_a_resumed_run_keeps_its_integrator(tmp_path, monkeypatch):

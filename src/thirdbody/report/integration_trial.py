@@ -134,11 +134,14 @@ def _trial_wall_time(built: Simulation, integrator: Implicit) -> tuple[float, st
 
 
 def _with_drag(built: Simulation, integrator: Implicit, bodies: int, started: float) -> float:
-    """Return the seconds of `bodies` bodies since `started` and in all of the drag. Raises GuardStop."""
+    """Return the seconds of `bodies` bodies since `started` and in all of the drag, of which a piece is measured always.
+
+    Raises GuardStop.
+    """
     total = built.planned_distance
     path, reached, rate = min(TRIAL_PATH, total) / 32.0, 0.0, 0.0
     elapsed = time.perf_counter() - started
-    while reached < min(TRIAL_PATH, total) and elapsed < 0.5 * TRIAL_LIMIT:
+    while reached < min(TRIAL_PATH, total) and (reached == 0.0 or elapsed < 0.5 * TRIAL_LIMIT):
         integrator.trial(bodies, built.schedule.time_of(path, 0.0))
         now = time.perf_counter() - started
         rate = (now - elapsed) / (path - reached)

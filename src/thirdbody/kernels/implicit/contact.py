@@ -32,6 +32,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.kernels.contact_geometry import read_vector
 from thirdbody.kernels.implicit.workspace import FREEDOMS
 from thirdbody.kernels.plates import is_upper, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
@@ -84,8 +85,7 @@ def closed_fraction(q, before, context, I):  # noqa: E741
 @njit(**BARE)
 def vector_at(q, field, G):
     """Return a vector field of the tile at contact q; `field`: its first column."""
-    at = q + field * TILE
-    return G[at], G[at + TILE], G[at + 2 * TILE]
+    return read_vector(G, q + field * TILE)
 
 
 @njit(**BARE)

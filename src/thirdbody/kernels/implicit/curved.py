@@ -112,7 +112,7 @@ def response_to(s, c, turn, responses):
 
 @njit(**BARE_CHUNK)
 def add_curved(contact, J, step, offset):
-    """Add any contact to the Jacobian J (`linear`), coordinate by coordinate."""
+    """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     x, y, z = axis_of(0), axis_of(1), axis_of(2)
     responses = (
         (to_surface(x, contact), to_surface(y, contact), to_surface(z, contact)),
