@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.options import BARE
 from thirdbody.kernels.implicit.contact import Vector, cross, dot, product, scaled_sum
 
 
@@ -110,7 +110,7 @@ def response_to(s, c, turn, responses):
     )
 
 
-@njit(**BARE_CHUNK)
+@njit(**BARE)
 def add_curved(contact, J, step, offset):
     """Add any contact to the Jacobian J (`jacobian`), coordinate by coordinate."""
     x, y, z = axis_of(0), axis_of(1), axis_of(2)
