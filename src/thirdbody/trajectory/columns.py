@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER
-from thirdbody.trajectory.names import ARRAY_UNITS
+from thirdbody.trajectory.names import ARRAY_UNITS, POSITION
 from thirdbody.trajectory.names import CYCLES as CYCLE_NAMES
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.schema import POSITION
-from thirdbody.trajectory.state_groups import code_name
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.states import code_name
 
 SERIES, PROFILES, BODIES, CONTACTS, CYCLES, TRANSITIONS, MAP_STATISTICS = TABLES = (
     "series", "profiles", "bodies", "contacts", "cycles", "transitions", "map_statistics",
@@ -35,7 +34,7 @@ class Column(NamedTuple):
     values: np.ndarray
 
 
-def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
+def table(run: RunFile, name: str, frame: int | None = None) -> list[Column]:
     """Return one of TABLES; profiles, bodies and contacts of one frame, or of all frames concatenated.
 
     Raises ValueError for another name, IndexError for a frame outside the run, AttributeError when the run has no states or
@@ -57,7 +56,7 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
     return _series(run) if name == SERIES else _transitions(run)
 
 
-def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[list[Column]]:
+def tables_by_frame(run: RunFile, name: str, frame: int | None = None) -> Iterator[list[Column]]:
     """Yield the table of profiles, bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
     table_of = {PROFILES: _profiles, BODIES: _bodies, CONTACTS: _contacts}[name]
@@ -65,13 +64,13 @@ def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[l
         yield table_of(run, number)
 
 
-def _series(run: Run) -> list[Column]:
+def _series(run: RunFile) -> list[Column]:
     first = [name for name in ("time", "distance") if name in run.series]
     names = first + [name for name in run.series if name not in first]
     return [column for name in names for column in _as_columns(name, run.series[name], run.units[name])]
 
 
-def _map_statistics(run: Run) -> list[Column]:
+def _map_statistics(run: RunFile) -> list[Column]:
     """Return the statistics of the run, then those of one cycle, where it has two."""
     parts = {"run": run.map_statistics()} | ({"cycle": run.map_statistics(1.0)} if len(run.cycles["cycle"]) > 1 else {})
     over = np.repeat(np.array(list(parts), object), len(parts["run"]["map"]))
@@ -79,7 +78,7 @@ def _map_statistics(run: Run) -> list[Column]:
     return [Column("over", "", over), *(Column(name, "", values) for name, values in same.items())]
 
 
-def _transitions(run: Run) -> list[Column]:
+def _transitions(run: RunFile) -> list[Column]:
     result = run.transitions()
     columns = []
     for name, values in result.items():
@@ -89,7 +88,7 @@ def _transitions(run: Run) -> list[Column]:
     return columns
 
 
-def _profiles(run: Run, number: int) -> list[Column]:
+def _profiles(run: RunFile, number: int) -> list[Column]:
     arrays = {name: values[number] for name, values in run.profiles.items()}
     slabs = len(arrays[POSITION])
     columns = [Column("slab", "", np.arange(slabs))]
@@ -98,7 +97,7 @@ def _profiles(run: Run, number: int) -> list[Column]:
     return _stamped(run, number, columns)
 
 
-def _bodies(run: Run, number: int) -> list[Column]:
+def _bodies(run: RunFile, number: int) -> list[Column]:
     arrays = run.bodies(number)
     body = arrays.pop("id", np.arange(len(arrays[POSITION])))
     first = {"body": body, POSITION: arrays.pop(POSITION)}
@@ -110,13 +109,13 @@ def _bodies(run: Run, number: int) -> list[Column]:
     return _stamped(run, number, _columns(first | arrays, names, run.header["units"]))
 
 
-def _contacts(run: Run, number: int) -> list[Column]:
+def _contacts(run: RunFile, number: int) -> list[Column]:
     arrays = run.contacts(number)
     first = {name: arrays.pop(name) for name in ("body", "side", "partner", POSITION) if name in arrays}
     return _stamped(run, number, _columns(first | arrays, {"side": _SIDES}, run.header["units"]))
 
 
-def _stamped(run: Run, number: int, columns: list[Column]) -> list[Column]:
+def _stamped(run: RunFile, number: int, columns: list[Column]) -> list[Column]:
     rows = len(columns[0].values)
     return [Column("frame", "", np.full(rows, number)), Column("time", "s", np.full(rows, run.times[number])), *columns]
 

@@ -1,8 +1,13 @@
-"""Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
+"""Frames of a trajectory from the state of a run, and what of them is written (table `output` of a scene).
+
+Spheres that are not written follow from their bodies: the static arrays of their block then hold each sphere's place in its body.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,11 +18,12 @@ from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, ru
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.accommodation import Closed, accommodation, has_accommodation, parts_of
 from thirdbody.trajectory.bed_measures import BedMeasures, Interval
-from thirdbody.trajectory.frame_contacts import FrameContacts
-from thirdbody.trajectory.interval_means import IntervalMeans
+from thirdbody.trajectory.blocks import Storage
+from thirdbody.trajectory.contacts import FrameContacts
+from thirdbody.trajectory.names import Frame
 from thirdbody.trajectory.profiles import Profiler
-from thirdbody.trajectory.sample import Sample
-from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.read_blocks import LOCAL_CENTER
+from thirdbody.trajectory.sampling import IntervalMeans, Sample
 
 
 class FrameMaker:
@@ -295,3 +301,41 @@ def _corners(state: State) -> np.ndarray | None:
     (l_x, l_y) = state.world.size
     corners = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]])
     return corners if state.world.upper is None else np.concatenate([corners, corners])
+
+
+CLUMPS, CONTACTS, SPHERES = "clumps", "contacts", "spheres"
+ALL = (SPHERES, CLUMPS, CONTACTS)
+ALWAYS = ("points", "state", "state_reason")
+"""Arrays of the bodies that are written whatever `output.arrays` says."""
+NEEDED = "quaternion"
+"""Array of the bodies from which spheres are computed, with their positions."""
+
+
+class Selection(NamedTuple):
+    """What of a frame is written, and how; `arrays` None: all arrays of the bodies."""
+
+    blocks: tuple[str, ...] = ALL
+    arrays: tuple[str, ...] | None = None
+    single: bool = False
+    compress: bool = False
+
+    @property
+    def rebuilds(self) -> bool:
+        """Whether spheres are computed where the run is read."""
+        return SPHERES not in self.blocks and (self.arrays is None or NEEDED in self.arrays)
+
+    def storage(self, block: str) -> Storage:
+        """Return how the arrays of a block are stored."""
+        # float32 for the velocities of spheres: their motion follows from the clump's, which is stored in full precision
+        return Storage(self.single or block == SPHERES, self.single, self.compress and block in (CLUMPS, SPHERES))
+
+    def static(self, maker: FrameMaker) -> dict[str, dict[str, np.ndarray]]:
+        """Return the arrays that never change, with the places of the spheres where these are computed on reading."""
+        arrays = maker.static()
+        if not self.rebuilds:
+            return arrays
+        return arrays | {SPHERES: arrays[SPHERES] | {LOCAL_CENTER: maker.state.offsets[maker.spheres]}}
+
+
+EVERYTHING = Selection()
+"""Selection of a scene that names none."""

@@ -1,17 +1,28 @@
-"""Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
+"""What the file of a run consists of: temporal PolyData blocks of growing data sets, in a file that survives kills."""
 
+import io
+import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
-from thirdbody.trajectory.schema import Arrays
+from thirdbody.trajectory.names import Arrays
 
 LEVEL = 1
 """Of deflate: higher ones take several times as long for some percent."""
+
+PAGE = 4096
+"""Page size in bytes: a kill never tears a write within a page; a longer write may end between two pages."""
+
+NODE = b"TREE"
+"""First bytes of the nodes of a chunk index; their sixth byte is the level, 0 for the leaves (HDF5 file format 3.0, III.A.1)."""
 
 CELL_GROUPS = ("Vertices", "Lines", "Polygons", "Strips")
 VERSION = (2, 1)
@@ -115,14 +126,14 @@ class Block:
         self._offsets = self._steps.require_group("PointDataOffsets")
         for name in ("CellData", "FieldData", "Steps/CellDataOffsets", "Steps/FieldDataOffsets"):
             group.require_group(name)
+        number = np.float32 if storage.single_points else np.float64
+        self._points = growing(group, "Points", (3,), number, self._chunk, storage.compress)
         self._make_topology()
         self._static = {name: self._offset_column(name) for name in self._data}
         self._varying: dict[str, tuple[Column, Column]] = {}
 
     def _make_topology(self) -> None:
         group, steps = self._group, self._steps
-        number = np.float32 if self._storage.single_points else np.float64
-        self._points = growing(group, "Points", (3,), number, self._chunk, self._storage.compress)
         self._point_count = growing(group, "NumberOfPoints", (), np.int64)
         self._cells = {
             cells: {
@@ -179,7 +190,13 @@ class Block:
         for offsets in self._static.values():
             offsets.add(0)
         columns = [self._columns_of(name, array) for name, array in arrays.items()]
-        chunks = self._deflated([data for data, _ in columns], list(arrays.values()))
+        chunks: Sequence[bytes | None] = [None] * len(columns)
+        if self._storage.compress:
+            from thirdbody.jit.threads import allowed_threads
+
+            # on the threads of the run; HDF5 itself would use one
+            with ThreadPoolExecutor(allowed_threads()) as pool:
+                chunks = list(pool.map(Column.deflated, [data for data, _ in columns], arrays.values()))
         for (data, offsets), array, chunk in zip(columns, arrays.values(), chunks, strict=True):
             offsets.add(data.extend(array, chunk))
 
@@ -191,15 +208,6 @@ class Block:
             data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
             self._varying[name] = (data, self._offset_column(name))
         return self._varying[name]
-
-    def _deflated(self, columns: list[Column], arrays: list[np.ndarray]) -> Sequence[bytes | None]:
-        """Return the chunks of a frame, deflated on the threads of the run; HDF5 itself would use one."""
-        if not self._storage.compress:
-            return [None] * len(columns)
-        from thirdbody.jit.threads import allowed_threads
-
-        with ThreadPoolExecutor(allowed_threads()) as pool:
-            return list(pool.map(Column.deflated, columns, arrays))
 
     def _append_cells(self, count: int) -> None:
         for cells, columns in self._cells.items():
@@ -223,3 +231,98 @@ class Block:
         count must be on disk before the time.
         """
         self._values.add(time)
+
+
+class Sink(io.FileIO):
+    """File that withholds the first system error until `check` is called, and writes nothing after it.
+
+    After a full disk HDF5 goes on to write a header that refers to missing data (the file opens no more), or ends in a
+    segmentation fault when it cannot close. With this class the file stays as a kill at that moment would leave it.
+
+    HDF5's own means do not do: a file written in SWMR mode opens no more after a kill, neither by h5py nor by VTK ("already open
+    for write"), and plain flushes lose committed frames at KILLS.
+    """
+
+    def __init__(self, path: str | Path, mode: str):
+        # not the target of a link of that name
+        super().__init__(path, mode, opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666))
+        self._fault: OSError | None = None
+        self._queue: list[tuple[int, bytes]] | None = None
+        self._old = self.seek(0, io.SEEK_END)
+        self._written: set[int] = set()
+
+    def write(self, data: Any) -> int:
+        """Write all data, or nothing after an error; within `in_order` buffer it."""
+        if self._queue is not None:
+            self._queue.append((self.tell(), bytes(data)))
+        else:
+            self.put(self.tell(), memoryview(data).cast("B"))
+        return len(data)
+
+    def put(self, offset: int, data: bytes | memoryview) -> None:
+        """Write to the file itself."""
+        done = 0
+        while done < len(data) and self._fault is None:
+            try:
+                self.seek(offset + done)
+                done += super().write(data[done:]) or 0  # the system may write only a part
+            except OSError as error:
+                self._fault = error
+
+    @contextmanager
+    def in_order(self) -> Iterator[None]:
+        """Order the writes of one flush of HDF5 such that a kill may end them at any point; nothing is written after an error.
+
+        HDF5 writes by address and the length of the file last. A reader then may find an index whose nodes are missing, or lie
+        beyond the length. Here pointers are written after their targets: the length, new data, the indices from their roots down
+        (a split node keeps its second half until its parent refers to the new neighbour), all else by address, one write per
+        page. HDF5 reads nothing back while it flushes.
+        """
+        self._queue = []
+        try:
+            yield
+            queued, self._queue = sorted(self._queue, key=self._rank), None
+            for rank, parts in groupby(queued, self._rank):
+                self._put_parts(list(parts), together=rank[0] == 3)
+            self._written |= {offset for offset, _ in queued}
+        finally:
+            self._queue = None
+
+    def _rank(self, part: tuple[int, bytes]) -> tuple[int, int]:
+        offset, data = part
+        if offset == 0:
+            return 0, 0
+        if offset >= self._old and offset not in self._written:
+            return 1, offset
+        return (2, -data[5]) if data[:4] == NODE else (3, offset // PAGE)
+
+    def _put_parts(self, parts: list[tuple[int, bytes]], together: bool) -> None:
+        if together:
+            start, end = min(offset for offset, _ in parts), max(offset + len(data) for offset, data in parts)
+            self.seek(start)
+            whole = bytearray(self.read(end - start) or b"")  # bytes between the parts stay unchanged
+            for offset, data in parts:
+                whole[offset - start : offset - start + len(data)] = data
+            parts = [(start, bytes(whole))]
+        for offset, data in parts:
+            self.put(offset, data)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size; may fail as a write may."""
+        try:
+            return size or 0 if self._fault else super().truncate(size)
+        except OSError as error:
+            self._fault = error
+            return size or 0
+
+    def reserve(self, nbytes: int) -> None:
+        """Extend the file by a hole, which uses no disk space; HDF5 cuts off the unused part when it flushes.
+
+        HDF5 writes the coming length into its header first: a shorter file opens no more.
+        """
+        self.truncate(self.seek(0, io.SEEK_END) + nbytes)
+
+    def check(self) -> None:
+        """Raise the error (OSError) that occurred while writing."""
+        if self._fault is not None:
+            raise self._fault

@@ -12,10 +12,16 @@ from typing import Any
 import numpy as np
 
 from thirdbody.atomic_files import new_folder
-from thirdbody.export.map_files import BLOCKS_OF_MAPS, write_vti
 from thirdbody.export.paraview import SCRIPT_NAME, write_script
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.schema import BLOCKS, POSITION
+from thirdbody.trajectory.names import BLOCKS, POSITION
+from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.run_arrays import RunArrays
+
+BLOCKS_OF_MAPS = tuple(f"{plate}_maps" for plate in PLATES)
+"""Folders and PVD files of the maps of the plates: VTI (image data), cells at the place of the plate in that frame, which moves.
+
+The VTKHDF file has no block of them: its image data have one origin for all steps, and the upper plate moves and rises.
+"""
 
 PVD_FILES = (*(f"{block}.pvd" for block in BLOCKS), SCRIPT_NAME)
 PVD_PATTERNS = (
@@ -25,7 +31,7 @@ PVD_PATTERNS = (
 CORNERS = 4  # of a plate
 
 
-def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
+def export_pvd(run: RunArrays, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
     """Write all blocks of all frames, or of one, into a new folder; return the PVD files and the script.
 
     Raises IndexError for a frame outside the run, OutputError; then nothing is written.
@@ -40,22 +46,21 @@ def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool
             files = {number: f"{block}/{number:0{width}d}.{kind}" for number in numbers}
             for number, file in files.items():
                 if block in maps:
-                    write_vti(part / file, run, block, number)
+                    _write(part / file, _image(run, PLATES[BLOCKS_OF_MAPS.index(block)], number))
                 else:
-                    write_vtp(part / file, run.block(block, number), block)
-            entries = [(float(run.times[number]), file) for number, file in files.items()]
-            (part / f"{block}.pvd").write_text(_collection(entries), encoding="utf-8")
+                    _write(part / file, _polydata(run.block(block, number), block))
+            (part / f"{block}.pvd").write_text(_collection({file: float(run.times[k]) for k, file in files.items()}), "utf-8")
         write_script(part / SCRIPT_NAME, run.state_names, "{name}.pvd", maps)
     return [folder / name for name in (*PVD_FILES, *(f"{block}.pvd" for block in maps))]
 
 
-def write_vtp(path: Path, arrays: dict[str, np.ndarray], block: str) -> None:
-    """Write the arrays of one frame of a block as PolyData. Raises OSError."""
+def _write(path: Path, data: Any) -> None:
+    """Write image data or PolyData as an XML file. Raises OSError."""
     # not `vtk`, which loads rendering modules and needs system libraries
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataWriter
 
-    writer = vtkXMLPolyDataWriter()
-    writer.SetInputData(_polydata(arrays, block))
+    writer = vtkXMLImageDataWriter() if path.suffix == ".vti" else vtkXMLPolyDataWriter()
+    writer.SetInputData(data)
     writer.SetDataModeToAppended()  # in base64, so that the file is text
     # Python writes the file: VTK reports every error as a full disk and prints two paragraphs.
     writer.WriteToOutputStringOn()
@@ -94,8 +99,25 @@ def _cells(points: int, per_cell: int) -> Any:
     return cells
 
 
-def _collection(entries: list[tuple[float, str]]) -> str:
+def _image(run: RunArrays, plate: str, frame: int) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
+    maps, size = run.maps(plate, frame), run.header["domain"]["size"]
+    n_y, n_x = next(iter(maps.values())).shape
+    image = vtkImageData()
+    image.SetDimensions(n_x + 1, n_y + 1, 1)
+    image.SetSpacing(size[0] / n_x, size[1] / n_y, 1.0)
+    image.SetOrigin(*(float(x) for x in run.surface_position(plate, frame)))
+    for name, values in maps.items():
+        array = numpy_to_vtk(np.ascontiguousarray(values).ravel(), deep=True)
+        array.SetName(name)
+        image.GetCellData().AddArray(array)
+    return image
+
+
+def _collection(times: dict[str, float]) -> str:
     """Return the PVD file: time and file of each frame."""
-    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in entries]
+    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for file, time in times.items()]
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
     return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"

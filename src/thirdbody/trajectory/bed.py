@@ -1,4 +1,5 @@
-"""Whether a bed was sheared slowly and is stiff: means of its measures over the steady part of a run, and verdicts in words."""
+"""Means over the steady part of a run and verdicts in words: whether a bed was sheared slowly and is stiff, and what took up the
+motion of the plate (`accommodation`)."""
 
 from __future__ import annotations
 
@@ -9,16 +10,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thirdbody.granular_flow import FAST, SLOW, inertia_verdict
-from thirdbody.quantity import quantity_text
-from thirdbody.trajectory.friction import averaged
-from thirdbody.trajectory.names import BED
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.statistics import mean_and_error
+from thirdbody.quantity import MINUS, percent, quantity_text
+from thirdbody.trajectory.drag import Drag
+from thirdbody.trajectory.friction import mean_and_error
+from thirdbody.trajectory.names import ACCOMMODATION, BED
 
 STIFF, SOFT = 1e4, 1e3
 """Softness above which bodies count as rigid, and below which friction and solid fraction depend on the pressure."""
 
-NAN = float("nan")
+WORDS = {"upper_slip": "slip at the upper plate", "lower_slip": "slip at the lower plate", "rolling": "rolling", "shear": "shear"}
+"""The parts of the plate's speed in words, in the order of ACCOMMODATION."""
+
+SMALL = 0.005
+"""A smaller fraction is not named."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,12 @@ class Bed:
         return f"{value} \N{PLUS-MINUS SIGN} {quantity_text(error, '', 1)}" if math.isfinite(error) else value
 
 
-def bed_of(run: Run) -> Bed | None:
+def bed_of(drag: Drag) -> Bed | None:
     """Return the measures of the bed of a run; None for a run without one."""
-    if any(name not in run.series for name in BED) or not run.frames:
+    series = drag.run.series
+    if any(name not in series for name in BED) or not drag.frames:
         return None
-    frames = steady(run)
-    rows = {name: mean_and_error(run.series[name][frames]) for name in BED}
+    rows = {name: mean_and_error(series[name][drag.steady]) for name in BED}
     means, errors = ({name: row[k] for name, row in rows.items()} for k in (0, 1))
     number = means["inertial_number"]
     if not math.isfinite(number):
@@ -62,20 +66,6 @@ def bed_of(run: Run) -> Bed | None:
     return Bed(
         means, errors, number <= SLOW, inertia_verdict(number), softness_verdict(means["softness"], means["overlap_ratio"])
     )
-
-
-def steady(run: Run) -> np.ndarray:
-    """Return the frames (F,), bool, of the steady part: those that friction averages, without drag the later half of the rest."""
-    drag = run.drag
-    if not drag.dragged:
-        late = np.flatnonzero(drag.during)
-        return np.arange(run.frames) >= (late[(len(late) - 1) // 2] if len(late) else run.frames - 1)
-    if not drag.stroke:
-        return averaged(run)
-    frames = np.zeros(run.frames, bool)
-    for cycle in drag.cycles[len(drag.cycles) // 2 :]:
-        frames[cycle.start + 1 : cycle.stop] = True
-    return frames if frames.any() else averaged(run)
 
 
 def softness_verdict(softness: float, overlap: float) -> str:
@@ -116,3 +106,36 @@ def bed_warning(bed: Bed | None) -> str | None:
         f"the bed is {bed.verdict} (as in glass beads); a slower motion of the plate, or solver.inertial_number = {SLOW:g}, "
         "gives the friction of slow shear"
     )
+
+
+def accommodation_fractions(drag: Drag) -> dict[str, float] | None:
+    """Return the fraction of each part in the plate's path by the keys of WORDS; their sum is 1. None without load or drag.
+
+    Over the steady part of the run. Parts count along the motion of the plate in their output interval, so a part can be negative
+    where debris moves against it.
+    """
+    series = drag.run.series
+    if any(name not in series for name in ACCOMMODATION) or not drag.dragged:
+        return None
+    parts = np.array([series[name] for name in ACCOMMODATION])
+    along = np.sign(drag.steps) * drag.durations
+    frames = drag.steady & np.isfinite(parts).all(axis=0)
+    paths = parts[:, frames] @ along[frames]
+    total = float(paths.sum())
+    return dict(zip(WORDS, (paths / total).tolist(), strict=True)) if total > 0.0 else None
+
+
+def accommodation_text(fractions: dict[str, float]) -> str:
+    """Return fractions in words, the largest first: `96 % rolling, 4 % slip at the upper plate`."""
+    return _in_words({WORDS[name]: fraction for name, fraction in fractions.items()})
+
+
+def short_accommodation_text(fractions: dict[str, float]) -> str:
+    """Return the same with the slip at both plates as one: `96 % rolling, 4 % slip`."""
+    slip = fractions["upper_slip"] + fractions["lower_slip"]
+    return _in_words({"slip": slip, "rolling": fractions["rolling"], "shear": fractions["shear"]})
+
+
+def _in_words(fractions: dict[str, float]) -> str:
+    named = sorted(fractions.items(), key=lambda entry: -abs(entry[1]))
+    return ", ".join(f"{percent(fraction)} {word}" for word, fraction in named if abs(fraction) >= SMALL).replace("-", MINUS)

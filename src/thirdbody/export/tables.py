@@ -1,15 +1,16 @@
-"""Writer of the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
+"""Export of a run, and its tables as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
 
 Names come from users and from runs of other people: one that begins like a formula gets an apostrophe in front.
 """
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from thirdbody.atomic_files import new_folder
-from thirdbody.errors import printable
+from thirdbody.atomic_files import new_folder, refuse_existing_folder
+from thirdbody.errors import InputError, UsageError, printable
+from thirdbody.export.vtk import PVD_PATTERNS, export_pvd
 from thirdbody.trajectory.columns import (  # fmt: skip
     BY_FRAME,
     CONTACTS,
@@ -22,14 +23,14 @@ from thirdbody.trajectory.columns import (  # fmt: skip
     table,
     tables_by_frame,
 )
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_file import RunFile
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
 FORMULA = ("=", "+", "-", "@")
 """First characters of a cell that spreadsheets evaluate instead of showing it."""
 
 
-def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
+def export_csv(run: RunFile, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
     """Write series, profiles, bodies, contacts, cycles, transitions and statistics of maps into a new folder; return the files.
 
     Profiles, bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a
@@ -44,19 +45,15 @@ def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool
             missing |= {CONTACTS: not run.has_contacts, MAP_STATISTICS: not run.map_units}
             if missing.get(name):
                 continue
-            _write(part / file, tables_by_frame(run, name, frame) if name in BY_FRAME else [table(run, name)])
+            parts = tables_by_frame(run, name, frame) if name in BY_FRAME else [table(run, name)]
+            with open(part / file, "w", encoding="utf-8", newline="") as text:
+                writer = csv.writer(text, lineterminator="\n")
+                for number, columns in enumerate(parts):
+                    if not number:
+                        writer.writerow([heading(column) for column in columns])
+                    writer.writerows(zip(*map(_cells, columns), strict=True))
             written.append(folder / file)
     return written
-
-
-def _write(path: Path, parts: Iterable[list[Column]]) -> None:
-    """Write one header, then the rows of all parts."""
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        for number, columns in enumerate(parts):
-            if not number:
-                writer.writerow([heading(column) for column in columns])
-            writer.writerows(zip(*map(_cells, columns), strict=True))
 
 
 def _cells(column: Column) -> list[Any]:
@@ -77,3 +74,26 @@ def heading(column: Column) -> str:
     """Return the header `time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
     name = as_text(column.name)
     return f"{name} [{column.unit.replace('·', ' ')}]" if column.unit else name
+
+
+def export_run(
+    path: Path, csv: Path | None, pvd: Path | None, frame: int | None = None, overwrite: bool = False
+) -> Iterator[Path]:
+    """Write tables and PVD files as requested, after a check of every target; yield each file when it is complete.
+
+    Raises UsageError when no target is given, InputError (run, frame), OutputError.
+    """
+    if csv is pvd is None:
+        raise UsageError("export: say what to write", python=": csv=... or pvd=...", command=": --csv DIR, --pvd DIR")
+    with RunFile(path) as run:
+        try:
+            run.frame_number(-1 if frame is None else frame)
+        except IndexError as error:
+            raise InputError(str(error)) from None
+        for folder, ours in ((csv, CSV_FILES), (pvd, PVD_PATTERNS)):
+            if folder is not None:
+                refuse_existing_folder(folder, overwrite, ours)
+        if csv is not None:
+            yield from export_csv(run, csv, frame, overwrite)
+        if pvd is not None:
+            yield from export_pvd(run, pvd, frame, overwrite)

@@ -1,6 +1,5 @@
-"""States of one frame by population, by material and by size of the bodies."""
+"""States of the bodies: over the frames, their changes, and those of one frame by population, by material and by size."""
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -8,8 +7,9 @@ import numpy as np
 
 from thirdbody.kernels.tables import LOWER, UPPER
 from thirdbody.quantity import GLUE, percent, quantity_text
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.validate import damage_as_fault
+from thirdbody.trajectory.names import POSITION
+from thirdbody.trajectory.open_file import damage_as_fault
+from thirdbody.trajectory.run_arrays import RunArrays
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""
@@ -33,18 +33,7 @@ def code_name(names: Sequence[str], code: int) -> str:
     return names[code] if 0 <= code < len(names) else str(code)
 
 
-def names_from_scene(text: str) -> list[str]:
-    """Return the populations of a run that stored no names (earlier versions): material and kind, numbered where they repeat."""
-    try:
-        tables = tomllib.loads(text).get("debris", [])
-        plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError):
-        return []
-    before = [plain[:k].count(name) for k, name in enumerate(plain)]
-    return [f"{name} {count + 1}" if count else name for name, count in zip(plain, before, strict=True)]
-
-
-def groups_of(run: Run, bodies: dict[str, np.ndarray]) -> list[Group]:
+def groups_of(run: RunArrays, bodies: dict[str, np.ndarray]) -> list[Group]:
     """Return all populations, materials and size classes of the bodies (arrays of a frame); none without these arrays."""
     result: list[Group] = []
     for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
@@ -66,7 +55,7 @@ def _size_classes(diameter: np.ndarray | None) -> list[Group]:
     return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", index == k) for k in range(len(edges) - 1) if (index == k).any()]
 
 
-def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
+def states_by_group(run: RunArrays, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
     """Return per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions`.
 
     `fractions` maps each state to its fraction. Populations also have their `material`, size classes the limits `smallest` and
@@ -79,8 +68,7 @@ def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]
         return _rows_of_groups(run, bodies, frame)
 
 
-def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
-    """Return the rows of `states_by_group`."""
+def _rows_of_groups(run: RunArrays, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
     load = _load_fractions(run, frame, len(bodies["state"]))
     result: dict[str, list[dict[str, Any]]] = {}
     for group in groups_of(run, bodies):
@@ -99,7 +87,7 @@ def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict
     return result
 
 
-def _load_fractions(run: Run, frame: int, count: int) -> np.ndarray | None:
+def _load_fractions(run: RunArrays, frame: int, count: int) -> np.ndarray | None:
     """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
     contacts = run.block("contacts", frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
@@ -125,3 +113,33 @@ def fractions_text(fractions: dict[str, float], maximum: int = 4) -> str:
     """Return `95 % rolling, 5 % sliding`, the largest first."""
     portions = sorted(((fraction, name) for name, fraction in fractions.items() if fraction > 0.0), key=lambda entry: -entry[0])
     return ", ".join(f"{percent(fraction)} {name}" for fraction, name in portions[:maximum]).replace(GLUE, " ")
+
+
+def state_counts(run: RunArrays) -> dict[str, np.ndarray]:
+    """Return the number of bodies of the scene in each state, (F,) each."""
+    if run.rows("clumps", 0) == run.scene_bodies:
+        return {name: np.count_nonzero(run.states == code, axis=1) for code, name in enumerate(run.state_names)}
+    return {name: np.rint(run.series[f"fraction_{name}"] * run.scene_bodies).astype(np.int64) for name in run.state_names}
+
+
+def state_transitions(run: RunArrays) -> dict[str, np.ndarray]:
+    """Return one row per change between frames, ordered by frame, then by body; values of the frame that shows the new state.
+
+    Frames record states, not events: a body that changed twice between two frames shows one change, or none.
+
+    `frame` (T,), `time` (T,) [s], `distance` (T,) [m] slid by the plates (only if the run has that series), `body` (T,), `from`
+    and `to` (T,) state codes, `reason` (T,) code of the reason for the new state, `position` (T, 3) [m]. Raises AttributeError
+    when the run recorded no states.
+    """
+    states, reasons = run.states, run.reasons
+    frame, body = np.nonzero(states[1:] != states[:-1])
+    frame += 1
+    table = {"frame": frame, "time": run.times[frame]}
+    if "distance" in run.series:
+        table["distance"] = run.series["distance"][frame]
+    table |= {"body": body, "from": states[frame - 1, body], "to": states[frame, body], "reason": reasons[frame, body]}
+    positions = np.empty((len(frame), 3))
+    for number in np.unique(frame):  # only the frames that show a change are read
+        rows = frame == number
+        positions[rows] = run.array("clumps", POSITION, int(number))[body[rows]]
+    return table | {POSITION: positions}
