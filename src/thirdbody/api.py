@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.run_file import RunFile
 
 if TYPE_CHECKING:
     import pyvista
     from matplotlib.figure import Figure
 
+    from thirdbody.runner.progress import Reporter
     from thirdbody.scene.model import Scene
 
 
@@ -216,3 +219,115 @@ def open_run(path: str | Path) -> Run:
     True
     """
     return Run(path)
+
+
+def run(
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
+    out: str | Path | None = None,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    overwrite: bool = False,
+    plugins: tuple[str | Path, ...] = (),
+    force: bool = False,
+) -> Run:
+    """Simulate a scene and return the opened result.
+
+    Parameters
+    ----------
+    scene : Scene, str, Path or dict
+        A scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
+    out : str or Path, optional
+        Folder of the run; None: `runs/<scene name>`.
+    threads : int, optional
+        Number of cores to use; None: all. Results have the same bits for any number.
+    progress : bool or callable
+        True: a bar, False: nothing. A callable gets a `Progress`: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
+    overwrite : bool
+        Replace the run in the folder, once the new one has its first frame.
+    plugins : tuple of str or Path
+        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
+    force : bool
+        Accept a time step above its bound.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        The call, the scene or a file is wrong; the folder exists or cannot be written.
+    GuardStop, Interrupted
+        The run left its valid range; Ctrl-C in the main thread. The part computed so far can be opened, and `resume` continues
+        an interrupted run. A second Ctrl-C raises KeyboardInterrupt at once, as does one before the first step.
+
+    Examples
+    --------
+    >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
+    True
+    """
+    from thirdbody.runner.prepare import check_call, check_threads, prepare
+    from thirdbody.runner.run_folder import refuse_existing
+    from thirdbody.runner.simulate import default_folder, run_with_warnings
+    from thirdbody.scene.model import Scene
+
+    check_call(plugins, progress, overwrite=overwrite, force=force)
+    notes = check_threads(threads)
+    scene = Scene.of(scene, plugins)
+    folder = Path(out) if out is not None else default_folder(scene)
+    refuse_existing(folder, overwrite)
+    run_with_warnings(prepare(scene, plugins, force), folder, threads, progress, notes, overwrite=overwrite)
+    return Run(folder)
+
+
+def resume(
+    out: str | Path | Run,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    plugins: Iterable[str | Path] = (),
+) -> Run:
+    """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
+
+    Parameters
+    ----------
+    out : str, Path or Run
+        Folder of the run, its file run.vtkhdf, or a `Run`, whose open files stay readable.
+    threads, progress
+        As for `run`.
+    settings : dict, optional
+        A longer `solver.distance` or `solver.duration`, with which a finished run goes on. Its old end remains a stop, which ends
+        steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
+    plugins : iterable of str or Path
+        Python files that the run was started with.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        There is no valid checkpoint, or the scene, a law or an input file has changed.
+    UsageError, OutputError, GuardStop, Interrupted
+        As for `run`.
+
+    Examples
+    --------
+    >>> run = thirdbody.resume("runs/example", progress=False, settings={"solver.distance": "0.2 um"})
+    >>> run.summary()["distance"] > 0.19e-6
+    True
+    """
+    from thirdbody.runner.prepare import check_call, check_threads
+    from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import run_with_warnings
+
+    check_call(plugins, progress)
+    path = out.path if isinstance(out, RunFile) else Path(out)
+    folder = path.parent if path.name == FILE_NAME else path
+    notes = check_threads(threads)
+    simulation, saved = prepare_resume(folder, settings or {}, plugins)
+    run_with_warnings(simulation, folder, threads, progress, notes, checkpoint=saved)
+    return Run(folder)

@@ -18,9 +18,8 @@ from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, con
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import panels_profiles
 from thirdbody.scene.model import Scene
-from thirdbody.trajectory.interval_means import SAMPLES, IntervalMeans
-from thirdbody.trajectory.profiles import Profiler
-from thirdbody.trajectory.slabs import Slabs, line_parts, sphere_parts
+from thirdbody.trajectory.profiles import Profiler, Slabs, line_parts, sphere_parts
+from thirdbody.trajectory.sampling import SAMPLES, IntervalMeans
 
 L, W, H = 60e-6, 40e-6, 50e-6  # m
 R, DENSITY = 5e-6, 7850.0
@@ -288,9 +287,8 @@ def test_restored_means_go_on_bit_for_bit_and_others_are_refused():
         second.restore(saved)
 
 
-def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
+def test_profiles_are_drawn_along_the_motion_of_the_plate():
     """Back and forth along y, 2 um in 1 and in 3 us; the bed holds the upper plate back by 1 kPa, drags the lower by 0.8 kPa."""
-    monkeypatch.setattr(panels_profiles, "steady", lambda run: np.array([False, False, True, True]))
     steps = 1e-6 * np.array([0.0, 9.0, 2.0, -2.0])
     side, stress, velocity = np.sign(steps), np.zeros((4, 2, 3, 3)), np.zeros((4, 2, 3))
     stress[..., 2, 2], stress[..., 1, 2], velocity[..., 1] = 3e3, -1e3 * side[:, None], side[:, None] * [0.25, 0.75]
@@ -301,7 +299,8 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     run = SimpleNamespace(profiles=found, header={"profiles": {"axis": "z"}, "domain": {"size": [2e-6, 5e-6]}},
                           times=1e-6 * np.array([0.0, 1.0, 2.0, 5.0]),
                           plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
-    drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]))
+    drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]),
+                           steady=np.array([False, False, True, True]))  # fmt: skip
     data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)

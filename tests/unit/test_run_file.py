@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from trial_run import CONTACT_COUNTS, HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks, write_frames
 
+from thirdbody.api import open_run
 from thirdbody.errors import InputError, OutputError
 from thirdbody.export.paraview import write_paraview_files, write_sidecars
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.web_viewer import write_page
-from thirdbody.trajectory import polydata_block
+from thirdbody.trajectory import blocks
 from thirdbody.trajectory import writer as vtkhdf
-from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import BLOCKS
+from thirdbody.trajectory.names import BLOCKS
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 
@@ -140,7 +140,7 @@ def test_a_full_disk_and_a_failing_write_are_reported_and_keep_what_was_written(
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(polydata_block.Column, "extend", fail)
+    monkeypatch.setattr(blocks.Column, "extend", fail)
     with pytest.raises(OutputError, match="No space left.*the frame written before is kept"):
         writer.append(make_frame(1))
     with open_run(path) as run:

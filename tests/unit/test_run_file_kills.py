@@ -13,10 +13,10 @@ import pytest
 from slow import slow
 from trial_run import HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks
 
-from thirdbody.trajectory import crash_safe_file
+from thirdbody.api import open_run
+from thirdbody.trajectory import blocks
 from thirdbody.trajectory import writer as vtkhdf
-from thirdbody.trajectory.reader import open_run
-from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 PAGE = 4096
@@ -26,7 +26,7 @@ BODIES = 16
 """So many that a chunk holds four frames, and the index of chunks, 64 to a node, grows by a node at frame 256 and at some 490."""
 
 
-class Journal(crash_safe_file.Sink):
+class Journal(blocks.Sink):
     """Notes every write and every change of size with the number of frames that were committed by then."""
 
     notes: list[tuple] = []

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from thirdbody.trajectory.shear_zone import EDGE, rising_profile, shear_zone
+from thirdbody.trajectory.bed_measures import EDGE, rising_profile, shear_zone
 
 HEIGHT, D, SPEED = 100e-6, 10e-6, 2.0
 

@@ -33,7 +33,7 @@ class Drag:
         """Sliding distance (F,) [m]; zero without drag."""
         return np.nan_to_num(self.run.series.get("distance", np.zeros(self.frames)))
 
-    @property
+    @cached_property
     def dragged(self) -> bool:
         """Whether the plate moved sideways at all."""
         return bool(self.frames and self.distance[-1] > 0.0)
@@ -132,7 +132,7 @@ class Drag:
                 best, sign = k, -sign
         return reversals
 
-    @property
+    @cached_property
     def stroke(self) -> bool:
         """Whether the plate moves back and forth; on a path that is no straight line, whether it closes on itself."""
         return bool(self.reversals if self.straight else self.run.header["closed_paths"])

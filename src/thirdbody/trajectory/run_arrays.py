@@ -75,11 +75,7 @@ class RunArrays:
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
 
-        def checked() -> Result:
-            with damage_as_fault(self.path, where):
-                return read()
-
-        return self.steady(checked)
+        return self.steady(damage_as_fault(self.path, where)(read))
 
     def _text(self, name: str) -> Any:
         with damage_as_fault(self.path, f"/scene/{name}"):

@@ -1,6 +1,6 @@
 """What frames sample: some of the bodies (`output.sample`), and quantities between outputs, for means over the interval.
 
-Bodies are numbered anew in the file, from 0, so that the number of a body is its row in all files; `scene_id` is its number in the
+Bodies of a sample are numbered anew in the file, from 0, so that the number of a body is its row; `scene_id` is its number in the
 scene. A contact belongs to the file if one of its bodies does. That one is its owner there, and a body that the file does not
 hold has the number `ELSEWHERE`.
 """
