@@ -14,8 +14,8 @@ from slow import slow
 from trial_run import HEADER, STATIC, assert_same_as_vtk, assert_vtk_frame, make_frame, vtk_blocks
 
 from thirdbody.api import open_run
-from thirdbody.trajectory import blocks
 from thirdbody.trajectory import writer as vtkhdf
+from thirdbody.trajectory.blocks import Sink
 from thirdbody.trajectory.names import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -26,7 +26,7 @@ BODIES = 16
 """So many that a chunk holds four frames, and the index of chunks, 64 to a node, grows by a node at frame 256 and at some 490."""
 
 
-class Journal(blocks.Sink):
+class Journal(Sink):
     """Notes every write and every change of size with the number of frames that were committed by then."""
 
     notes: list[tuple] = []

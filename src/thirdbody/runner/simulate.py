@@ -17,6 +17,7 @@ from thirdbody.export.paraview import write_paraview_files
 from thirdbody.runner.accuracy_warnings import ending_warnings, endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measured import measure_warnings, measured_summary
+from thirdbody.runner.prepare import prepare as prepare
 from thirdbody.runner.prepare import set_threads
 from thirdbody.runner.progress import Progress, Reporter, line_reporter, reporting, until_closed
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder
