@@ -45,8 +45,11 @@ class BedMeasures:
 
     def series(self, interval: Interval, elastic: float) -> dict[str, float]:
         """Return the measures by the names of their series; NaN where one is not defined. `elastic`: stored energy [J]."""
-        bed, P = interval.gap >= LAYERS * self.median, interval.pressure
-        number = self._inertial_number(interval) if bed and P > 0.0 else math.nan
+        bed, P, number = interval.gap >= LAYERS * self.median, interval.pressure, math.nan
+        if bed and P > 0.0:
+            zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
+            number = math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, P)
+        sides = self.state.slots.sides[self._loaded()]
         return {
             "inertial_number": number,
             "inertial_number_largest": number * self.largest / self.median,
@@ -54,14 +57,9 @@ class BedMeasures:
             "overlap_ratio": self._overlap_ratio(),
             "unbalanced_force": self._unbalanced_force(),
             "kinetic_energy_ratio": self._fluctuation_energy(bed) / elastic if elastic > 0.0 else math.nan,
-            "coordination_number": self._coordination_number(),
+            "coordination_number": (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies,
             "solid_fraction": self._solid_fraction(interval.gap) if bed else math.nan,
         }
-
-    def _inertial_number(self, interval: Interval) -> float:
-        """Return the inertial number of the median diameter."""
-        zone = shear_zone(self.state.bodies.position[:, 2], interval.velocities, self.mass, self.median)
-        return math.nan if zone is None else inertial_number(zone.rate, self.median, self.density, interval.pressure)
 
     def _loaded(self) -> NDArray[np.int64]:
         """Return the contacts that carry load."""
@@ -92,10 +90,6 @@ class BedMeasures:
             v = v - _mean_flow(s.bodies.position[:, 2], v, self.mass)
         spinning = np.sum(s.E[:, body_extra.ANGULAR_MOMENTUM3] * s.B[:, body.SPIN3])
         return 0.5 * float(self.mass @ np.sum(v**2, axis=1) + spinning)
-
-    def _coordination_number(self) -> float:
-        sides = self.state.slots.sides[self._loaded()]
-        return (len(sides) + np.count_nonzero(sides == DEBRIS)) / self.state.n_bodies
 
     def _solid_fraction(self, gap: float) -> float:
         """Return the volume of bodies over that of the core: the bed without a largest diameter at each plate."""
