@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.trajectory.names import ARRAY_UNITS, POSITION
+from thirdbody.trajectory.names import ARRAY_UNITS, POSITION, SIDES
 from thirdbody.trajectory.names import CYCLES as CYCLE_NAMES
 from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.states import code_name
@@ -22,7 +22,6 @@ BY_FRAME = PROFILES, BODIES, CONTACTS
 
 _COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz", 9: [f"{a}{b}" for a in "xyz" for b in "xyz"]}
 _UNITS = {"time": "s", "distance": "m"} | ARRAY_UNITS
-_SIDES = ("lower", "upper", "debris")
 
 
 class Column(NamedTuple):
@@ -80,7 +79,7 @@ def tables_by_frame(run: RunFile, name: str, frame: int | None = None) -> Iterat
             names = {"state": run.state_names, "state_reason": run.reason_names}
             names |= {"population": run.population_names, "material": run.material_names}
         else:
-            arrays, names = run.contacts(number), {"side": _SIDES}
+            arrays, names = run.contacts(number), {"side": SIDES}
             arrays = {key: arrays[key] for key in ("body", "side", "partner", POSITION) if key in arrays} | arrays
         columns = _columns(arrays, names, units)
         rows = len(columns[0].values)

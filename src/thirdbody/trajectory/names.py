@@ -159,6 +159,8 @@ CLUMPS = {
 }
 LOWER_PLATE, UPPER_PLATE = -1, -2
 """Values of `partner` of contacts with a plate."""
+SIDES = ("lower", "upper", "debris")
+"""What a contact touches, by the codes of `side` (`kernels.tables`)."""
 
 CONTACTS = {
     "position": Name("m", "Contact point, (C, 3)."),

@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.tables import LOWER, UPPER
 from thirdbody.quantity import GLUE, percent, quantity_text
-from thirdbody.trajectory.names import POSITION
+from thirdbody.trajectory.names import POSITION, SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
 
@@ -92,8 +91,8 @@ def _load_fractions(run: RunArrays, frame: int, count: int) -> np.ndarray | None
     contacts = run.block("contacts", frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
-    for side in (UPPER, LOWER):
-        on = contacts["side"] == side
+    for side in ("upper", "lower"):
+        on = contacts["side"] == SIDES.index(side)
         forces = np.bincount(contacts["body"][on], contacts["normal_force"][on], count)
         if forces.sum() > 0.0:
             return np.asarray(forces / forces.sum())
