@@ -84,17 +84,16 @@ class Column:
 def growing(
     group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, rows_ahead: int = 256, compress: bool = False
 ) -> Column:
-    """Return the growing data set of that name, created if missing; chunks hold `rows_ahead` rows."""
-    if name not in group:
-        kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        kind.set_chunk((rows_ahead, *tail))
-        # Else every new chunk is first filled with zeros: twice the bytes.
-        kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-        if compress:
-            kind.set_shuffle()
-            kind.set_deflate(LEVEL)
-        rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
-        h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
+    """Return a new growing data set of that name; chunks hold `rows_ahead` rows."""
+    kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    kind.set_chunk((rows_ahead, *tail))
+    # Else every new chunk is first filled with zeros: twice the bytes.
+    kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    if compress:
+        kind.set_shuffle()
+        kind.set_deflate(LEVEL)
+    rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
+    h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
     return Column(group[name])
 
 
@@ -111,62 +110,47 @@ def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:
 class Block:
     """Temporal PolyData block; its cells are runs of `per_cell` consecutive points, all of one kind."""
 
-    def __init__(self, group: h5py.Group, kind: str, per_cell: int, rows: int, storage: Storage = PLAIN):
-        self._group, self._kind, self._per_cell, self._storage = group, kind, per_cell, storage
+    def __init__(self, group: h5py.Group, name: str, rows: int, storage: Storage = PLAIN):
+        self._group, self._storage = group, storage
+        self._kind, self._per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
         # A few frames per chunk: small files for small runs and few chunks for large ones.
-        self._ahead = int(np.clip(4 * rows, 64, 65536))
+        ahead = int(np.clip(4 * rows, 64, 65536))
         # A compressed chunk is a whole frame and written once: one that were written again would move, and a kill within that
         # could damage frames that are committed.
-        self._chunk = max(1, rows) if storage.compress else self._ahead
-        if "Type" not in group:
-            group.attrs["Version"] = np.array(VERSION, np.int64)
-            group.attrs.create("Type", np.bytes_(b"PolyData"))
-        self._data = group.require_group("PointData")
-        self._steps = group["Steps"]
-        self._offsets = self._steps.require_group("PointDataOffsets")
-        for name in ("CellData", "FieldData", "Steps/CellDataOffsets", "Steps/FieldDataOffsets"):
-            group.require_group(name)
-        number = np.float32 if storage.single_points else np.float64
-        self._points = growing(group, "Points", (3,), number, self._chunk, storage.compress)
-        self._make_topology()
-        self._static = {name: self._offset_column(name) for name in self._data}
-        self._varying: dict[str, tuple[Column, Column]] = {}
-
-    def _make_topology(self) -> None:
-        group, steps = self._group, self._steps
+        self._chunk = max(1, rows) if storage.compress else ahead
+        group.attrs["Version"] = np.array(VERSION, np.int64)
+        group.attrs.create("Type", np.bytes_(b"PolyData"))
+        self._data, self._steps = group.create_group("PointData"), group["Steps"]
+        self._offsets = self._steps.create_group("PointDataOffsets")
+        for empty in ("CellData", "FieldData", "Steps/CellDataOffsets", "Steps/FieldDataOffsets"):
+            group.create_group(empty)
+        self._points = growing(
+            group, "Points", (3,), np.float32 if storage.single_points else np.float64, self._chunk, storage.compress
+        )
         self._point_count = growing(group, "NumberOfPoints", (), np.int64)
         self._cells = {
             cells: {
-                "Connectivity": growing(group.require_group(cells), "Connectivity", (), np.int64, self._ahead),
-                "Offsets": growing(group[cells], "Offsets", (), np.int64, self._ahead),
+                "Connectivity": growing(group.create_group(cells), "Connectivity", (), np.int64, ahead),
+                "Offsets": growing(group[cells], "Offsets", (), np.int64, ahead),
                 "NumberOfCells": growing(group[cells], "NumberOfCells", (), np.int64),
                 "NumberOfConnectivityIds": growing(group[cells], "NumberOfConnectivityIds", (), np.int64),
             }
             for cells in CELL_GROUPS
         }
+        steps = self._steps
         self._values = growing(steps, "Values", (), np.float64)
         self._step = {name: growing(steps, name, (), np.int64) for name in ("PartOffsets", "NumberOfParts", "PointOffsets")}
         self._zeros = [growing(steps, n, (4,), np.int64) for n in ("CellOffsets", "ConnectivityIdOffsets")]
         for columns in self._cells.values():
-            if columns["Offsets"].length == 0:
-                columns["Offsets"].extend([0])
-
-    def _offset_column(self, name: str) -> Column:
-        return growing(self._offsets, name, (), np.int64)
+            columns["Offsets"].extend([0])
+        self._static: dict[str, Column] = {}
+        self._varying: dict[str, tuple[Column, Column]] = {}
 
     def write_static(self, arrays: Arrays) -> None:
         """Write arrays that hold for every frame."""
         for name, values in arrays.items():
-            array = as_numbers(name, values)
-            self._group["PointData"].create_dataset(name, data=array)
-            self._static[name] = self._offset_column(name)
-
-    def restrict_static(self, names: Sequence[str]) -> None:
-        """After reopening: only `names` are static, the others go on growing."""
-        for name in list(self._static):
-            if name not in names:
-                offsets = self._static.pop(name)
-                self._varying[name] = (Column(self._data[name]), offsets)
+            self._data.create_dataset(name, data=as_numbers(name, values))
+            self._static[name] = growing(self._offsets, name, (), np.int64)
 
     def plain(self, arrays: Arrays) -> dict[str, np.ndarray]:
         """Return the arrays of a frame in the stored types; ValueError when they do not fit the block."""
@@ -206,7 +190,7 @@ class Block:
             return self._points, self._step["PointOffsets"]
         if name not in self._varying:
             data = growing(self._data, name, array.shape[1:], array.dtype, self._chunk, self._storage.compress)
-            self._varying[name] = (data, self._offset_column(name))
+            self._varying[name] = (data, growing(self._offsets, name, (), np.int64))
         return self._varying[name]
 
     def _append_cells(self, count: int) -> None:

@@ -76,11 +76,23 @@ class TrajectoryWriter:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
         self._named, self._before = copy_of or (self.path, 0)
-        self._selection = selection
+        self._units: Mapping[str, str] = header["units"]
+        self.frames = 0
+        rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
+        bodies = rows.get("clumps", 1)
+        ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
         with self._write_errors():
-            rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
-            self._open("w", rows)
-            root = self._file["VTKHDF"]
+            # a new file of that name, not the old one truncated: processes that read the old one keep it
+            self.path.unlink(missing_ok=True)
+            self._sink = Sink(self.path, "w+")
+            # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
+            self._file = h5py.File(self._sink, "w", libver=FORMAT, rdcc_nbytes=0, fs_strategy="page", fs_page_size=PAGE)
+            root = self._file.create_group("VTKHDF", track_order=True)
+            for name in BLOCKS:  # before anything else, so that they lie in one page
+                root.create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
+            self._blocks = {name: Block(root[name], name, ahead[name], selection.storage(name)) for name in BLOCKS}
+            self._scene, series = self._file.create_group("scene"), self._file.create_group("series")
+            self._columns: dict[str, dict[str, Column]] = {"series": {}, PROFILE_GROUP: {}, MAPS: {}}
             root.attrs["Version"] = np.array(VERSION, np.int64)
             root.attrs.create("Type", np.bytes_(b"MultiBlockDataSet"))
             assembly = root.create_group("Assembly", track_order=True)
@@ -92,9 +104,8 @@ class TrajectoryWriter:
                 _write_text(self._scene, name, value)
             write_surfaces(self._file, surfaces)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
-            self._file["series"].attrs["NSteps"] = np.int64(0)
+            series.attrs["NSteps"] = np.int64(0)
             self._flush()
-        self._units: Mapping[str, str] = header["units"]
 
     @classmethod
     def resume(
@@ -108,56 +119,27 @@ class TrajectoryWriter:
         a finished run is dropped. `between` is called before every frame that is copied; if it raises, the file stays unchanged.
         Raises InputError when the file is not a run or has fewer frames.
         """
-        path = Path(path)
+        path, writer = Path(path), None
         copy = path.with_name(path.name + ".part")
-        writer = cls.__new__(cls)
-        writer.path = writer._named = path
-        writer._before, writer._selection = frames, selection
         try:
             with RunArrays(path) as old:
                 if frames > old.frames:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-                with cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection) as new:
-                    for number in range(frames):
-                        between()
-                        new.append(_stored_frame(old, number))
-                    new.sync()  # the checkpoint on the disk refers to these frames
+                writer = cls(copy, header or old.header, static_arrays(old), (path, old.frames), old.surfaces, selection)
+                for number in range(frames):
+                    between()
+                    writer.append(_stored_frame(old, number))
+                writer.sync()  # the checkpoint on the disk refers to these frames
             with writer._write_errors():
                 os.replace(copy, path)
         except BaseException:
+            if writer is not None:
+                writer.close()
             with suppress(OSError):  # a read-only folder refuses that too
                 copy.unlink(missing_ok=True)
             raise
-        with writer._write_errors():
-            writer._open("r+", {})
-            static = json.loads(writer._scene[STATIC_TEXT][()])
-            for name, block in writer._blocks.items():
-                block.restrict_static(static.get(name, ()))
-            writer._units = json.loads(writer._scene["units"][()])
+        writer.path, writer._named, writer._before = path, path, frames
         return writer
-
-    def _open(self, mode: str, rows: Mapping[str, int]) -> None:
-        if mode == "w":  # a new file of that name, not the old one truncated: processes that read the old one keep it
-            self.path.unlink(missing_ok=True)
-        # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
-        self._sink = Sink(self.path, "w+" if mode == "w" else mode)
-        pages = {"fs_strategy": "page", "fs_page_size": PAGE} if mode == "w" else {}
-        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0, **pages)
-        if mode == "w":
-            self._file.create_group("VTKHDF", track_order=True)
-            for name in BLOCKS:  # before anything else, so that they lie in one page
-                self._file["VTKHDF"].create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
-        root = self._file["VTKHDF"]
-        bodies = rows.get("clumps", 1)
-        ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
-        self._blocks = {}
-        for name in BLOCKS:
-            kind, per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
-            self._blocks[name] = Block(root.require_group(name), kind, per_cell, ahead[name], self._selection.storage(name))
-        self._scene = self._file.require_group("scene")
-        self.frames = int(self._file.require_group("series").attrs.get("NSteps", 0))
-        groups = ("series", PROFILE_GROUP, MAPS)
-        self._columns = {g: {name: Column(values) for name, values in self._file.get(g, {}).items()} for g in groups}
 
     def append(self, frame: Frame) -> None:
         """Write and commit one frame.
