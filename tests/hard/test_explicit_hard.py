@@ -12,12 +12,12 @@ from slow import slow
 from theory import builders as make
 from thirdbody_three_spot import theory
 
-from thirdbody.api import open_run
 from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.tables import body, body_extra, contact_state, run_totals
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Effects, Motion, Scene, UpperPlate
+from thirdbody.trajectory.reader import open_run
 
 SCENES = Path(__file__).parents[2] / "scenes"
 RADIUS = 1e-3

@@ -14,7 +14,6 @@ import pytest
 from each import each
 from steel import scene_text
 
-from thirdbody.api import run
 from thirdbody.assembly.load_checks import refuse_crushing, times
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.islands import expected_islands
@@ -30,6 +29,7 @@ from thirdbody.report.tables import run_report
 from thirdbody.report.wear_check import expected_wear
 from thirdbody.runner.prepare import prepare
 from thirdbody.runner.run_warnings import run_warnings
+from thirdbody.runner.simulate import run
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

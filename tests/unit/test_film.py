@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 
-from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
 from thirdbody.render.closeup_data import _spots, read_close_up
@@ -19,6 +18,7 @@ from thirdbody.render.force_tubes import force_tubes, nearest_image
 from thirdbody.render.layout import compute_layout
 from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
+from thirdbody.trajectory.reader import open_run
 
 
 @pytest.fixture(scope="module")

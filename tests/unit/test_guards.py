@@ -12,7 +12,6 @@ import pytest
 from hard import trial as make
 from hard.trial import Setting, Trial
 
-from thirdbody.api import open_run
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.explicit import Explicit
@@ -26,6 +25,7 @@ from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Domain, Scene
+from thirdbody.trajectory.reader import open_run
 
 BOTH = pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 

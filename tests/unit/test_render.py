@@ -10,7 +10,6 @@ import pytest
 from layer import R, hue_share, skip_unless_drawable, write_layer
 from PIL import Image
 
-from thirdbody.api import open_run
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.quantity import with_unit
@@ -19,6 +18,7 @@ from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
 from thirdbody.render.force_tubes import TUBE
 from thirdbody.render.picture_data import close_up_window, read_picture_data
 from thirdbody.render.render import render
+from thirdbody.trajectory.reader import open_run
 
 
 @pytest.fixture(scope="module")

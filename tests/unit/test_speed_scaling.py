@@ -9,7 +9,6 @@ import pytest
 from each import each
 from steel import scene_text
 
-from thirdbody.api import open_run, resume, run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
@@ -18,10 +17,12 @@ from thirdbody.errors import InputError, Interrupted
 from thirdbody.report.bed_report import speed_report
 from thirdbody.report.scene_check import Check, check_report
 from thirdbody.runner.prepare import prepare
+from thirdbody.runner.resume import resume
 from thirdbody.runner.run_loop import WallTimes
-from thirdbody.runner.simulate import execute
+from thirdbody.runner.simulate import execute, run
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed_scale import at_speed
+from thirdbody.trajectory.reader import open_run
 
 BALL = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\n'
 AT = 'positions = [["50 um", "50 um", "5 um"]]'

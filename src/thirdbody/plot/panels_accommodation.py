@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import scale_values, unit_for
-from thirdbody.trajectory.bed import WORDS, accommodation_fractions, short_accommodation_text
+from thirdbody.trajectory.accommodation_fractions import WORDS, accommodation_fractions, short_accommodation_text
 
 ACCOMMODATION_NOTE = (
     "Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the rotation"
@@ -31,7 +31,7 @@ def why_no_accommodation(data: RunData) -> str:
 
 def accommodation_title(data: RunData) -> str:
     """Return the fractions in words."""
-    fractions = accommodation_fractions(data.run.drag)
+    fractions = accommodation_fractions(data.run)
     return "Velocity accommodation" + (f": {short_accommodation_text(fractions)}" if fractions else "")
 
 

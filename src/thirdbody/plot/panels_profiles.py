@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import quantity_text, unit_for
+from thirdbody.trajectory.bed_verdict import steady
 
 PROFILES_NOTE = (
     "Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along the motion of"
@@ -72,7 +73,7 @@ def draw_stress(axes: Axes, data: RunData) -> None:
     """Draw normal and shear stress across the slabs, and the forces of the plates over their area."""
     k = "xyz".index(_axis(data))
     lines = [("normal", _mean(data, _stress(data)[..., k]), LINES["blue"])]
-    if np.abs(data.drag.headings[data.drag.steady, k]).max() < ALONG:
+    if np.abs(data.drag.headings[steady(data.run), k]).max() < ALONG:
         lines.append(("shear", -_along(data, _stress(data)), LINES["vermilion"]))
     factor, unit = unit_for(np.concatenate([values for _, values, _ in lines]), "Pa")
     for name, values, color in lines:
@@ -146,6 +147,6 @@ def _along(data: RunData, vectors: np.ndarray) -> np.ndarray:
 
 def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
     """Return the mean over the intervals that count, by time."""
-    chosen = data.drag.steady
+    chosen = steady(data.run)
     weights = data.drag.durations[chosen]
     return np.tensordot(weights, values[chosen], 1) / weights.sum()

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from thirdbody.palette import state_colors
-from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.friction import averaged
+from thirdbody.trajectory.reader import Run
 
 
 class RunData:
     """Data of one run for its plots; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
 
-    def __init__(self, run: RunFile, frame: int = -1):
+    def __init__(self, run: Run, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
         self.series, self.frames, self.drag = run.series, run.frames, run.drag
         self.dragged, self.stroke, self.start = self.drag.dragged, self.drag.stroke, self.drag.start
@@ -44,7 +45,7 @@ class RunData:
     @cached_property
     def averaged(self) -> np.ndarray:
         """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
-        return self.run.drag.averaged
+        return averaged(self.run)
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:

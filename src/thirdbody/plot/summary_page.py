@@ -28,7 +28,7 @@ from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
-from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.trajectory.reader import Run, open_run
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27
@@ -144,7 +144,7 @@ def _one_warning_of_letters(path: Path) -> Iterator[None]:
         warnings.warn(f"{path}: the font has no sign for some letters, which are drawn as boxes", stacklevel=3)
 
 
-def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
+def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
     """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
     check_names(panels)
     if not run.frames:

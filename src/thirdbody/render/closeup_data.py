@@ -12,9 +12,9 @@ from thirdbody.palette import STATE_COLORS, pale
 from thirdbody.render.coloring import LegendScale
 from thirdbody.render.force_tubes import nearest_image
 from thirdbody.render.picture_data import FREE_SCALE, PictureData, domain_of, read_picture_data
-from thirdbody.trajectory.read_blocks import rows_of
-from thirdbody.trajectory.run_file import RunFile
-from thirdbody.trajectory.sampling import ELSEWHERE
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.rebuilt_spheres import rows_of
+from thirdbody.trajectory.sample import ELSEWHERE
 
 UNLABELLED = "#5A626C"
 
@@ -49,7 +49,7 @@ class CloseUpData:
     color: str
 
 
-def read_close_up(run: RunFile, frame: int, body: int, color: str, scale: LegendScale = FREE_SCALE) -> CloseUpData:
+def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScale = FREE_SCALE) -> CloseUpData:
     """Return the close-up of the body with this id. Raises InputError when it, or recorded contacts, are missing."""
     bodies = run.bodies(frame)
     ids = bodies.get("id", np.arange(len(bodies["position"])))
@@ -76,7 +76,7 @@ def read_close_up(run: RunFile, frame: int, body: int, color: str, scale: Legend
     return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, state_color)
 
 
-def _spots(run: RunFile, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
+def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
     """Return the contacts with positions relative to the body's centre."""
     contacts = run.contacts(frame)
     missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)

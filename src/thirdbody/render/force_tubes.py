@@ -10,7 +10,7 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.palette import rgb
 from thirdbody.render.coloring import Arrays, Coloring
-from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.rebuilt_spheres import rows_of
 
 if TYPE_CHECKING:
     import pyvista

@@ -8,13 +8,13 @@ from pathlib import Path
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
 from thirdbody.quantity import percent, quantity_text
-from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.reader import Run
 
 SIZE = (960, 540)
 """Size of the picture [pixels]."""
 
 
-def run_html(run: RunFile) -> str:
+def run_html(run: Run) -> str:
     """Return table and picture as self-contained HTML; where drawing fails one sentence gives the reason."""
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
@@ -22,7 +22,7 @@ def run_html(run: RunFile) -> str:
     return f"<div><b>{title}</b><table>{rows}</table>{_picture(run)}</div>"
 
 
-def _rows(run: RunFile) -> list[tuple[str, str]]:
+def _rows(run: Run) -> list[tuple[str, str]]:
     """Return names and values, the values as HTML."""
     figures = run.summary()
     end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
@@ -48,7 +48,7 @@ def _states(fractions: dict[str, float]) -> str:
     )
 
 
-def _picture(run: RunFile) -> str:
+def _picture(run: Run) -> str:
     from thirdbody.render.render import render
 
     if not run.frames:

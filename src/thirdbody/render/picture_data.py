@@ -13,9 +13,9 @@ from thirdbody.render.coloring import Arrays, Legend, LegendScale, compute_color
 from thirdbody.render.force_tubes import Tubes, force_tubes
 from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces
 from thirdbody.trajectory.names import LOWER_PLATE
-from thirdbody.trajectory.read_blocks import rows_of
-from thirdbody.trajectory.run_file import RunFile
-from thirdbody.trajectory.states import code_name
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.rebuilt_spheres import rows_of
+from thirdbody.trajectory.state_groups import code_name
 
 Window = tuple[np.ndarray, np.ndarray]
 """Lowest and highest corner (2,) of a part of the domain [m]."""
@@ -91,7 +91,7 @@ class PictureData:
         return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
 
 
-def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
+def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
     """Return the data of the picture of one frame, optionally with contact forces; `scale` is that of its film.
 
     Raises IndexError for the frame, InputError for an unknown array.
@@ -128,7 +128,7 @@ def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False
     )
 
 
-def _touching(run: RunFile, frame: int, bodies: Arrays, shift: np.ndarray) -> Touching:
+def _touching(run: Run, frame: int, bodies: Arrays, shift: np.ndarray) -> Touching:
     """Return the loaded contacts with the lower plate."""
     contacts = run.block("contacts", frame)
     chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
@@ -136,7 +136,7 @@ def _touching(run: RunFile, frame: int, bodies: Arrays, shift: np.ndarray) -> To
     return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
 
 
-def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> None:
+def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
     """Raise InputError for a frame with a body without a valid position, as a damaged file may hold it."""
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
         lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # includes NaN
@@ -147,7 +147,7 @@ def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> No
         raise InputError(f"{run.path}: frame {frame} cannot be drawn: sphere {int(np.argmin(spheres['radius']))} has no radius")
 
 
-def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
+def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
     """Return state, reason and, if there are several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
@@ -161,7 +161,7 @@ def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
     return tuple(words)
 
 
-def domain_of(run: RunFile) -> tuple[np.ndarray | None, bool]:
+def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
     """Return the size (2,) of the domain [m], None without, and whether it is periodic."""
     domain = run.header.get("domain")
     if not domain:
@@ -172,7 +172,7 @@ def domain_of(run: RunFile) -> tuple[np.ndarray | None, bool]:
         raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
 
 
-def _wrap_shift(run: RunFile, position: np.ndarray) -> np.ndarray:
+def _wrap_shift(run: Run, position: np.ndarray) -> np.ndarray:
     """Return the vectors (B, 3) to subtract so that each body's centre lies in the periodic domain; bodies stay whole."""
     size, periodic = domain_of(run)
     shift = np.zeros_like(position)
@@ -181,7 +181,7 @@ def _wrap_shift(run: RunFile, position: np.ndarray) -> np.ndarray:
     return shift
 
 
-def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
+def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
     """Return the lowest and highest corner of the space between the plates."""
     size, periodic = domain_of(run)
     radius = spheres["radius"][:, None]
@@ -202,7 +202,7 @@ def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -
     return low, high
 
 
-def _drag(run: RunFile, frame: int, plates: np.ndarray) -> np.ndarray:
+def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
     """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
     if len(plates) < 8 or run.frames < 2:
@@ -215,7 +215,7 @@ def _drag(run: RunFile, frame: int, plates: np.ndarray) -> np.ndarray:
     return step / length if length > 1e-12 * extent else np.zeros(2)
 
 
-def _facts(run: RunFile, frame: int, count: int) -> str:
+def _facts(run: Run, frame: int, count: int) -> str:
     number = run.frame_number(frame)
     facts = [f"time {with_unit(run.times[number], 's')}"]
     if "distance" in run.series:

@@ -15,9 +15,9 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, nearest
 from thirdbody.quantity import GLUE, quantity_text
-from thirdbody.trajectory.plates import PLATES
-from thirdbody.trajectory.run_file import RunFile
-from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
+from thirdbody.trajectory.map_statistics import NO_MAPS, maps_of_cycles
+from thirdbody.trajectory.plate_maps import PLATES
+from thirdbody.trajectory.reader import Run
 
 DOTS = 100.0
 """Pixels per inch."""
@@ -26,7 +26,7 @@ DARK = 0.15
 """Part of the colour scale that is cut off where nothing lies, so that a faint trace stands out."""
 
 
-def draw_plate_map(run: RunFile, file: Path, plate: str, options: dict[str, Any]) -> Path:
+def draw_plate_map(run: Run, file: Path, plate: str, options: dict[str, Any]) -> Path:
     """Write the picture of a map. Raises InputError for a plate or a map that the run does not have, OutputError.
 
     `options`: `color` (name of the map), `frame`, `size` in pixels, `cycles` (None: the map of the frame).
@@ -53,7 +53,7 @@ def draw_plate_map(run: RunFile, file: Path, plate: str, options: dict[str, Any]
     return file
 
 
-def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
+def plate_map(run: Run, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
     """Return a map (n_y, n_x) and what it shows. Raises InputError for a plate, map or cycles that the run does not have."""
     if plate not in PLATES:
         raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
@@ -64,7 +64,7 @@ def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: fl
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
         return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
-    values = maps_of_cycles(run.drag, plate, cycles)[name]
+    values = maps_of_cycles(run, plate, cycles)[name]
     return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
 
 

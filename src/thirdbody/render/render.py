@@ -71,7 +71,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     cannot be written.
     """
     from thirdbody.render.picture_data import refuse_lost
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.reader import open_run
 
     output, chosen = checked_output(output), PictureOptions(**options)
     _check_options(output, chosen)

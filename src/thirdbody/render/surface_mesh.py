@@ -12,7 +12,7 @@ from thirdbody.palette import rgb
 if TYPE_CHECKING:
     import pyvista
 
-    from thirdbody.trajectory.run_file import RunFile
+    from thirdbody.trajectory.reader import Run
 
 LOWEST, HIGHEST = "#47536A", "#FFFDF7"
 """Colours of the lowest and highest points: greys, so that the colours of states stand out."""
@@ -69,7 +69,7 @@ class PlateSurface:
         return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
 
 
-def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
+def read_plate_surfaces(run: Run, frame: int) -> dict[str, PlateSurface]:
     """Return the surfaces of the rough plates at their places in a frame."""
     return {
         side: PlateSurface(

@@ -17,7 +17,7 @@ from thirdbody.render.film import gif, mp4
 from thirdbody.render.film_progress import DRAWN
 from thirdbody.render.layout import compute_layout, draw_picture
 from thirdbody.render.picture_data import read_picture_data
-from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.trajectory.reader import Run, open_run
 
 
 def draw_run(job: dict[str, Any]) -> None:
@@ -35,7 +35,7 @@ OPTIONS = ("color", "size", "zoom", "view", "forces", "body")
 """Keys of a job that change the look of a still."""
 
 
-def origin(run: RunFile, job: dict[str, Any]) -> dict[str, str]:
+def origin(run: Run, job: dict[str, Any]) -> dict[str, str]:
     """Return the origin of a still for its PNG text chunks: title, frame, time, options, the resolved scene as TOML."""
     number = job["frames"][-1]
     return {
@@ -55,7 +55,7 @@ def _reported(pictures: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
         print(f"{DRAWN}{number}", flush=True)
 
 
-def _draw_pictures(run: RunFile, job: dict[str, Any], canvas: Canvas) -> Iterator[np.ndarray]:
+def _draw_pictures(run: Run, job: dict[str, Any], canvas: Canvas) -> Iterator[np.ndarray]:
     """Yield the picture of each frame, all in one layout: only what moves in the run moves in the film."""
     numbers, color = job["frames"], job["color"]
     scale = reduce(or_, (read_picture_data(run, number, color).legend.scale for number in numbers))

@@ -10,7 +10,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.tables import CAN_SLIDE, NO_FORECAST
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
 from thirdbody.report.forecast_conditions import conditions, touches_others
-from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.reader import Run
 
 WATCHED = 40.0
 """Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""
@@ -18,7 +18,7 @@ WATCHED = 40.0
 ROLLING, SLIDING = "rolling", "sliding"
 
 
-def compare_forecast(run: RunFile) -> dict[str, Any]:
+def compare_forecast(run: Run) -> dict[str, Any]:
     """Compare the forecast at the start of the drag (can the body go on without rolling?) with rolling labels within 40 a.
 
     Keys: `frame` of the forecast, `agree`, `forecast` (number of bodies forecast and watched), `unwatched` (bodies without any
@@ -46,7 +46,7 @@ def compare_forecast(run: RunFile) -> dict[str, Any]:
     return result | (_explanation(run, start, watched, known) if known.any() else {})
 
 
-def _explanation(run: RunFile, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
     """Return the explanation of an agreement: counts outside the band, with and without neighbours, and the run's conditions.
 
     Keys: `clear` and `alone`, (agree, forecast) of the bodies outside the 2 % band and of those that meanwhile touch no other;
@@ -66,7 +66,7 @@ def _explanation(run: RunFile, start: int, watched: np.ndarray, known: np.ndarra
     }
 
 
-def forecasts(run: RunFile) -> Forecasts:
+def forecasts(run: Run) -> Forecasts:
     """Return the bodies that have a forecast when the drag starts, for the picture; none without a forecast or a drag."""
     start = start_of_drag(run)
     known = np.zeros(0, int)
@@ -85,7 +85,7 @@ def forecasts(run: RunFile) -> Forecasts:
 
 def draw_forecast(path: Path, picture: Path) -> None:
     """Draw forecast against observation of the run at `path`. Raises like `draw_forecasts`, InputError without either."""
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
         result = forecasts(run)
@@ -94,7 +94,7 @@ def draw_forecast(path: Path, picture: Path) -> None:
         draw_forecasts(result, picture, run.header.get("title", ""))
 
 
-def start_of_drag(run: RunFile) -> int | None:
+def start_of_drag(run: Run) -> int | None:
     """Return the frame at which the drag starts; None when the run has no forecast, no contacts or no drag."""
     if not run.has_contacts:
         return None
@@ -103,12 +103,12 @@ def start_of_drag(run: RunFile) -> int | None:
     return run.drag.start if run.drag.dragged else None
 
 
-def _was(run: RunFile, state: str, start: int) -> np.ndarray:
+def _was(run: Run, state: str, start: int) -> np.ndarray:
     """Return whether each body (B,) was in the state at some time of its first 40 a of drag."""
     return ((run.states == run.state_names.index(state)) & watched_frames(run, start)).any(axis=0)
 
 
-def rolled_within(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray:
+def rolled_within(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
     """Return whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
 
     A positive rolled distance reveals rolling between frames: a body that tips onto a better seat does so within a micrometre.
@@ -124,7 +124,7 @@ def rolled_within(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray:
     return rolled
 
 
-def _rotated(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray | None:
+def _rotated(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
     """Return whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
 
     None for a file without orientations.
@@ -144,7 +144,7 @@ def _rotated(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray | None
     return rotated
 
 
-def watched_frames(run: RunFile, start: int) -> np.ndarray:
+def watched_frames(run: Run, start: int) -> np.ndarray:
     """Return the frames (F, B) after the start of the drag within 40 a of each body, over which its forecast is checked."""
     distance, contacts = run.series["distance"], run.contacts(start)
     radius = np.zeros(run.states.shape[1])
@@ -152,7 +152,7 @@ def watched_frames(run: RunFile, start: int) -> np.ndarray:
     return (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
 
 
-def _friction(run: RunFile) -> np.ndarray:
+def _friction(run: Run) -> np.ndarray:
     """Return the lower of the two friction coefficients of each material against the plates: there a body slides first."""
     scene = tomllib.loads(run.scene_text)
     of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}

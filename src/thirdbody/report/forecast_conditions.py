@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.quantity import percent
-from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.reader import Run
 
 MAX_NEIGHBOURS = 0.2
 """Fraction of the bodies that touch another one in the watched drag."""
@@ -36,7 +36,7 @@ class Condition(NamedTuple):
     satisfied: bool
 
 
-def conditions(run: RunFile, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
+def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
     """Return the assumptions, each evaluated for the run.
 
     `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `report` (B,) the bodies
@@ -60,7 +60,7 @@ def conditions(run: RunFile, start: int, watched: np.ndarray, report: np.ndarray
     ]  # fmt: skip
 
 
-def touches_others(run: RunFile, watched: np.ndarray) -> np.ndarray:
+def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
     """Return the bodies (B,) that touch another body in a frame in which they are watched."""
     result = np.zeros(watched.shape[1], bool)
     for frame in np.flatnonzero(watched.any(axis=1)):
@@ -71,14 +71,14 @@ def touches_others(run: RunFile, watched: np.ndarray) -> np.ndarray:
     return result
 
 
-def _overlap(run: RunFile, start: int) -> float:
+def _overlap(run: Run, start: int) -> float:
     """Return the median of overlap over radius of curvature of the loaded contacts: a^2 = R overlap, Hertz."""
     contacts = run.contacts(start)
     loaded = contacts["contact_radius"] > 0.0
     return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
 
 
-def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray) -> float:
+def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> float:
     """Return the median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
     bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
     load, radius = np.zeros(count), np.zeros(count)
@@ -92,7 +92,7 @@ def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray)
     return float(np.median(ratio))
 
 
-def _reversed_fraction(run: RunFile, start: int, watched: np.ndarray) -> float:
+def _reversed_fraction(run: Run, start: int, watched: np.ndarray) -> float:
     """Return the fraction of the watched drag that is reversed: 0 for one-way sliding."""
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
@@ -104,7 +104,7 @@ def _reversed_fraction(run: RunFile, start: int, watched: np.ndarray) -> float:
     return reversed_fraction if reversed_fraction > ROUNDED else 0.0
 
 
-def _support(run: RunFile) -> tuple[str, bool]:
+def _support(run: Run) -> tuple[str, bool]:
     """Return the support of the upper plate in words, and whether it yields to each body: else a tipping body wedges."""
     upper = tomllib.loads(run.scene_text).get("plates", {}).get("upper", {})
     support = str(upper.get("support", "rigid")).replace("_", " ")

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.errors import InputError
 from thirdbody.quantity import percent, quantity_text
 from thirdbody.report.tables import table
-from thirdbody.trajectory.summary import NO_MAPS
+from thirdbody.trajectory.map_statistics import NO_MAPS
 
 if TYPE_CHECKING:
-    from thirdbody.trajectory.run_file import RunFile
+    from thirdbody.trajectory.reader import Run
 
 
-def map_report(run: RunFile, cycles: float | None) -> dict[str, list[dict[str, Any]]]:
+def map_report(run: Run, cycles: float | None) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of `Run.map_statistics` by what they are of: the run, and so many cycles; one where there is a rate.
 
     Raises InputError for cycles without a rate, or without maps.

@@ -15,7 +15,7 @@ import numpy as np
 
 from thirdbody.kernels.tables import DEBRIS, UPPER
 from thirdbody.report.friction_cones import IMPOSSIBLE, POSSIBLE, UNDECIDED, Support, can_slide, can_stick
-from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.reader import Run
 
 WINDOW = 4.0
 """Drag, in contact radii, over which a spot whose plate falls away stays loaded if its overlap lasts: a window of the labels."""
@@ -29,7 +29,7 @@ class SlopeForecast(NamedTuple):
     supported: np.ndarray
 
 
-def slope_forecast(run: RunFile, frame: int, drag: np.ndarray) -> SlopeForecast:
+def slope_forecast(run: Run, frame: int, drag: np.ndarray) -> SlopeForecast:
     """Return the forecast of all bodies in a frame; `drag` (2,): direction of the upper plate relative to the lower one."""
     bodies, contacts = run.bodies(frame), run.contacts(frame)
     count = len(bodies["position"])
@@ -66,7 +66,7 @@ def _either_side(support: Support, drag: np.ndarray, reach: np.ndarray) -> int:
     return UNDECIDED if UNDECIDED in verdicts else IMPOSSIBLE
 
 
-def _friction(run: RunFile) -> np.ndarray:
+def _friction(run: Run) -> np.ndarray:
     """Return the friction coefficients (2, M) of each material against the lower and the upper plate."""
     scene = tomllib.loads(run.scene_text)
     of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}
@@ -74,7 +74,7 @@ def _friction(run: RunFile) -> np.ndarray:
     return np.array([[of_pair.get(frozenset((name, plate)), np.nan) for name in run.header["materials"]] for plate in plates])
 
 
-def _acceleration(run: RunFile) -> np.ndarray:
+def _acceleration(run: Run) -> np.ndarray:
     """Return the acceleration of gravity (3,) [m/s2] of a run's scene."""
     if "gravity" not in tomllib.loads(run.scene_text).get("effects", {}):
         return np.zeros(3)

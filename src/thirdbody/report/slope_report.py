@@ -13,7 +13,7 @@ from thirdbody.report.friction_cones import IMPOSSIBLE, POSSIBLE, UNDECIDED
 from thirdbody.report.slope_forecast import SlopeForecast, slope_forecast
 from thirdbody.report.tables import print_json, table
 from thirdbody.system.terminal import print_line
-from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.trajectory.reader import Run, open_run
 
 WORDS = {POSSIBLE: "possible", IMPOSSIBLE: "impossible", UNDECIDED: "undecided"}
 
@@ -42,7 +42,7 @@ def slopes_report(path: Path, frame: int | None, json: bool) -> None:
             _print(run, result)
 
 
-def direction(run: RunFile, frame: int) -> np.ndarray:
+def direction(run: Run, frame: int) -> np.ndarray:
     """Return the unit direction (2,) of the upper plate relative to the lower one, from a frame to the next, or to the last."""
     first = min(frame, run.frames - 2)
     now, then = (run.plates(k)["position"] for k in (first, first + 1))
@@ -53,7 +53,7 @@ def direction(run: RunFile, frame: int) -> np.ndarray:
     return np.asarray(moved / length)
 
 
-def verdicts(run: RunFile, frame: int, forecast: SlopeForecast) -> dict[str, Any]:
+def verdicts(run: Run, frame: int, forecast: SlopeForecast) -> dict[str, Any]:
     """Return, by state at the frame, the numbers of bodies that can, cannot, or are not known to stick and to slide."""
     states = run.states[frame]
     return {
@@ -66,7 +66,7 @@ def verdicts(run: RunFile, frame: int, forecast: SlopeForecast) -> dict[str, Any
     }
 
 
-def outcome(run: RunFile, start: int, forecast: SlopeForecast) -> dict[str, list[int]]:
+def outcome(run: Run, start: int, forecast: SlopeForecast) -> dict[str, list[int]]:
     """Return how many bodies of each verdict on sliding rolled within `WATCHED` contact radii of drag, and how many did not."""
     watched = watched_frames(run, start)
     rolled, visible = rolled_within(run, start, watched), watched.any(axis=0) & forecast.supported
@@ -76,7 +76,7 @@ def outcome(run: RunFile, start: int, forecast: SlopeForecast) -> dict[str, list
     }
 
 
-def _print(run: RunFile, result: dict[str, Any]) -> None:
+def _print(run: Run, result: dict[str, Any]) -> None:
     print_line(
         f"frame {result['frame']}: {result['supported']} of {run.states.shape[1]} bodies are held by both plates and touch no "
         "other; forecast on the slopes of their contacts, by linear programmes"

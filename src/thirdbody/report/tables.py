@@ -18,7 +18,7 @@ from thirdbody.units import pretty
 
 if TYPE_CHECKING:
     from thirdbody.laws.registry import Registry
-    from thirdbody.trajectory.run_file import RunFile
+    from thirdbody.trajectory.reader import Run
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -68,8 +68,9 @@ def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
     from thirdbody.runner.accuracy_warnings import step_words
     from thirdbody.runner.yield_check import yield_words
-    from thirdbody.trajectory.bed import accommodation_text, bed_rows
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.accommodation_fractions import accommodation_text
+    from thirdbody.trajectory.bed_verdict import bed_rows
+    from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as result:
         report = result.summary()
@@ -134,7 +135,7 @@ def speed_words(report: Mapping[str, Any]) -> str:
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the final states of every population, and of every material where populations share one: name and fractions."""
-    from thirdbody.trajectory.states import fractions_text, informative_groups
+    from thirdbody.trajectory.state_groups import fractions_text, informative_groups
 
     kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
     return [
@@ -148,9 +149,9 @@ def _load(row: Mapping[str, Any]) -> str:
     return f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
 
 
-def _print_groups(run: RunFile, frame: int) -> None:
+def _print_groups(run: Run, frame: int) -> None:
     """Print the states of one frame by population, material and size."""
-    from thirdbody.trajectory.states import informative_groups, states_by_group
+    from thirdbody.trajectory.state_groups import informative_groups, states_by_group
 
     headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
     for kind, rows in informative_groups(states_by_group(run, frame)):
@@ -169,7 +170,7 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
 
     Raises InputError when the frame or the labels are missing, or the cycles that give a rate.
     """
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
         if run.frames and "state" not in run.bodies(0):
@@ -180,10 +181,11 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
             _states_of_bodies(run, frame, json)
 
 
-def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
+def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
     from thirdbody.report.forecast_check import compare_forecast
     from thirdbody.report.map_report import map_report, print_maps
-    from thirdbody.trajectory.states import state_counts, states_by_group
+    from thirdbody.trajectory.run_summary import state_counts
+    from thirdbody.trajectory.state_groups import states_by_group
 
     names = run.state_names
     counts = state_counts(run) if run.frames else {}
@@ -223,7 +225,7 @@ def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
     _print_forecast(compare_forecast(run))
 
 
-def _reasons_of_all(run: RunFile) -> dict[str, int]:
+def _reasons_of_all(run: Run) -> dict[str, int]:
     """Return the number of bodies of the scene with each reason at the last frame; none where the file holds all bodies."""
     counts = {name: int(run.series[f"count_{name}"][-1]) for name in run.reason_names if f"count_{name}" in run.series}
     return {name: count for name, count in counts.items() if count}
@@ -278,12 +280,12 @@ def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
     )  # fmt: skip
 
 
-def _states_of_bodies(run: RunFile, frame: int, json: bool) -> None:
+def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
     try:
         bodies = run.bodies(frame)
     except IndexError as error:
         raise InputError(f"--frame {frame}: {error}") from None
-    from thirdbody.trajectory.states import code_name
+    from thirdbody.trajectory.state_groups import code_name
 
     margins = [name for name in bodies if name.startswith("margin_")]
     several = "population" in bodies and len(np.unique(bodies["population"])) > 1

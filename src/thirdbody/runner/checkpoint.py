@@ -67,9 +67,9 @@ class Checkpoint:
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
     """Return fingerprints of the built scene at its start, by the names used in messages."""
+    from thirdbody import __version__
     from thirdbody.jit import cache
     from thirdbody.laws.generated import sources
-    from thirdbody.version import __version__
 
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {

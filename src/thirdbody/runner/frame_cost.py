@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.errors import OutputError
-from thirdbody.trajectory.blocks import Storage
-from thirdbody.trajectory.frame import CLUMPS, CONTACTS, SPHERES, Selection
-from thirdbody.trajectory.names import Arrays, Frame
-from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.output_selection import CLUMPS, CONTACTS, SPHERES, Selection
+from thirdbody.trajectory.polydata_block import Storage
+from thirdbody.trajectory.reader import FILE_NAME
+from thirdbody.trajectory.schema import Arrays, Frame
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -14,9 +14,11 @@ from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
-from thirdbody.trajectory.frame import ALL, ALWAYS, FrameMaker, Selection
+from thirdbody.trajectory.frame import FrameMaker
+from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
+from thirdbody.trajectory.output_selection import ALL, ALWAYS, Selection
 from thirdbody.trajectory.profiles import AXES, Profiler
-from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
+from thirdbody.trajectory.sample import sample_of
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

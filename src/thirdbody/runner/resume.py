@@ -11,19 +11,71 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.errors import Fault, InputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
-from thirdbody.runner.prepare import prepare
+from thirdbody.runner.prepare import check_call, check_threads, prepare
+from thirdbody.runner.progress import Reporter
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
+from thirdbody.runner.simulate import run_with_warnings
 from thirdbody.scene.model import Scene
 from thirdbody.scene.read import read_text
 from thirdbody.scene.tables import Solver
-from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.run_file import open_run
+from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""
+
+
+def resume(
+    out: str | Path | Run,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    plugins: Iterable[str | Path] = (),
+) -> Run:
+    """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
+
+    Parameters
+    ----------
+    out : str, Path or Run
+        Folder of the run, its file run.vtkhdf, or a `Run`, whose open files stay readable.
+    threads, progress
+        As for `run`.
+    settings : dict, optional
+        A longer `solver.distance` or `solver.duration`, with which a finished run goes on. Its old end remains a stop, which ends
+        steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
+    plugins : iterable of str or Path
+        Python files that the run was started with.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        There is no valid checkpoint, or the scene, a law or an input file has changed.
+    UsageError, OutputError, GuardStop, Interrupted
+        As for `run`.
+
+    Examples
+    --------
+    >>> run = thirdbody.resume("runs/example", progress=False, settings={"solver.distance": "0.2 um"})
+    >>> run.summary()["distance"] > 0.19e-6
+    True
+    """
+    check_call(plugins, progress)
+    folder = _folder_of(out)
+    notes = check_threads(threads)
+    simulation, saved = prepare_resume(folder, settings or {}, plugins)
+    return run_with_warnings(simulation, folder, threads, progress, notes, checkpoint=saved)
+
+
+def _folder_of(run: str | Path | Run) -> Path:
+    path = run.path if isinstance(run, Run) else Path(run)
+    return path.parent if path.name == FILE_NAME else path
 
 
 def prepare_resume(

@@ -18,8 +18,8 @@ from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.folder_lock import lock_folder
-from thirdbody.trajectory.names import BLOCKS
 from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.schema import BLOCKS
 
 SCENE_FILE, LOG = "scene.toml", "run.log"
 REPLACEMENT = ".replacement"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,26 +18,78 @@ from thirdbody.export.paraview import write_paraview_files
 from thirdbody.runner.accuracy_warnings import ending_warnings, endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measured import measure_warnings, measured_summary
-from thirdbody.runner.prepare import prepare as prepare
-from thirdbody.runner.prepare import set_threads
+from thirdbody.runner.prepare import check_call, check_threads, prepare, set_threads
 from thirdbody.runner.progress import Progress, Reporter, line_reporter, reporting, until_closed
-from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder
+from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.names import PROFILES, SERIES
-from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.run_file import open_run
+from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 
+def run(
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
+    out: str | Path | None = None,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    overwrite: bool = False,
+    plugins: tuple[str | Path, ...] = (),
+    force: bool = False,
+) -> Run:
+    """Simulate a scene and return the opened result.
+
+    Parameters
+    ----------
+    scene : Scene, str, Path or dict
+        A scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
+    out : str or Path, optional
+        Folder of the run; None: `runs/<scene name>`.
+    threads : int, optional
+        Number of cores to use; None: all. Results have the same bits for any number.
+    progress : bool or callable
+        True: a bar, False: nothing. A callable gets a `Progress`: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
+    overwrite : bool
+        Replace the run in the folder, once the new one has its first frame.
+    plugins : tuple of str or Path
+        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
+    force : bool
+        Accept a time step above its bound.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        The call, the scene or a file is wrong; the folder exists or cannot be written.
+    GuardStop, Interrupted
+        The run left its valid range; Ctrl-C in the main thread. The part computed so far can be opened, and `resume` continues
+        an interrupted run. A second Ctrl-C raises KeyboardInterrupt at once, as does one before the first step.
+
+    Examples
+    --------
+    >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
+    True
+    """
+    check_call(plugins, progress, overwrite=overwrite, force=force)
+    notes = check_threads(threads)
+    scene = Scene.of(scene, plugins)
+    folder = Path(out) if out is not None else default_folder(scene)
+    refuse_existing(folder, overwrite)
+    return run_with_warnings(prepare(scene, plugins, force), folder, threads, progress, notes, overwrite=overwrite)
+
+
 def run_with_warnings(
     simulation: Simulation, folder: Path, threads: int | None, progress: bool | Reporter, notes: Iterable[str], **options: Any
-) -> None:
-    """Integrate a simulation for `api.run` and `api.resume`: with Python's warnings before and after it."""
+) -> Run:
+    """Integrate a simulation for `run` and `resume`: with Python's warnings before and after it; return the opened run."""
     _warn([*notes, *simulation.warnings])
     before = set(simulation.warnings)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
@@ -47,8 +100,9 @@ def run_with_warnings(
                 with open_run(folder) as stopped:
                     _warn(text for text in stopped.warnings if text not in before)
             raise
-    with open_run(folder) as done:
-        _warn(text for text in done.warnings if text not in before)
+    result = open_run(folder)
+    _warn(text for text in result.warnings if text not in before)
+    return result
 
 
 def _warn(texts: Iterable[str]) -> None:
@@ -155,7 +209,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
     import h5py
     import numba
 
-    from thirdbody.version import __version__
+    from thirdbody import __version__
 
     scene, labeller = simulation.scene, simulation.labeller
     units = {name: entry.unit for name, entry in SERIES.items()}

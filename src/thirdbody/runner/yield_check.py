@@ -11,7 +11,7 @@ import numpy as np
 from thirdbody.assembly.load_checks import limit_words, times
 from thirdbody.engine.state import World
 from thirdbody.laws.hertz import yield_limit
-from thirdbody.trajectory.contacts import FrameContacts
+from thirdbody.trajectory.frame_contacts import FrameContacts
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
 from thirdbody.units import pretty
 

@@ -33,7 +33,7 @@ class Outcome:
 
 def read_outcome(folder: Path) -> Outcome | None:
     """Return the outcome of a run; None when it wrote no frame. Raises InputError for a file that is not a run."""
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as run:
         if not run.frames:

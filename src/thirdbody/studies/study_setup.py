@@ -114,7 +114,7 @@ class _Maker:
 
     def _smallest_step(self, first: float, until: float) -> float:
         """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
-        from thirdbody.trajectory.run_file import open_run
+        from thirdbody.trajectory.reader import open_run
 
         run_folder = self.source.folder / RUNS / "automatic_step"
         job = request(self.source.folder / SCENE_FILE, run_folder, {}, self.source.plugins)

@@ -14,8 +14,7 @@ from thirdbody.studies.sweep.plan import POINTS, AxisColumn
 from thirdbody.studies.sweep.point import DONE, WAITING, Point, PointResult, read_result
 from thirdbody.studies.sweep.results import result
 from thirdbody.studies.sweep.sweep_folder import columns_of, read_document, sweep_folder
-from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +34,7 @@ class SweepPoint:
     results: dict[str, float] = field(default_factory=dict)
 
     @property
-    def run(self) -> RunFile:
+    def run(self) -> Run:
         """Its run, opened. Raises InputError where there is none: not yet run, or kept as `summary` only."""
         if not (self.folder / FILE_NAME).is_file():
             why = "only its results were kept" if self.status == DONE else f"it is {self.status}"

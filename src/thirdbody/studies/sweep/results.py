@@ -12,7 +12,7 @@ from thirdbody.errors import nearest
 from thirdbody.trajectory.names import BED, SERIES
 
 if TYPE_CHECKING:
-    from thirdbody.trajectory.run_file import RunFile
+    from thirdbody.trajectory.reader import Run
 
 FRACTION, EVER = "fraction_", "fraction_ever_"
 """Beginnings of the names of results with a state: `fraction_rolling`, `fraction_ever_rolling`."""
@@ -34,17 +34,19 @@ class Result(NamedTuple):
 
     unit: str
     meaning: str
-    value: Callable[[RunFile, Stored], float]
+    value: Callable[[Run, Stored], float]
 
 
-def _load(run: RunFile, _stored: Stored) -> float:
+def _load(run: Run, _stored: Stored) -> float:
     """Return the mean load over the frames that the friction coefficient averages [N]."""
+    from thirdbody.trajectory.friction import averaged
+
     force = run.series["upper_force"][:, 2]
-    frames = run.drag.averaged
+    frames = averaged(run)
     return float(force[frames].mean()) if frames.any() else float(force[-1])
 
 
-def _stored_value(name: str) -> Callable[[RunFile, Stored], float]:
+def _stored_value(name: str) -> Callable[[Run, Stored], float]:
     return lambda _run, stored: _number(stored.get(name))
 
 
@@ -52,11 +54,11 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def _last(name: str) -> Callable[[RunFile, Stored], float]:
+def _last(name: str) -> Callable[[Run, Stored], float]:
     return lambda run, _stored: float(run.series[name][-1]) if name in run.series else math.nan
 
 
-def _bed(name: str) -> Callable[[RunFile, Stored], float]:
+def _bed(name: str) -> Callable[[Run, Stored], float]:
     return lambda run, _stored: math.nan if run.bed is None else run.bed.means[name]
 
 
@@ -97,7 +99,7 @@ def result(name: str) -> Result:
     return Result("1", f"Last frame: fraction of the bodies that are {state}.", _last(name))
 
 
-def _ever(run: RunFile, state: str) -> float:
+def _ever(run: Run, state: str) -> float:
     """Return the fraction of bodies that have this state in any frame of the drag; NaN for a run without that state."""
     if not run.has_states or state not in run.state_names:
         return math.nan
@@ -116,6 +118,6 @@ def unknown(name: str, states: Iterable[str]) -> str:
     return "" if name in known else f"'{name}' is no result, {nearest(name, known)}"
 
 
-def results_of(run: RunFile, stored: Stored, names: Iterable[str]) -> dict[str, float]:
+def results_of(run: Run, stored: Stored, names: Iterable[str]) -> dict[str, float]:
     """Return the results of an open run, and of the summary that it stored, by name."""
     return {name: float(result(name).value(run, stored)) for name in names}

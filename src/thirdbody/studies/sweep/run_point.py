@@ -65,7 +65,7 @@ def _results(point: Point, stop: Callable[[], bool]) -> dict[str, float]:
     """Run a point to its end and return its results. Raises ThirdbodyError."""
     from thirdbody.runner.simulate import execute
     from thirdbody.studies.sweep.results import results_of
-    from thirdbody.trajectory.run_file import open_run
+    from thirdbody.trajectory.reader import open_run
 
     simulation, checkpoint = _simulation(point)
     summary = execute(simulation, point.folder, 1, overwrite=checkpoint is None, stop=stop, checkpoint=checkpoint)

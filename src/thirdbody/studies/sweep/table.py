@@ -9,7 +9,7 @@ from pathlib import Path
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import OutputError
-from thirdbody.export.tables import as_text
+from thirdbody.export.csv_tables import as_text
 from thirdbody.studies.sweep.plan import Plan
 from thirdbody.studies.sweep.point import WAITING, PointResult
 from thirdbody.studies.sweep.results import result
