@@ -224,7 +224,7 @@ class Sink(io.FileIO):
     segmentation fault when it cannot close. With this class the file stays as a kill at that moment would leave it.
 
     HDF5's own means do not do: a file written in SWMR mode opens no more after a kill, neither by h5py nor by VTK ("already open
-    for write"), and plain flushes lose committed frames at KILLS.
+    for write"), and with plain flushes VTK refuses what some kills leave: its blocks differ in their number of steps.
     """
 
     def __init__(self, path: str | Path, mode: str):
