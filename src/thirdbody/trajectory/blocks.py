@@ -218,7 +218,7 @@ class Block:
 
 
 class Sink(io.FileIO):
-    """File that withholds the first system error until `check` is called, and writes nothing after it.
+    """New file that withholds the first system error until `check` is called, and writes nothing after it.
 
     After a full disk HDF5 goes on to write a header that refers to missing data (the file opens no more), or ends in a
     segmentation fault when it cannot close. With this class the file stays as a kill at that moment would leave it.
@@ -227,12 +227,11 @@ class Sink(io.FileIO):
     for write"), and with plain flushes VTK refuses what some kills leave: its blocks differ in their number of steps.
     """
 
-    def __init__(self, path: str | Path, mode: str):
+    def __init__(self, path: str | Path):
         # not the target of a link of that name
-        super().__init__(path, mode, opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666))
+        super().__init__(path, "w+", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666))
         self._fault: OSError | None = None
         self._queue: list[tuple[int, bytes]] | None = None
-        self._old = self.seek(0, io.SEEK_END)
         self._written: set[int] = set()
 
     def write(self, data: Any) -> int:
@@ -276,7 +275,7 @@ class Sink(io.FileIO):
         offset, data = part
         if offset == 0:
             return 0, 0
-        if offset >= self._old and offset not in self._written:
+        if offset not in self._written:
             return 1, offset
         return (2, -data[5]) if data[:4] == NODE else (3, offset // PAGE)
 

@@ -73,8 +73,10 @@ def damage_as_fault(path: Path | str, where: str = "") -> Iterator[None]:
 
 def refuse_loaded_code(_: str, node: h5py.HLObject) -> None:
     """Raise ValueError for a filter that is not part of HDF5 itself, which it would look for as a library and run."""
-    plan = node.id.get_create_plist() if isinstance(node, h5py.Dataset) else None
-    for index in range(plan.get_nfilters() if plan else 0):
+    if not isinstance(node, h5py.Dataset):
+        return
+    plan = node.id.get_create_plist()
+    for index in range(plan.get_nfilters()):
         if (number := plan.get_filter(index)[0]) not in _FILTERS:
             raise ValueError(f"{node.name} needs the filter {number}, which is not used by runs")
 

@@ -84,7 +84,7 @@ class TrajectoryWriter:
         with self._write_errors():
             # a new file of that name, not the old one truncated: processes that read the old one keep it
             self.path.unlink(missing_ok=True)
-            self._sink = Sink(self.path, "w+")
+            self._sink = Sink(self.path)
             # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
             self._file = h5py.File(self._sink, "w", libver=FORMAT, rdcc_nbytes=0, fs_strategy="page", fs_page_size=PAGE)
             root = self._file.create_group("VTKHDF", track_order=True)
