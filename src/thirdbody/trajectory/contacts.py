@@ -16,30 +16,26 @@ Array = np.ndarray
 
 
 class FrameContacts:
-    """Closed contacts now, (n,) each; bodies are numbered as in the scene."""
+    """Closed contacts now, (n,) each; bodies are numbered as in the scene.
+
+    `on`: numbers of the candidates that are closed; `owner`: rows of their bodies in the tables of the state; `side`: what each
+    touches (`names.SIDES`); `normal_force` [N]; `peak_pressure` [Pa]; `arm`: contact points from the centres of mass (n, 3) [m].
+    """
 
     def __init__(self, state: State) -> None:
-        self.state = state
-
-    @cached_property
-    def on(self) -> Array:
-        """Numbers of the candidates that are closed."""
-        return self.state.slots.rows.closed()
-
-    @cached_property
-    def owner(self) -> Array:
-        """Rows of their bodies in the tables of the state."""
-        return self.state.body[self.state.slots.own[self.on]]
+        self.state, slots = state, state.slots
+        self.on = slots.rows.closed()
+        self.owner = state.body[slots.own[self.on]]
+        self.side = sides_of(slots.partner[self.on]).astype(np.uint8)
+        # in one pass, what every frame needs of the records
+        self.normal_force, self._normal_z, self._tangential_z, self.peak_pressure, self.arm = slots.rows.records(
+            self.on, record.NORMAL_FORCE, record.NORMAL + 2, record.TANGENTIAL_FORCE + 2, record.PEAK_PRESSURE, record.POINT3
+        )
 
     @cached_property
     def body(self) -> Array:
         """Their bodies."""
         return self.state.order[self.owner]
-
-    @cached_property
-    def side(self) -> Array:
-        """What each touches (`columns.sides`)."""
-        return sides_of(self.state.slots.partner[self.on]).astype(np.uint8)
 
     @cached_property
     def partner(self) -> Array:
@@ -49,34 +45,6 @@ class FrameContacts:
             return plate
         other = np.maximum(s.slots.partner[self.on], 0)
         return np.where(self.side == DEBRIS, s.order[s.body[other]], plate)
-
-    @cached_property
-    def _records(self) -> list[Array]:
-        """Columns of the records that every frame needs, gathered in one pass."""
-        return self.state.slots.rows.records(
-            self.on, record.NORMAL_FORCE, record.NORMAL + 2, record.TANGENTIAL_FORCE + 2, record.PEAK_PRESSURE, record.POINT3
-        )
-
-    @property
-    def normal_force(self) -> Array:
-        """Normal forces [N]."""
-        return self._records[0]
-
-    @cached_property
-    def lift(self) -> Array:
-        """Components along z of the forces on the bodies [N]."""
-        normal_force, normal, tangential, _, _ = self._records
-        return normal_force * normal + tangential
-
-    @property
-    def peak_pressure(self) -> Array:
-        """Peak pressures [Pa]."""
-        return self._records[3]
-
-    @property
-    def arm(self) -> Array:
-        """Contact points from the centres of mass of the bodies (n, 3) [m]."""
-        return self._records[4]
 
     @cached_property
     def utilisation(self) -> Array:
@@ -100,7 +68,8 @@ class FrameContacts:
         """Return the fraction of bodies that are pressed from above and from below."""
         debris = self.partner >= 0
         bodies = np.concatenate([self.body, self.partner[debris]])
-        lift = np.concatenate([self.lift, -self.lift[debris]])
+        lift = self.normal_force * self._normal_z + self._tangential_z
+        lift = np.concatenate([lift, -lift[debris]])
         above, below = (np.bincount(bodies[on], minlength=self.state.n_bodies) > 0 for on in (lift < 0.0, lift > 0.0))
         return float(np.mean(above & below))
 

@@ -81,7 +81,7 @@ class FrameMaker:
     def body_arrays(self) -> list[str]:
         """Return the names of the arrays of the bodies, without those that never change."""
         labels = np.zeros((self.state.n_bodies, 0)) if self.labeller else None
-        return [name for name in self._arrays_of_bodies(labels, FrameContacts(self.state)) if name != "points"]
+        return [name for name in self._arrays_of_bodies(labels, None) if name != "points"]
 
     def frame(self, labels: np.ndarray | None, stored: Stored | None = None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
@@ -131,8 +131,8 @@ class FrameMaker:
         arrays = contacts.arrays(chosen)
         return arrays if self.sample is None else self.sample.of_contacts(arrays)
 
-    def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: FrameContacts) -> dict[str, Callable[[], np.ndarray]]:
-        """Return what computes the arrays of the bodies, by their names."""
+    def _arrays_of_bodies(self, labels: np.ndarray | None, contacts: Any) -> dict[str, Callable[[], np.ndarray]]:
+        """Return what computes the arrays of the bodies, by their names; `contacts`: FrameContacts, None for the names alone."""
         s, given = self.state, self.given
         arrays: dict[str, Callable[[], np.ndarray]] = {
             "points": lambda: s.B[given, body.POSITION3],
@@ -145,7 +145,7 @@ class FrameMaker:
             "slip_distance": lambda: s.B[given, body.SLIP_DISTANCE],
             "utilisation": lambda: contacts.largest(contacts.utilisation),
             "peak_pressure": lambda: contacts.largest(contacts.peak_pressure),
-            "contacts": contacts.number,
+            "contacts": lambda: contacts.number(),
         }
         if s.physics.loss:  # what the normal law has lost is in the kernel's work of friction
             arrays["friction_work"] = lambda: s.B[given, body.FRICTION_WORK] - s.E[given, body_extra.NORMAL_LOSS]

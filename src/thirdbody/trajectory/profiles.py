@@ -146,6 +146,9 @@ class Profiler:
         space, volume, area = sums[:, SPACE], sums[:, VOLUME], float(np.prod(state.world.size))
         extent = (*state.world.size, float(space.sum()) / area)[self.axis]
         mean = np.divide(sums, volume[:, None], out=np.full_like(sums, np.nan), where=volume[:, None] > 0.0)
+        mass, momentum = sums[:, MASS, None, None], sums[:, MOMENTUM:FLUX]
+        # flux of momentum by the mean motion of each slab
+        carried = np.divide(momentum[:, :, None] * momentum[:, None, :], mass, out=np.zeros((len(sums), 3, 3)), where=mass > 0.0)
         result = {
             "position": (np.arange(self.bins) + 0.5) * extent / self.bins,
             "solid_fraction": volume / space if not np.any(state.side) else np.full(len(volume), np.nan),
@@ -153,7 +156,7 @@ class Profiler:
             "angular_velocity": mean[:, SPIN:CONTACTS],
             "coordination_number": mean[:, CONTACTS],
             "contact_stress": sums[:, FORCE:MASS] / space[:, None],
-            "kinetic_stress": _kinetic(sums) / space[:, None],
+            "kinetic_stress": (sums[:, FLUX:STATES] - carried.reshape(-1, 9)) / space[:, None],
         }
         return result | {f"fraction_{name}": mean[:, STATES + code] for code, name in enumerate(self.states)}
 
@@ -170,8 +173,10 @@ class Profiler:
         total = np.bincount(body, radii**3, state.n_bodies)
         scale = (state.rayleigh_radius**3 / total)[body]  # so that the spheres of a clump have its volume together
         density = state.bodies.mass / (4.0 / 3.0 * np.pi * state.rayleigh_radius**3)
-        masses, codes = self._mass_columns(state, density), self._codes(state)
-        per_body = np.column_stack([state.bodies.spin, contacts_of(state), *masses, *codes])
+        v = state.bodies.velocity
+        flux = (density[:, None, None] * v[:, :, None] * v[:, None, :]).reshape(len(v), 9)
+        codes = () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
+        per_body = np.column_stack([state.bodies.spin, contacts_of(state), density, density[:, None] * v, flux, *codes])
         across = np.zeros(3)
         across[self.axis] = 1.0
         for chunk in chunks(len(radii), self.bins):
@@ -186,16 +191,6 @@ class Profiler:
             add(sums[:, VELOCITY:SPIN], moments, np.cross(spin, across))
             add(sums[:, SPIN:FORCE], parts, per_body[rows, :4])
             add(sums[:, MASS:], parts, per_body[rows, 4:])
-
-    def _mass_columns(self, state: State, density: Array) -> tuple[Array, ...]:
-        """Return density, momentum and its flux per volume of each body: columns MASS, MOMENTUM, FLUX."""
-        v = state.bodies.velocity
-        flux = density[:, None, None] * v[:, :, None] * v[:, None, :]
-        return density, density[:, None] * v, flux.reshape(len(v), 9)
-
-    def _codes(self, state: State) -> tuple[Array, ...]:
-        """Return 1 for each body in each state, (n_bodies, states), if there are labels."""
-        return () if self.labels is None else (self.labels()[:, None] == np.arange(len(self.states)),)
 
     def _add_contacts(self, state: State, slabs: Slabs, sums: Array) -> None:
         """Add what each contact contributes to both of its bodies."""
@@ -220,13 +215,6 @@ def add(sums: Array, parts: Parts, values: Array) -> None:
     for column in range(sums.shape[1]):
         weights = parts.amount * values[:, column][parts.thing]
         sums[:, column] += np.bincount(parts.slab, weights, len(sums))
-
-
-def _kinetic(sums: Array) -> Array:
-    """Return the flux of momentum less that of the mean motion of each slab, (bins, 9) [J]."""
-    mass, momentum = sums[:, MASS, None, None], sums[:, MOMENTUM:FLUX]
-    carried = np.divide(momentum[:, :, None] * momentum[:, None, :], mass, out=np.zeros((len(sums), 3, 3)), where=mass > 0.0)
-    return sums[:, FLUX:STATES] - carried.reshape(-1, 9)
 
 
 def contacts_of(state: State) -> Array:
