@@ -158,9 +158,11 @@ class FrameMaker:
         names = ("state", "state_reason", *(f"margin_{name}" for name in self.labeller.margins), *self.labeller.extras)
         codes = {"state", "state_reason", *self.labeller.codes}
         for k, name in enumerate(names):
-            kind = np.uint8 if name in codes else np.float64
-            arrays[name] = lambda k=k, kind=kind: labels[given, k].astype(kind)
+            arrays[name] = partial(self._labels, labels, k, np.uint8 if name in codes else np.float64)
         return arrays
+
+    def _labels(self, labels: np.ndarray, column: int, kind: Any) -> np.ndarray:
+        return labels[self.given, column].astype(kind)
 
     def _agglomerates(self) -> np.ndarray:
         """Return the lowest id of the bodies that hang together with each body by contacts that push less than their pull-off."""
