@@ -74,7 +74,6 @@ class RunArrays:
 
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
-
         return self.steady(damage_as_fault(self.path, where)(read))
 
     def _text(self, name: str) -> Any:
@@ -139,17 +138,18 @@ class RunArrays:
         each slab (F, bins) [m], `velocity` (F, bins, 3) [m/s], `solid_fraction`, `contact_stress` and `kinetic_stress`
         (F, bins, 3, 3) [Pa], and more; `trajectory.profiles` defines them, `thirdbody keys profiles` lists all names.
         """
-        group, bins = self.file.get(PROFILE_GROUP, {}), self.header.get(PROFILE_GROUP, {}).get("bins", 0)
-        read = self._steady("the profiles", lambda: {name: group[name][: self.frames * bins] for name in group})
+        bins = self.header.get(PROFILE_GROUP, {}).get("bins", 0)
+        rows = slice(0, self.frames * bins)
+        read = self._steady("the profiles", lambda: {name: v[rows] for name, v in self.file.get(PROFILE_GROUP, {}).items()})
         tails = {name: (3, 3) if values.shape[1:] == (9,) else values.shape[1:] for name, values in read.items()}
         return Named((name, values.reshape(self.frames, bins, *tails[name])) for name, values in read.items())
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each series and profile, `1` for a pure number."""
-        groups = self.file.get(PROFILE_GROUP, {}), self._series_group
+        groups = (PROFILE_GROUP, "series")
         return self._steady(
-            "the units", lambda: Named((name, str(group[name].attrs["units"])) for group in groups for name in group)
+            "the units", lambda: Named((n, str(v.attrs["units"])) for g in groups for n, v in self.file.get(g, {}).items())
         )
 
     @cached_property
