@@ -18,6 +18,7 @@ global that is changed after the kernel was compiled: numba has compiled its val
 """
 
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.debris.contract import DebrisKind, PlacedClumps, PlacedDebris, PopulationContext, RandomStreams
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
 from thirdbody.jit.memory import stack_array
 from thirdbody.kernels.arguments import ContactStep
@@ -43,12 +44,10 @@ from thirdbody.laws.friction import COULOMB, MINDLIN
 from thirdbody.laws.hertz import HERTZ, dundurs_beta, e_star, g_star, yield_limit
 from thirdbody.laws.measures import Amount, Measure
 from thirdbody.laws.renewal import RENEWAL, Renewal, moved_ground, renewal_rate, renewed
-from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
-from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
-from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole, listing
-from thirdbody.scene.read import read_text, read_toml
-from thirdbody.scene.schema_base import Part, Wrong, one_of, wrongs_of
-from thirdbody.scene.size_distributions import Size
+from thirdbody.schema.fields import Choice, PositiveLength, Quantity, Whole, listing
+from thirdbody.schema.parts import Part, Wrong, one_of, wrongs_of
+from thirdbody.schema.read import read_text, read_toml
+from thirdbody.schema.sizes import Size
 from thirdbody.statics.contacts import Contacts
 from thirdbody.statics.labels import StaticLabels
 from thirdbody.statics.seat import from_first_touch, in_present_posture, relax, seat

@@ -1,8 +1,8 @@
 """The scene: the complete content of a scene file, checked, frozen and in SI units.
 
 In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit. The tables are
-defined in `tables` and `debris`; import them from here. Further kinds of debris are given as tables (dictionaries) or as
-instances of their classes.
+defined in `tables` and in `thirdbody.debris`; import them from here. Further kinds of debris are given as tables (dictionaries)
+or as instances of their classes.
 """
 
 from __future__ import annotations
@@ -17,26 +17,24 @@ from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
 
+from thirdbody.debris.file import File
+from thirdbody.debris.irregular import Irregular
+from thirdbody.debris.mesh import Mesh
+from thirdbody.debris.registry import Debris, DebrisKinds, kinds_of
+from thirdbody.debris.spheres import Ball, Spheres
+from thirdbody.debris.spots import Spot, Spots
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import cross_checks
-from thirdbody.scene.debris.kinds.file import File
-from thirdbody.scene.debris.kinds.irregular import Irregular
-from thirdbody.scene.debris.kinds.mesh import Mesh
-from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
-from thirdbody.scene.debris.kinds.spots import Spot, Spots
-from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
-from thirdbody.scene.field_types import MAX_SPHERES, Text, Whole, listing, plain
-from thirdbody.scene.measures import Measures
+from thirdbody.scene import checks
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.output import Output
-from thirdbody.scene.overrides import apply_settings
-from thirdbody.scene.read import Source, read_text, read_toml
-from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
-from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
-from thirdbody.scene.surface_checks import relax_faults, surface_faults
-from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Pair, Plates, Solver, UpperPlate
-from thirdbody.scene.toml_writer import save_text, toml_text
+from thirdbody.scene.settings import apply_settings
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Measures, Pair, Plates, Solver, UpperPlate
+from thirdbody.schema.fields import MAX_SPHERES, Text, Whole, listing, plain
+from thirdbody.schema.parts import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
+from thirdbody.schema.read import Source, read_text, read_toml
+from thirdbody.schema.sizes import Constant, Lognormal, Normal, Uniform
+from thirdbody.schema.write import save_text, toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
@@ -204,21 +202,21 @@ class Scene(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults between tables, as far as they can be read."""
-        if too_many := cross_checks.number_faults(raw):  # reported alone: reading them all would take too long
+        if too_many := checks.number_faults(raw):  # reported alone: reading them all would take too long
             raise bundle(too_many)
         faults: list[Wrong] = []
         if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
             faults.append((("materials",), "at least one [materials.NAME] table is needed"))
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
             faults.append((("debris",), "at least one [[debris]] table is needed"))
-        faults += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
-        faults += cross_checks.profile_faults(raw)
+        faults += checks.material_faults(raw) + checks.pair_faults(raw, kinds_of(context))
+        faults += checks.profile_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are faulty themselves may be intended to move.
         moving = plates is None or plates.moving()
-        faults += cross_checks.bed_faults(raw, moving)
-        return faults + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
+        faults += checks.bed_faults(raw, moving)
+        return faults + checks.sliding_faults(raw, moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:
         """Return faults between tables that are valid on their own."""
@@ -226,9 +224,9 @@ class Scene(Part):
             self._too_many()
             + self._out_of_plane()
             + self._same_names()
-            + surface_faults(self.plates, self.domain)
-            + relax_faults(self.plates, self.solver)
-            + cross_checks.interval_faults(self.solver, self.output)
+            + checks.surface_faults(self.plates, self.domain)
+            + checks.relax_faults(self.plates, self.solver)
+            + checks.interval_faults(self.solver, self.output)
         )
 
     def _same_names(self) -> list[Wrong]:

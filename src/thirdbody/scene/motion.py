@@ -4,19 +4,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer
 
-from thirdbody.scene.field_types import (
+from thirdbody.schema.fields import (
     Choice,
+    Force,
     PositiveFrequency,
     PositiveLength,
     PositiveNumber,
     PositiveTime,
     Quantity,
+    ShortForm,
     Speed,
     Text,
 )
-from thirdbody.scene.json_schema import ShortForm
-from thirdbody.scene.schema_base import Part
-from thirdbody.scene.stages import plain_stages, stages
+from thirdbody.schema.parts import Part, plain_stages, stages
 
 
 class Constant(Part):
@@ -104,3 +104,25 @@ class Motion(Part):
         """Return whether anything ever moves."""
         drives = (*(self.x or ()), *(self.y or ()))
         return any(not isinstance(drive, Pause) and getattr(drive, "velocity", 1.0) != 0.0 for drive in drives)
+
+
+class Load(Part):
+    """Linear change of the load to `load` [N] during `duration` [s]; without a duration at once."""
+
+    load: Force
+    """Load at the end of a linear change. Example: "0 N"."""
+    duration: PositiveTime | None = None
+    """Duration of the change; without one it is sudden. Example: "1 us"."""
+
+
+LoadStage = Load | Pause | Table
+
+_LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
+
+Loading = Annotated[
+    tuple[LoadStage, ...],
+    stages(_LOADS, '{load = "1 mN", duration = "1 us"}', lambda stage: None),
+    PlainSerializer(plain_stages),
+    ShortForm(),
+]
+"""Loads after the end of settling; the last one stays. They have the meaning of `load`: on the plate, or on each patch."""

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, SerializerFunctionWrapHandler, ValidationInfo, model_serializer
 
 from thirdbody import units
-from thirdbody.scene.field_types import Choice, Flag, Quantity, Text, Whole, listing, show
-from thirdbody.scene.json_schema import ShortForm, described, quantity_schema
-from thirdbody.scene.schema_base import Part, Wrong, bundle
+from thirdbody.schema.fields import Choice, Flag, Quantity, ShortForm, Text, Whole, described, listing, quantity_schema, show
+from thirdbody.schema.parts import Part, Wrong, bundle
 
 _EVERY = {"distance": "length", "time": "time"}
 MAX_BINS = 1000

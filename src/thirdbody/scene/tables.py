@@ -2,7 +2,9 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from thirdbody.scene.field_types import (
+from thirdbody.scene.motion import Loading, Motion
+from thirdbody.scene.surfaces import Surface
+from thirdbody.schema.fields import (
     AccelerationVector,
     Choice,
     Conductivity,
@@ -24,10 +26,7 @@ from thirdbody.scene.field_types import (
     Text,
     listing,
 )
-from thirdbody.scene.load_history import Loading
-from thirdbody.scene.motion import Motion
-from thirdbody.scene.schema_base import MISSING, Part, Wrong, entry, one_of
-from thirdbody.scene.surfaces import Surface
+from thirdbody.schema.parts import MISSING, Part, Wrong, entry, one_of
 
 
 class Material(Part):
@@ -323,3 +322,15 @@ class Solver(Part):
             if raw.get(key, "auto") not in (None, "auto"):
                 faults.append(((key,), f'is for the other integrator: this one is "{kind}"'))
         return faults
+
+
+class Measures(Part):
+    """Measures by name as given in the file, and the cells of their maps; they read contacts and change nothing."""
+
+    extra_keys: ClassVar[str] = "named"
+    cell: PositiveLength | None = None
+    """Side of the cells of the maps on both plates, rounded so that whole cells fill the domain; no maps where it is not given.
+
+    Example: "0.5 um".
+    """
+    named: dict[str, Any] = {}

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.quantity import MINUS, percent
 from thirdbody.trajectory.bed_verdict import steady
 from thirdbody.trajectory.names import ACCOMMODATION
+from thirdbody.units import MINUS, percent
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run

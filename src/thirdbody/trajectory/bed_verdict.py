@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thirdbody.granular_flow import FAST, SLOW, inertia_verdict
-from thirdbody.quantity import quantity_text
 from thirdbody.trajectory.friction import averaged
 from thirdbody.trajectory.names import BED
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.statistics import mean_and_error
+from thirdbody.units import quantity_text
 
 STIFF, SOFT = 1e4, 1e3
 """Softness above which bodies count as rigid, and below which friction and solid fraction depend on the pressure."""

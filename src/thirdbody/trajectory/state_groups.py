@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.tables import LOWER, UPPER
-from thirdbody.quantity import GLUE, percent, quantity_text
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.validate import damage_as_fault
+from thirdbody.units import GLUE, percent, quantity_text
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""

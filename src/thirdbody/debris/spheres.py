@@ -8,22 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator
 
+from thirdbody.debris.contract import MAX_SPHERES_PER_BODY, UPRIGHT, PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, Placement, VolumeKeys
-from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import (
-    AT_REST,
-    AngularVelocity,
-    Count,
-    Number,
-    Point,
-    PositiveLength,
-    Seed,
-    Text,
-    Velocity,
-    listing,
-)
-from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, one_of
+from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity, listing
+from thirdbody.schema.parts import MISSING, Location, Part, Wrong, one_of
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from thirdbody import units
+from thirdbody.debris.contract import UPRIGHT, PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.debris.contract import Placement, VolumeKeys
-from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import AngularVelocity, Count, Seed, Text, Velocity
-from thirdbody.scene.schema_base import Location, Wrong, entry
-from thirdbody.scene.size_distributions import Size
+from thirdbody.schema.fields import AngularVelocity, Count, Seed, Text, Velocity
+from thirdbody.schema.parts import Location, Wrong, entry
+from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clumps_from_table import Bodies

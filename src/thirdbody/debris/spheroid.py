@@ -14,11 +14,10 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris
-from thirdbody.scene.debris.population import RandomStreams
-from thirdbody.scene.field_types import Choice, Quantity, Whole
-from thirdbody.scene.schema_base import Wrong
-from thirdbody.scene.size_distributions import Size
+from thirdbody.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris, RandomStreams
+from thirdbody.schema.fields import Choice, Quantity, Whole
+from thirdbody.schema.parts import Wrong
+from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
     import numpy as np

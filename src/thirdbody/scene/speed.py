@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from thirdbody.scene.load_history import Load, LoadStage
 from thirdbody.scene.model import Scene
-from thirdbody.scene.motion import Constant, Drive, Pause, Ramp, Stroke, Table
+from thirdbody.scene.motion import Constant, Drive, Load, LoadStage, Pause, Ramp, Stroke, Table
 from thirdbody.scene.output import Output
 from thirdbody.scene.tables import Solver, UpperPlate
 

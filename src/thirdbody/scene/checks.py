@@ -3,15 +3,20 @@
 Works on the raw tables, as far as they can be read, so that these faults are reported together with all others.
 """
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 from thirdbody import units
+from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import nearest
-from thirdbody.scene.debris.contract import DebrisKind
-from thirdbody.scene.field_types import show
-from thirdbody.scene.schema_base import Location, Wrong, entry
+from thirdbody.scene.surfaces import SIDES, faults_in_domain
+from thirdbody.scene.tables import Domain, Material, Pair, Plates, Solver
+from thirdbody.schema.fields import show
+from thirdbody.schema.parts import Location, Wrong, entry
+from thirdbody.units import pretty
 
 
 def _items(node: Any) -> list[Any]:
@@ -178,3 +183,59 @@ def too_long_message(every: float, whole: float, kind: str) -> str:
     """Return the message about such an interval."""
     longest = units.pretty(whole, kind)
     return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"
+
+
+def surface_faults(plates: Plates, domain: Domain) -> list[Wrong]:
+    """Return the faults of the surfaces of both plates."""
+    faults: list[Wrong] = []
+    for side in SIDES:
+        surface = getattr(getattr(plates, side), "surface", None)
+        if surface is None:
+            continue
+        location = ("plates", side, "surface")
+        if not domain.periodic:
+            faults.append((location, "a surface repeats with the domain: domain.periodic must be true"))
+        faults += [((*location, *where), text) for where, text in faults_in_domain(surface, domain.size)]
+    return faults
+
+
+def relax_faults(plates: Plates, solver: Solver) -> list[Wrong]:
+    """Return the fault of bodies to be pushed apart between rough plates, which that does not know."""
+    rough = [side for side in SIDES if getattr(getattr(plates, side), "surface", None) is not None]
+    if solver.initial_overlap != "relax" or not rough:
+        return []
+    text = f"'relax' pushes bodies apart between flat plates only, and plates.{rough[0]}.surface is rough; "
+    return [(("solver", "initial_overlap"), text + 'give positions without overlap, or placement = "layer"')]
+
+
+SOFT, STIFF = 5e8, 1.3e12
+"""Range of Young's modulus [Pa]: elastomers, foams and the softest polymers are below; diamond has 1.2e12."""
+
+LIGHT, HEAVY = 100.0, 2.3e4
+"""Range of density [kg/m3]: only foams are below; osmium, the densest element, has 22590."""
+
+ROUGH = 2.0
+"""Friction coefficient that clean solids in air rarely exceed."""
+
+
+def unusual_values(materials: Mapping[str, Material], pairs: Sequence[Pair]) -> Iterator[str]:
+    """Yield a warning for each unusual modulus, density and friction coefficient, with the unit probably intended."""
+    for name, material in materials.items():
+        key = "youngs_modulus" if material.youngs_modulus is not None else "shear_modulus"
+        young = material.young()
+        shown = pretty(young, "pressure")
+        if not SOFT <= young <= STIFF:
+            where = f"materials.{name}.{key}: a Young's modulus of {shown}"
+            yield (f"{where} is that of an elastomer or a foam (other solids: above {pretty(SOFT, 'pressure')}); was GPa meant?"
+                   if young < SOFT else f"{where} is above that of diamond, 1.2 TPa; is the unit right?")  # fmt: skip
+        if not LIGHT <= material.density <= HEAVY:
+            where = f"materials.{name}.density: {material.density:g} kg/m3"
+            meant = 1e3 * material.density
+            yield (f"{where} is that of a foam; was g/cm3 meant, which is {meant:g} kg/m3?" if material.density < LIGHT else
+                   f"{where} is above that of every element (osmium: 22590 kg/m3); was it kg/m3?")  # fmt: skip
+    for k, pair in enumerate(pairs):
+        if pair.friction > ROUGH:
+            yield (
+                f"pairs[{k}].friction: {pair.friction:g} is far above the 0.05 to {ROUGH:g} of solids; it is a coefficient, "
+                "not per cent and not an angle"
+            )

@@ -11,11 +11,10 @@ from pydantic import ValidationInfo
 from pydantic_core import core_schema
 
 from thirdbody import units
+from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.debris.contract import Placement, VolumeKeys
-from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import AT_REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
-from thirdbody.scene.size_distributions import Size
+from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
+from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
-from thirdbody.scene.field_types import in_si, show
-from thirdbody.scene.schema_base import Location, key_path
+from thirdbody.schema.fields import in_si, show
+from thirdbody.schema.parts import Location, key_path
 
 # A key on the left, when set, replaces those on the right in the same table.
 _REPLACES = {

@@ -7,8 +7,8 @@ import re
 from typing import Any
 
 from thirdbody.errors import Fault, InputError, OutputError, printable
-from thirdbody.scene.field_types import is_unicode
-from thirdbody.scene.schema_base import Location, key_path
+from thirdbody.schema.fields import is_unicode
+from thirdbody.schema.parts import Location, key_path
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -1,4 +1,4 @@
-"""Registry of kinds of debris: built in (`kinds`), installed (entry points), and in files named on the command line."""
+"""Registry of kinds of debris: built in (this package), installed (entry points), and in files named on the command line."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from typing import Annotated, Any
 from pydantic import GetJsonSchemaHandler, ValidationInfo, ValidatorFunctionWrapHandler
 from pydantic_core import core_schema
 
+from thirdbody import debris
+from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import UsageError
-from thirdbody.scene.debris import kinds as built_in_kinds
-from thirdbody.scene.debris.contract import DebrisKind
-from thirdbody.scene.schema_base import chosen_kind
+from thirdbody.schema.parts import chosen_kind
 
 GROUP = "thirdbody.debris_kinds"
 """Group of entry points; each is the class of a kind, under the name of the kind."""
@@ -110,9 +110,9 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
 
 @cache
 def built_in() -> dict[str, type[DebrisKind]]:
-    """Return the built-in kinds by name: every module of `kinds` has one."""
-    modules = (import_module(f"{built_in_kinds.__name__}.{module.name}") for module in iter_modules(built_in_kinds.__path__))
-    kinds = {name_of(module.KIND): module.KIND for module in modules}
+    """Return the built-in kinds by name: those of the modules beside this one that have a `KIND`."""
+    modules = [import_module(f"{debris.__name__}.{module.name}") for module in iter_modules(debris.__path__)]
+    kinds = {name_of(module.KIND): module.KIND for module in modules if hasattr(module, "KIND")}
     return {name: kinds[name] for name in (*FIRST, *sorted(kinds.keys() - set(FIRST)))}
 
 

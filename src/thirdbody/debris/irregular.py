@@ -9,10 +9,9 @@ from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import core_schema
 
 from thirdbody import units
+from thirdbody.debris.contract import Placement, RandomStreams, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.debris.contract import Placement, VolumeKeys
-from thirdbody.scene.debris.population import RandomStreams
-from thirdbody.scene.field_types import (
+from thirdbody.schema.fields import (
     AT_REST,
     THREE,
     AngularVelocity,
@@ -20,14 +19,15 @@ from thirdbody.scene.field_types import (
     Fraction,
     Quantity,
     Seed,
+    ShortForm,
     Text,
     Velocity,
     Whole,
     listing,
+    quantity_schema,
 )
-from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.schema_base import Part, Wrong
-from thirdbody.scene.size_distributions import Size
+from thirdbody.schema.parts import Part, Wrong
+from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump

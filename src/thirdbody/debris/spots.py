@@ -5,9 +5,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
 
-from thirdbody.scene.debris.contract import CLEARANCE, DebrisKind
-from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import (
+from thirdbody.debris.contract import CLEARANCE, DebrisKind, PlacedClumps, PopulationContext
+from thirdbody.schema.fields import (
     AT_REST,
     THREE,
     AngularVelocity,
@@ -18,13 +17,14 @@ from thirdbody.scene.field_types import (
     PositiveLength,
     PositiveMass,
     Quantity,
+    ShortForm,
     Text,
     Velocity,
     listing,
     plain,
+    quantity_schema,
 )
-from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.schema_base import Location, Part, Wrong
+from thirdbody.schema.parts import Location, Part, Wrong
 
 _INERTIA = Quantity(dimension="inertia", gt=0)
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, ValidationInfo
 
 from thirdbody import units
-from thirdbody.scene.field_types import PositiveLength, PositiveNumber, Quantity
-from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.schema_base import Part, Wrong, union_by_key
+from thirdbody.schema.fields import PositiveLength, PositiveNumber, Quantity, ShortForm, quantity_schema
+from thirdbody.schema.parts import Part, Wrong, union_by_key
 
 
 class SizeDistribution(Part):
