@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
     from thirdbody.schema.sizes import SizeDistribution
 
+MAX_SPHERES = 10_000_000
+"""Largest number of spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
+
 MAX_SPHERES_PER_BODY = 100
 """Largest number of spheres of a given body: the memory grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
 
@@ -50,6 +53,13 @@ class RandomStreams:
 
         streams = Streams([self.stream(k) for k in range(count)])
         return diameters(streams, count, **size.parameters()).tolist()
+
+    def bodies_in_turn(self, shapes: list[Clump], count: int, size: SizeDistribution | None) -> list[Clump]:
+        """Return bodies of these shapes, from the first again after the last, each rescaled to its own size if one is given."""
+        bodies = [shapes[k % len(shapes)] for k in range(count)]
+        if size is None:
+            return bodies
+        return [body.scaled(d / body.diameter) for body, d in zip(bodies, self.diameters(size, count), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -161,8 +171,6 @@ class DebrisKind(Part):
         """Return lines that `check` and `run` print about the bodies."""
         return []
 
-    # Methods with defaults, for kinds whose bodies need no file, and no position or motion of their own.
-
     def read(self, context: PopulationContext) -> Any:
         """Return the content of the population's files, later `context.content`. Raises InputError.
 
@@ -200,9 +208,7 @@ class VolumeKeys(DebrisKind):
         """Seed of the random numbers; body k is the same for every count. Example: 1."""
         placement: Any
         """"layer": each body in a stable pose on the lower plate; "dilute": at random in a volume; "dense": a packed bed.
-
-        Example: "dense".
-        """
+        Example: "dense"."""
 
     height: PositiveLength | None = None
     """Height of the volume of all "dilute", or all "dense" bodies; instead of `solid_fraction`. Example: "60 um"."""

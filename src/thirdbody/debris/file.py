@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from thirdbody import units
-from thirdbody.debris.contract import UPRIGHT, PlacedClumps, Placement, PopulationContext, VolumeKeys
+from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
 from thirdbody.schema.fields import AngularVelocity, Count, Seed, Text, Velocity
 from thirdbody.schema.parts import Location, Wrong, entry
@@ -35,9 +35,7 @@ class File(VolumeKeys):
     seed: Seed = 1
     size: Size | None = None
     """Volume-equivalent diameter to which each body is rescaled; needs `placement`.
-
-    Example: {distribution = "uniform", min = "5 um", max = "20 um"}.
-    """
+    Example: {distribution = "uniform", min = "5 um", max = "20 um"}."""
     placement: Placement | None = None
     """How bodies are placed; without it they lie where the file says. Example: "layer"."""
     velocity: Velocity | None = None
@@ -45,7 +43,6 @@ class File(VolumeKeys):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         faults = super().rules(raw, context)
         if "placement" in raw:
             return faults
@@ -54,13 +51,11 @@ class File(VolumeKeys):
 
     @classmethod
     def body_count(cls, raw: Any) -> int:
-        """Return the count, or 2 for as many bodies as the file has, which is read later."""
         count = entry(raw, "count")
-        return count if isinstance(count, int) else 2
+        return count if isinstance(count, int) else 2  # as many as the file has, which is read later
 
     def max_spheres(self) -> int:
-        """Return 1: the number is known only after reading the file."""
-        return 1
+        return 1  # known only after reading the file
 
     def read(self, context: PopulationContext) -> Bodies:
         """Return the bodies of the table; warn of orientations and velocities that a placement does not use."""
@@ -70,28 +65,28 @@ class File(VolumeKeys):
             table = load_bodies(context.path(self.file), units.parse)
         except InputError as error:
             raise InputError(Fault("file", str(fault)) for fault in error.faults) from None
-        unused = _poses_and_motion(table)
-        if self.placement is not None and unused:
+        given = {
+            "quaternions": table.has_orientations,
+            "velocities": table.velocity is not None,
+            "angular velocities": table.angular_velocity is not None,
+        }
+        unused = [name for name, there in given.items() if there and self.placement is not None]
+        if unused:
             only = f'placement = "{self.placement}" takes the shapes only'
             context.warnings.append(f"{self.file}: its {' and '.join(unused)} are not used: {only}")
-        if self.placement is None and (faults := self._motion_given_twice(table)):
-            raise InputError(faults)
+        twice = [
+            Fault(key, f"give only one: {self.file} has the {key.replace('_', ' ')} of each body")
+            for key in ("velocity", "angular_velocity")
+            if self.placement is None and getattr(self, key) is not None and getattr(table, key) is not None
+        ]
+        if twice:
+            raise InputError(twice)
         return table
 
-    def _motion_given_twice(self, table: Bodies) -> list[Fault]:
-        message = "give only one: {} has the {} of each body"
-        return [
-            Fault(key, message.format(self.file, key.replace("_", " ")))
-            for key in ("velocity", "angular_velocity")
-            if getattr(self, key) is not None and getattr(table, key) is not None
-        ]
-
     def number_of_bodies(self, context: PopulationContext) -> int:
-        """Return the count, or as many as the file has."""
         return self.count or len(context.content.clumps)
 
     def typical_diameter(self, context: PopulationContext) -> tuple[float, float]:
-        """Return that of the size, or the root mean square of the file's bodies."""
         import numpy as np
 
         if self.size is not None:
@@ -99,25 +94,14 @@ class File(VolumeKeys):
         return float(np.sqrt(np.mean([body.diameter**2 for body in context.content.clumps]))), 1.0
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return the shapes in turn, each with its own size, or the bodies with the positions and motion of the file."""
         table: Bodies = context.content
-        shapes = [table.clumps[k % len(table.clumps)] for k in range(self.number_of_bodies(context))]
-        if self.size is not None:
-            sizes = context.random.diameters(self.size, len(shapes))
-            shapes = [body.scaled(size / body.diameter) for body, size in zip(shapes, sizes, strict=True)]
+        shapes = context.random.bodies_in_turn(table.clumps, self.number_of_bodies(context), self.size)
         if self.placement is not None:
-            return PlacedClumps(shapes, UPRIGHT)
+            return PlacedClumps(shapes)
         return PlacedClumps(shapes, table.quaternions, table.positions, table.velocity, table.angular_velocity)
 
     def position_key(self, body: int) -> Location:
-        """Return the key of the file that gives the positions."""
         return ("file",) if self.placement is None else ()
-
-
-def _poses_and_motion(table: Bodies) -> list[str]:
-    given = {"quaternions": table.has_orientations, "velocities": table.velocity is not None}
-    given["angular velocities"] = table.angular_velocity is not None
-    return [name for name, there in given.items() if there]
 
 
 KIND = File

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ValidationInfo
-from pydantic_core import core_schema
+from pydantic import BeforeValidator
 
 from thirdbody import units
 from thirdbody.debris.contract import Placement, RandomStreams, VolumeKeys
@@ -18,6 +16,7 @@ from thirdbody.schema.fields import (
     Count,
     Fraction,
     Quantity,
+    Read,
     Seed,
     ShortForm,
     Text,
@@ -34,43 +33,33 @@ if TYPE_CHECKING:
 
 _WHOLE = Whole(ge=1, le=64)
 
-SpheresPerBody = Annotated[int, _WHOLE]
-
 THINNEST = 1e-6
 """Smallest axis ratio: far thinner bodies lose their size to rounding."""
 
 
-def _sphere_range(value: Any, info: ValidationInfo) -> Any:
+def _sphere_range(value: Any) -> Any:
     """Return a single number as the range that it represents."""
-    if hasattr(value, "__len__"):
-        return value
-    number = _WHOLE.read(value, info)
-    return [number, number]
+    return value if hasattr(value, "__len__") else [_WHOLE.read(value)] * 2
 
 
 _RELATIVE = Quantity(gt=0, le=0.5)
 _ABSOLUTE = Quantity(dimension="length", gt=0)
 
 
-@dataclass(frozen=True)
-class _LengthOrFraction:
-    """Field type: a length as text with a unit, stored as text, or a bare fraction; only the unit distinguishes them."""
+def _length_or_fraction(value: Any) -> float | str:
+    """Return a length as the text with its unit, or a bare fraction; only the unit distinguishes them. Raises ValueError."""
+    if isinstance(value, str):
+        _ABSOLUTE.read(value)
+        return value
+    try:
+        return _RELATIVE.read(value)
+    except ValueError as error:
+        raise ValueError(f"{error}: a length ('0.5 um'), or a fraction of the body's equivalent radius") from None
 
-    def read(self, value: Any, info: ValidationInfo) -> float | str:
-        """Return the fraction, or the text. Raises ValueError."""
-        if isinstance(value, str):
-            _ABSOLUTE.read(value, info)
-            return value
-        try:
-            return _RELATIVE.read(value, info)
-        except ValueError as error:
-            raise ValueError(f"{error}: a length ('0.5 um'), or a fraction of the body's equivalent radius") from None
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.with_info_plain_validator_function(self.read)
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        return {"anyOf": [quantity_schema("dimensionless", _RELATIVE.limits()), quantity_schema("length", {})]}
+_RADIUS = Read(
+    _length_or_fraction, {"anyOf": [quantity_schema("dimensionless", _RELATIVE.limits()), quantity_schema("length", {})]}
+)
 
 
 class Asperities(Part):
@@ -78,7 +67,7 @@ class Asperities(Part):
 
     count: Annotated[int, Whole(ge=1, le=32)] = 3
     """Number of asperities on each body. Example: 3."""
-    radius: Annotated[float | str, _LengthOrFraction()]
+    radius: Annotated[float | str, _RADIUS]
     """Radius: a length, or a fraction of the equivalent radius of the body. Example: "0.5 um"."""
 
     @property
@@ -99,11 +88,9 @@ class Irregular(VolumeKeys):
     seed: Seed = 1
     size: Size
     """Volume-equivalent diameter: a distribution, or one length.
-
-    Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}.
-    """
+    Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}."""
     spheres: Annotated[
-        tuple[SpheresPerBody, SpheresPerBody],
+        tuple[Annotated[int, _WHOLE], Annotated[int, _WHOLE]],
         listing("[min, max] or one whole number", 2),
         BeforeValidator(_sphere_range),
         ShortForm({"type": "integer"} | _WHOLE.limits()),
@@ -122,7 +109,6 @@ class Irregular(VolumeKeys):
     angular_velocity: AngularVelocity = AT_REST
 
     def checks(self) -> list[Wrong]:
-        """Return faults between the limits."""
         minimum, maximum = self.spheres
         wrong: list[Wrong] = []
         if minimum > maximum:
@@ -133,11 +119,9 @@ class Irregular(VolumeKeys):
         return wrong
 
     def max_spheres(self) -> int:
-        """Return the largest number of spheres, including those of the asperities."""
         return self.spheres[1] + (self.asperities.count if self.asperities else 0)
 
     def clumps(self, random: RandomStreams) -> list[Clump]:
-        """Return the bodies at unit density. Raises InputError."""
         from thirdbody.bodies import asperities, irregular_clumps
 
         thin = min(range(3), key=lambda axis: self.aspect[axis])

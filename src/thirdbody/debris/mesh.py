@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
-
-from pydantic import ValidationInfo
-from pydantic_core import core_schema
 
 from thirdbody import units
 from thirdbody.debris.contract import PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
+from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, PositiveLength, Read, Seed, Text, Velocity, Whole, show
 from thirdbody.schema.sizes import Size
 
 if TYPE_CHECKING:
@@ -22,22 +18,15 @@ if TYPE_CHECKING:
     from thirdbody.bodies.mesh_to_clump import Fit
 
 
-@dataclass(frozen=True)
-class _Files:
-    """Field type: the name of a file or folder, or a list of names of files."""
+def _file_names(value: Any) -> str | list[str]:
+    """Return the name of a file or folder, or a list of names of files. Raises ValueError."""
+    names = list(value) if isinstance(value, list | tuple) else [value]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
+    return value if isinstance(value, str) else names
 
-    def read(self, value: Any, info: ValidationInfo) -> str | list[str]:
-        """Return the name or the names. Raises ValueError."""
-        names = list(value) if isinstance(value, list | tuple) else [value]
-        if not names or not all(isinstance(name, str) for name in names):
-            raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
-        return value if isinstance(value, str) else names
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.with_info_plain_validator_function(self.read)
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
+_FILES = Read(_file_names, {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]})
 
 
 class MeshShape(NamedTuple):
@@ -61,11 +50,9 @@ class Mesh(VolumeKeys):
 
     kind: Literal["mesh"] = "mesh"
     material: Text
-    file: Annotated[str | list[str], _Files()]
+    file: Annotated[str | list[str], _FILES]
     """Closed mesh (STL, OBJ, PLY) relative to the scene, a list of such files, or a folder; bodies take them in turn.
-
-    Example: "debris_particle.stl".
-    """
+    Example: "debris_particle.stl"."""
     unit: PositiveLength
     """Length of one unit of the files. Example: "1 um"."""
     spheres: Annotated[int, Whole(ge=4, le=1500)] | None = None
@@ -74,28 +61,19 @@ class Mesh(VolumeKeys):
     seed: Seed = 1
     size: Size | None = None
     """Volume-equivalent diameter to which each body is rescaled.
-
-    Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}.
-    """
+    Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}."""
     placement: Placement = "layer"
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST
 
     def max_spheres(self) -> int:
-        """Return the number of spheres of a body; 1 where it follows from the mesh."""
-        return self.spheres or 1
+        return self.spheres or 1  # 1 where it follows from the mesh
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return the clumps of the meshes in turn, each with its own size; add a warning about the quality of the fit."""
-        shapes = self.mesh_shapes(context)
-        bodies = [shapes[k % len(shapes)].clump for k in range(self.count)]
-        if self.size is not None:
-            sizes = context.random.diameters(self.size, len(bodies))
-            bodies = [body.scaled(size / body.diameter) for body, size in zip(bodies, sizes, strict=True)]
-        return PlacedClumps(bodies)
+        clumps = [shape.clump for shape in self.mesh_shapes(context)]
+        return PlacedClumps(context.random.bodies_in_turn(clumps, self.count, self.size))
 
     def mesh_shapes(self, context: PopulationContext) -> list[MeshShape]:
-        """Return the shapes; body k has shape k modulo their number. Raises InputError with all faults."""
         from thirdbody.bodies.mesh import load_mesh
         from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 
@@ -110,8 +88,15 @@ class Mesh(VolumeKeys):
                 shapes.append(MeshShape(name, surface, *clump_from_mesh(surface, self.spheres, self.seed)))
             except InputError as error:
                 faults.append(Fault(key, str(error)))
-        if faults or (faults := self._too_large(context, shapes)):
+        if faults:
             raise InputError(faults)
+        widest = max(shapes, key=lambda shape: shape.clump.diameter)
+        if self.size is None and widest.clump.diameter > min(context.domain):
+            unit, diameter, width, depth = (
+                units.pretty(length, "length") for length in (self.unit, widest.clump.diameter, *context.domain)
+            )
+            report = f"{unit} per unit of {widest.name} makes bodies of {diameter}"
+            raise InputError(Fault("unit", f"{report}, which do not fit into the domain ({width} by {depth})"))
         context.warnings.append(_closeness(shapes))
         return shapes
 
@@ -132,18 +117,6 @@ class Mesh(VolumeKeys):
             empty = Fault("mesh", f"is a folder that holds no mesh file ({', '.join(SUFFIXES)})", str(path))
             raise InputError(Fault("file", str(empty)))
         return [("file", file.name, file) for file in result]
-
-    def _too_large(self, context: PopulationContext, shapes: list[MeshShape]) -> list[Fault]:
-        """Return a fault where the unit makes bodies that do not fit into the domain."""
-        widest = max(shapes, key=lambda shape: shape.clump.diameter)
-        if self.size is not None or widest.clump.diameter <= min(context.domain):
-            return []
-        width, depth = (units.pretty(v, "length") for v in context.domain)
-        message = (
-            f"{units.pretty(self.unit, 'length')} per unit of {widest.name} makes bodies of "
-            f"{units.pretty(widest.clump.diameter, 'length')}, which do not fit into the domain ({width} by {depth})"
-        )
-        return [Fault("unit", message)]
 
 
 def meshes_in(folder: Path) -> list[Path]:

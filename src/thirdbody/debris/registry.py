@@ -16,7 +16,8 @@ from pydantic_core import core_schema
 from thirdbody import debris
 from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import UsageError
-from thirdbody.schema.parts import chosen_kind
+from thirdbody.schema.fields import Schema
+from thirdbody.schema.parts import table_by_kind
 
 GROUP = "thirdbody.debris_kinds"
 """Group of entry points; each is the class of a kind, under the name of the kind."""
@@ -42,9 +43,8 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         """Installed kinds that are not imported yet."""
         points = {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
         for name, point in points.items():
-            other = "thirdbody" if name in built_in() else self.of_files[name][0] if name in self.of_files else None
-            if other is not None:
-                raise UsageError(f"'{point.value}' and '{other}' both bring the kind of debris '{name}'")
+            if name in built_in() or name in self.of_files:
+                raise UsageError(f"'{point.value}' and '{self.source(name)}' both bring the kind of debris '{name}'")
         return points
 
     def including(self, kinds: Iterable[type[DebrisKind]]) -> DebrisKinds:
@@ -71,18 +71,21 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         except Exception as problem:  # any exception of a plug-in on import
             raise ValueError(f"'{name}' ({point.value}) did not load: {type(problem).__name__}: {problem}") from problem
 
-    def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and (name in built_in() or name in self.of_files or name in self.installed)
-
     def __iter__(self) -> Iterator[str]:
-        return iter((*built_in(), *self.of_files, *self.installed))
+        yield from built_in()
+        yield from self.of_files
+        yield from self.installed
+
+    def __contains__(self, name: object) -> bool:
+        return any(name == known for known in self)  # installed kinds are read last, and none is imported
 
     def __len__(self) -> int:
-        return len(tuple(iter(self)))
+        return sum(1 for _ in self)
 
     def usable(self) -> dict[str, type[DebrisKind]]:
         """Return all kinds that can be imported."""
-        return {name: kind for name in self if (kind := self._or_none(name)) is not None}
+        failures = self.failures()
+        return {name: self[name] for name in self if name not in failures}
 
     def failures(self) -> dict[str, str]:
         """Return why installed kinds cannot be imported, by name."""
@@ -93,12 +96,6 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
             except ValueError as problem:
                 result[name] = str(problem)
         return result
-
-    def _or_none(self, name: str) -> type[DebrisKind] | None:
-        try:
-            return self[name]
-        except ValueError:
-            return None
 
     # Registries are equal: a scene does not depend on where its kinds come from.
     def __eq__(self, other: object) -> bool:
@@ -161,23 +158,19 @@ def kinds_of(context: Any) -> DebrisKinds:
     return DebrisKinds() if result is None else result
 
 
-_ANYTHING = core_schema.any_schema()
-
-
 class _DebrisTable:
     """Field type of a [[debris]] table: `kind` selects the class that reads the other keys."""
 
-    def read(self, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        if isinstance(value, DebrisKind):
-            return value
-        return chosen_kind("kind", kinds_of(info.context), value).model_validate(value, context=info.context)
-
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        union = core_schema.union_schema([handler.generate_schema(kind) for kind in built_in().values()])
-        as_it_is = core_schema.wrap_serializer_function_ser_schema(lambda value, dump: dump(value), schema=_ANYTHING)
-        return core_schema.with_info_wrap_validator_function(self.read, union, serialization=as_it_is)
+        def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+            return value if isinstance(value, DebrisKind) else table_by_kind(value, info, "kind", kinds_of(info.context))
 
-    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        union = core_schema.union_schema([handler.generate_schema(kind) for kind in built_in().values()])
+        anything = core_schema.any_schema()
+        as_it_is = core_schema.wrap_serializer_function_ser_schema(lambda value, dump: dump(value), schema=anything)
+        return core_schema.with_info_wrap_validator_function(read, union, serialization=as_it_is)
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
         """Return the schemas of the built-in and the installed kinds."""
         result = handler(schema)
         others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]

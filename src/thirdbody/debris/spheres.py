@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator
 
 from thirdbody.debris.contract import MAX_SPHERES_PER_BODY, UPRIGHT, PlacedClumps, Placement, PopulationContext, VolumeKeys
 from thirdbody.errors import Fault, InputError
-from thirdbody.schema.fields import AT_REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity, listing
+from thirdbody.schema.fields import (
+    AT_REST,
+    AngularVelocity,
+    Count,
+    Point,
+    PositiveLength,
+    Quantity,
+    Seed,
+    Text,
+    Velocity,
+    listing,
+)
 from thirdbody.schema.parts import MISSING, Location, Part, Wrong, one_of
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from thirdbody.bodies.clump import Clump
 
 
 class Ball(Part):
@@ -41,8 +47,9 @@ def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float
     return w / norm, x / norm, y / norm, z / norm
 
 
+_Number = Annotated[float, Quantity()]
 Quaternion = Annotated[
-    tuple[Number, Number, Number, Number], listing("a list of 4 values (w, x, y, z)", 4), AfterValidator(_unit_quaternion)
+    tuple[_Number, _Number, _Number, _Number], listing("a list of 4 values (w, x, y, z)", 4), AfterValidator(_unit_quaternion)
 ]
 
 
@@ -57,9 +64,7 @@ class Spheres(VolumeKeys):
     """Radius of single spheres; give it or `shape`. Example: "5 um"."""
     shape: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
     """Spheres of one body, the same for all bodies; give it or `radius`.
-
-    Example: [{center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}].
-    """
+    Example: [{center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}]."""
     count: Count
     """Number of bodies; may be left out where `positions` are given. Example: 100."""
     seed: Seed = 1
@@ -74,7 +79,6 @@ class Spheres(VolumeKeys):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         faults = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
         for key in ("shape", "positions"):
             if isinstance(raw.get(key), list | tuple) and not raw[key]:
@@ -90,14 +94,12 @@ class Spheres(VolumeKeys):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """Return the table with the count of the positions, or with the default placement."""
         if "positions" not in raw:
             return {"placement": "layer"} | raw
         positions = raw["positions"]
         return {"count": len(positions)} | raw if hasattr(positions, "__len__") else raw
 
     def checks(self) -> list[Wrong]:
-        """Return faults between count and positions, and of a body of too many spheres."""
         if self.shape is not None and len(self.shape) > MAX_SPHERES_PER_BODY:
             return [(("shape",), f"{len(self.shape)} spheres, at most {MAX_SPHERES_PER_BODY} make a body")]
         if self.positions is None or self.count == len(self.positions):
@@ -105,53 +107,35 @@ class Spheres(VolumeKeys):
         return [(("count",), f"{self.count} is not the number of positions, {len(self.positions)}")]
 
     def max_spheres(self) -> int:
-        """Return the number of spheres of a body."""
         return len(self.shape) if self.shape else 1
 
     def typical_diameter(self, context: PopulationContext) -> tuple[float, float]:
-        """Return the diameter [m] of the largest sphere."""
         radii = [self.radius] if self.radius is not None else [ball.radius for ball in self.shape or ()]
         return 2.0 * max(radii), 1.0
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return the bodies, all alike. Raises InputError."""
         import numpy as np
 
-        from thirdbody.bodies.clump import quaternion_product
+        from thirdbody.bodies.clump import clump_with_frame, quaternion_product, repeated_spheres
 
-        body, frame = self._body(context.index)
+        balls = (Ball(radius=self.radius),) if self.shape is None else self.shape
+        centers, radii = np.array([ball.center for ball in balls], float), np.array([ball.radius for ball in balls])
+        if repeated := repeated_spheres(centers, radii):
+            message = "repeats debris[{}].shape[{}]: the same center and radius; remove one"
+            raise InputError(Fault(f"shape[{k}]", message.format(context.index, first)) for k, first in repeated)
+        try:
+            body, _, frame = clump_with_frame(centers, radii)
+        except InputError as error:  # its keys are "spheres[6].center", for spheres in the scene's `shape`
+            indices = ["".join(re.findall(r"\[\d+\]", fault.key)[:1]) for fault in error.faults]
+            raise InputError(
+                Fault(f"shape{index}", fault.message) for index, fault in zip(indices, error.faults, strict=True)
+            ) from None
         rotation = np.array(UPRIGHT if self.orientation is None else self.orientation)
         positions = None if self.positions is None else np.array(self.positions, float)
         return PlacedClumps([body] * self.count, quaternion_product(rotation, frame), positions)
 
-    def _body(self, population: int) -> tuple[Clump, np.ndarray]:
-        """Return the body, and the quaternion of its principal frame in the frame of `shape`."""
-        import numpy as np
-
-        from thirdbody.bodies.clump import clump_with_frame, repeated_spheres
-
-        if self.shape is None:
-            body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([self.radius]))
-            return body, frame
-        centers = np.array([ball.center for ball in self.shape], float)
-        radii = np.array([ball.radius for ball in self.shape])
-        if repeated := repeated_spheres(centers, radii):
-            message = "repeats debris[{}].shape[{}]: the same center and radius; remove one"
-            raise InputError(Fault(f"shape[{k}]", message.format(population, first)) for k, first in repeated)
-        try:
-            body, _, frame = clump_with_frame(centers, radii)
-        except InputError as error:  # its keys are "spheres[6]", for spheres in the scene's `shape`
-            raise InputError(Fault("shape" + _index(fault.key), fault.message) for fault in error.faults) from None
-        return body, frame
-
     def position_key(self, body: int) -> Location:
-        """Return the entry of `positions`."""
         return () if self.positions is None else ("positions", body)
-
-
-def _index(key: str) -> str:
-    """Return the first index in a key such as "spheres[6].center": "[6]"."""
-    return "".join(re.findall(r"\[\d+\]", key)[:1])
 
 
 KIND = Spheres

@@ -159,7 +159,6 @@ class Spheroid(PlacedDebris):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         faults = super().rules(raw, context)
         if "heading" in raw and raw.get("placement", "layer") != "layer":
             faults.append((("heading",), "needs placement = 'layer'"))
@@ -168,7 +167,6 @@ class Spheroid(PlacedDebris):
         return faults
 
     def checks(self) -> list[Wrong]:
-        """Return faults of too few spheres for one connected body."""
         if self.axial_ratio > BALL:
             return []
         if self.form == "oblate" and self.spheres < spheres_in_rings(RINGS[0]):
@@ -177,18 +175,16 @@ class Spheroid(PlacedDebris):
             return []
         tried = map(spheres_in_rings, RINGS) if self.form == "oblate" else range(2, MAX_SPHERES_PER_BODY + 1)
         enough = next((n for n in tried if n > self.spheres and in_one_piece(self.form, self.axial_ratio, n)), None)
-        apart = f"of an {self.form}" if self.form == "oblate" else f"of a {self.form}"
-        apart = f"{self.max_spheres()} spheres {apart} spheroid of axial_ratio {self.axial_ratio:g} do not hang together"
+        body = f"{'an' if self.form == 'oblate' else 'a'} {self.form} spheroid of axial_ratio {self.axial_ratio:g}"
+        apart = f"{self.max_spheres()} spheres of {body} do not hang together"
         if enough is None:
             return [(("axial_ratio",), f"{apart}, and no more are possible: raise axial_ratio")]
         return [(("spheres",), f"{apart}: at least {enough}")]
 
     def max_spheres(self) -> int:
-        """Return the number of spheres of a body."""
         return number_of_spheres(self.form, self.axial_ratio, self.spheres)
 
     def clumps(self, random: RandomStreams) -> list[Clump]:
-        """Return the bodies at unit density: one shape, each scaled to its size. Raises InputError."""
         from thirdbody.bodies.clump import clump
 
         built = layout(self.form, self.axial_ratio, self.max_spheres())
@@ -197,7 +193,6 @@ class Spheroid(PlacedDebris):
         return [shape.scaled(0.5 * size / built.equivalent_radius) for size in sizes]
 
     def notes(self) -> list[str]:
-        """Return how far the spheres are from the spheroid."""
         n = self.max_spheres()
         if n == 1:
             return []

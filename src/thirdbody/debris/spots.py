@@ -19,6 +19,7 @@ from thirdbody.schema.fields import (
     Quantity,
     ShortForm,
     Text,
+    TwoLengths,
     Velocity,
     listing,
     plain,
@@ -49,7 +50,7 @@ def _three_moments(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, str | numbers.Real):
         return value
     _INERTIA.read(value, info)  # so that a fault is reported once
-    return [value, value, value]
+    return [value] * 3
 
 
 Moments = Annotated[
@@ -73,11 +74,8 @@ class Spots(DebrisKind):
     kind: Literal["spots"] = "spots"
     material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
-    """Spots of a body, at least one on each side.
-
-    Example: [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"}, {side = "lower", x = "0 um", z = "-2 um", radius = "1
-    um"}].
-    """
+    """Spots of a body, at least one on each side. Example: [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
+    {side = "lower", x = "0 um", z = "-2 um", radius = "1 um"}]."""
     mass: PositiveMass
     """Mass of a body. Example: "1e-13 kg"."""
     inertia: Moments
@@ -86,21 +84,17 @@ class Spots(DebrisKind):
     """Whether bodies must stay in the plane y = 0; what would drive them out of it is refused. Example: true."""
     count: Count = 1
     """Number of bodies, all alike; may be left out where `positions` are given. Example: 3."""
-    positions: Annotated[
-        tuple[Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)], ...], listing("a list of points [x, y]")
-    ] | None = None  # fmt: skip
+    positions: Annotated[tuple[TwoLengths, ...], listing("a list of points [x, y]")] | None = None
     """Places x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """Return the table with the count of the positions."""
         positions = plain(raw.get("positions"))
         return {"count": len(positions)} | raw if isinstance(positions, list) and positions else raw
 
     def checks(self) -> list[Wrong]:
-        """Return faults between the keys."""
         from thirdbody.bodies.clump import impossible_moments
 
         sides = {spot.side for spot in self.spots}
@@ -116,37 +110,29 @@ class Spots(DebrisKind):
         if not faults and self.height() <= 0.0:
             message = "the upper spots are not above the lower ones: z is measured upwards from the centre of mass"
             faults.append((("spots",), message))
-        return faults + (self._out_of_plane() if self.planar else [])
+        if self.planar:
+            faults += [
+                (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
+            ]
+            if self.velocity[1] != 0.0:
+                faults.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
+            why = "must be 0 in a planar particle, which turns about y only"
+            faults += [(("angular_velocity", axis), why) for axis in (0, 2) if self.angular_velocity[axis] != 0.0]
+        return faults
 
     def height(self) -> float:
         """Return the distance between the highest upper and the lowest lower spot [m]."""
         z = {side: [spot.z for spot in self.spots if spot.side == side] for side in ("lower", "upper")}
         return max(z["upper"]) - min(z["lower"])
 
-    def _out_of_plane(self) -> list[Wrong]:
-        faults: list[Wrong] = [
-            (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
-        ]
-        if self.velocity[1] != 0.0:
-            faults.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
-        faults += [
-            (("angular_velocity", axis), "must be 0 in a planar particle, which turns about y only")
-            for axis in (0, 2)
-            if self.angular_velocity[axis] != 0.0
-        ]
-        return faults
-
     @property
     def in_plane(self) -> bool:
-        """Whether the particles are planar."""
         return self.planar
 
     def max_spheres(self) -> int:
-        """Return the number of spots."""
         return len(self.spots)
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return the particles, all alike, in rows over the domain or at their positions."""
         import numpy as np
 
         from thirdbody.bodies.spots import rows, spot_body
@@ -160,7 +146,6 @@ class Spots(DebrisKind):
         return PlacedClumps([body] * self.count, positions=np.column_stack((locations, np.full(self.count, height))))
 
     def position_key(self, body: int) -> Location:
-        """Return the entry of `positions`."""
         return ("positions", body)
 
 

@@ -12,16 +12,12 @@ from typing import Any
 from thirdbody import units
 from thirdbody.debris.contract import DebrisKind
 from thirdbody.errors import nearest
+from thirdbody.scene.output import Output
 from thirdbody.scene.surfaces import SIDES, faults_in_domain
 from thirdbody.scene.tables import Domain, Material, Pair, Plates, Solver
 from thirdbody.schema.fields import show
 from thirdbody.schema.parts import Location, Wrong, entry
 from thirdbody.units import pretty
-
-
-def _items(node: Any) -> list[Any]:
-    return list(node) if isinstance(node, list | tuple) else []
-
 
 MAX_MATERIALS = MAX_POPULATIONS = 1000
 """Largest number of materials and of debris tables in a scene: tables of pairs of materials take 8 MB then."""
@@ -37,77 +33,88 @@ def number_faults(raw: dict[str, Any]) -> list[Wrong]:
     return faults
 
 
-def material_faults(raw: dict[str, Any]) -> list[Wrong]:
+def raw_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]], moving: bool, every_kind: str) -> list[Wrong]:
+    """Return faults between unchecked tables. `moving`: the upper plate may slide; `every_kind`: "distance" or another word."""
+    faults: list[Wrong] = []
+    if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
+        faults.append((("materials",), "at least one [materials.NAME] table is needed"))
+    if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
+        faults.append((("debris",), "at least one [[debris]] table is needed"))
+    faults += _material_faults(raw) + _pair_faults(raw, kinds)
+    solver, output, plates = (raw.get(key) for key in ("solver", "output", "plates"))
+    if entry(output, "profiles") is not None and any(entry(plates, side) is None for side in SIDES):
+        text = "profiles are taken between two plates: add plates.lower and plates.upper"
+        faults.append((("output", "profiles"), text))
+    faults += _bed_faults(solver, raw.get("contact"), moving)
+    need = "needs an upper plate that moves: add plates.upper.motion, or give"
+    if not moving and entry(solver, "distance") is not None:
+        faults.append((("solver", "distance"), f"a distance {need} duration instead"))
+    if not moving and every_kind == "distance":
+        faults.append((("output", "every"), f"a length of sliding {need} a time"))
+    return faults
+
+
+def _material_faults(raw: dict[str, Any]) -> list[Wrong]:
     """Return faults of material names that are used but not defined."""
     materials = raw.get("materials")
     if not isinstance(materials, Mapping) or not materials:
         return []
+    used: dict[Location, Any] = {("debris", i, "material"): entry(d, "material") for i, d in enumerate(_items(raw.get("debris")))}
+    used |= {("plates", side, "material"): entry(entry(raw.get("plates"), side), "material") for side in SIDES}
+    for i, pair in enumerate(_items(raw.get("pairs"))):
+        used |= {("pairs", i, "between", k): name for k, name in enumerate(_items(entry(pair, "between")))}
     return [
         (location, f"unknown material {show(name)}, {nearest(name, materials)}")
-        for location, name in _used(raw)
+        for location, name in used.items()
         if isinstance(name, str) and name not in materials
     ]
 
 
-def _used(raw: dict[str, Any]) -> Iterator[tuple[Location, Any]]:
-    for i, debris in enumerate(_items(raw.get("debris"))):
-        yield ("debris", i, "material"), entry(debris, "material")
-    for side in ("lower", "upper"):
-        yield ("plates", side, "material"), entry(entry(raw.get("plates"), side), "material")
-    for i, pair in enumerate(_items(raw.get("pairs"))):
-        for k, name in enumerate(_items(entry(pair, "between"))):
-            yield ("pairs", i, "between", k), name
-
-
-def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
+def _pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
     """Return faults of pairs given twice, and of pairs of materials that can meet but are not given."""
+    materials = raw.get("materials")
+
+    def defined(names: list[Any]) -> bool:
+        return isinstance(materials, Mapping) and all(isinstance(name, str) and name in materials for name in names)
+
     faults: list[Wrong] = []
     known: dict[frozenset[str], int] = {}
     for i, pair in enumerate(_items(raw.get("pairs"))):
         names = [name for name in _items(entry(pair, "between")) if isinstance(name, str)]
-        if len(names) != 2 or not _defined(raw, names):
+        if len(names) != 2 or not defined(names):
             return faults  # reported already; the intended pair is unknown, so none can be called missing
-        if frozenset(names) in known:
-            first = known[frozenset(names)]
-            faults.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
-        known.setdefault(frozenset(names), i)
-    needed: dict[frozenset[str], tuple[list[str], str]] = {}
-    for first, second, where in _meetings(raw, kinds):
-        if _defined(raw, [first, second]):
-            needed.setdefault(frozenset((first, second)), ([first, second], where))
-    for key, (names, where) in needed.items():
+        first = known.setdefault(frozenset(names), i)
+        if first != i:
+            text = f"'{names[0]}' and '{names[1]}' are given by pairs[{first}] already"
+            faults.append((("pairs", i, "between"), text))
+    needed: dict[frozenset[str], tuple[str, str, str]] = {}
+    for a, b, where in _meetings(raw, kinds):
+        if defined([a, b]):
+            needed.setdefault(frozenset((a, b)), (a, b, where))
+    for key, (a, b, where) in needed.items():
         if key not in known:
-            text = f"no pair for {_both(names)}, which can meet ({where}): add a [[pairs]] table with"
-            faults.append((("pairs",), f'{text} between = ["{names[0]}", "{names[1]}"]'))
+            text = f"no pair for '{a}' and '{b}', which can meet ({where}): add a [[pairs]] table with"
+            faults.append((("pairs",), f'{text} between = ["{a}", "{b}"]'))
     return faults
 
 
-def _both(names: list[str]) -> str:
-    return f"'{names[0]}' and '{names[1]}'"
-
-
-def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
-    materials = raw.get("materials")
-    return isinstance(materials, Mapping) and all(isinstance(n, str) and n in materials for n in names)
+def _items(node: Any) -> list[Any]:
+    return list(node) if isinstance(node, list | tuple) else []
 
 
 def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Iterator[tuple[Any, Any, str]]:
     """Yield the materials that can touch, and the tables that they belong to."""
-    debris = [
-        (f"debris[{i}]", entry(d, "material"), kind.body_count(d), kind.meets_debris)
-        for i, d in enumerate(_items(raw.get("debris")))
-        for kind in [_kind(d, kinds)]
-    ]
+    debris = [(f"debris[{i}]", entry(d, "material"), d, _kind(d, kinds)) for i, d in enumerate(_items(raw.get("debris")))]
     for name, material, _, _ in debris:
-        for side in ("lower", "upper"):
+        for side in SIDES:
             plate = entry(raw.get("plates"), side)
             if plate is not None:
                 yield material, entry(plate, "material"), f"{name} and plates.{side}"
     if entry(raw.get("contact"), "debris_contact") == "none":
         return
-    debris = [row for row in debris if row[3]]
-    for name, material, bodies, _ in debris:
-        if bodies > 1:
+    debris = [row for row in debris if row[3].meets_debris]
+    for name, material, table, kind in debris:
+        if kind.body_count(table) > 1:
             yield material, material, f"the bodies of {name}"
     for (name, material, _, _), (other, other_material, _, _) in combinations(debris, 2):
         yield material, other_material, f"{name} and {other}"
@@ -124,54 +131,25 @@ def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind
         return DebrisKind
 
 
-def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
-    """Return faults of lengths of sliding without a plate that slides."""
-    faults: list[Wrong] = []
-    if moving:
-        return faults
-    if entry(raw.get("solver"), "distance") is not None:
-        hint = "add plates.upper.motion, or give duration instead"
-        faults.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
-    if every_kind == "distance":
-        hint = "add plates.upper.motion, or give a time"
-        faults.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
-    return faults
-
-
 RESTS = "changes the speed of the upper plate, and here it rests"
 NO_BED = "is for a bed, whose bodies meet each other"
 ALONE = "the implicit integrator takes slow motion as it is, and needs no other speed"
 """Why `solver.inertial_number` is refused, and what to do without it where bodies do not meet."""
 
 
-def bed_faults(raw: dict[str, Any], moving: bool) -> list[Wrong]:
+def _bed_faults(solver: Any, contact: Any, moving: bool) -> list[Wrong]:
     """Return faults of a wanted inertial number where no bed is sheared."""
     location: Location = ("solver", "inertial_number")
-    solver, faults = raw.get("solver"), []
+    faults: list[Wrong] = []
     if entry(solver, "inertial_number") is None:
         return []
     if not moving:
         faults.append((location, f"{RESTS}: add plates.upper.motion"))
-    if entry(raw.get("contact"), "debris_contact") == "none":
+    if entry(contact, "debris_contact") == "none":
         faults.append((location, f'{NO_BED}, and contact.debris_contact = "none" declares that they do not; {ALONE}'))
     elif entry(solver, "integrator") == "implicit":
         faults.append((location, f"{NO_BED}, which needs the explicit integrator; {ALONE}"))
     return faults
-
-
-def profile_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """Return the fault of profiles without two plates."""
-    named, plates = entry(raw.get("output"), "profiles") is not None, raw.get("plates")
-    if not named or all(entry(plates, side) is not None for side in ("lower", "upper")):
-        return []
-    return [(("output", "profiles"), "profiles are taken between two plates: add plates.lower and plates.upper")]
-
-
-def interval_faults(solver: Any, output: Any) -> list[Wrong]:
-    """Return the fault of an output interval longer than the distance; other runs have no length before they are assembled."""
-    if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):
-        return []
-    return [(("output", "every"), too_long_message(output.every, solver.distance, "length"))]
 
 
 def too_long(every: float, whole: float) -> bool:
@@ -185,27 +163,22 @@ def too_long_message(every: float, whole: float, kind: str) -> str:
     return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"
 
 
-def surface_faults(plates: Plates, domain: Domain) -> list[Wrong]:
-    """Return the faults of the surfaces of both plates."""
+def faults_between(plates: Plates, domain: Domain, solver: Solver, output: Output) -> list[Wrong]:
+    """Return faults between tables that are valid on their own."""
     faults: list[Wrong] = []
-    for side in SIDES:
-        surface = getattr(getattr(plates, side), "surface", None)
-        if surface is None:
-            continue
+    rough = {side: surface for side in SIDES if (surface := getattr(getattr(plates, side), "surface", None)) is not None}
+    for side, surface in rough.items():
         location = ("plates", side, "surface")
         if not domain.periodic:
             faults.append((location, "a surface repeats with the domain: domain.periodic must be true"))
         faults += [((*location, *where), text) for where, text in faults_in_domain(surface, domain.size)]
+    if rough and solver.initial_overlap == "relax":
+        text = f"'relax' pushes bodies apart between flat plates only, and plates.{next(iter(rough))}.surface is rough; "
+        faults.append((("solver", "initial_overlap"), text + 'give positions without overlap, or placement = "layer"'))
+    # runs for a duration have no length before they are assembled
+    if output.every_kind == "distance" and solver.distance is not None and too_long(output.every, solver.distance):
+        faults.append((("output", "every"), too_long_message(output.every, solver.distance, "length")))
     return faults
-
-
-def relax_faults(plates: Plates, solver: Solver) -> list[Wrong]:
-    """Return the fault of bodies to be pushed apart between rough plates, which that does not know."""
-    rough = [side for side in SIDES if getattr(getattr(plates, side), "surface", None) is not None]
-    if solver.initial_overlap != "relax" or not rough:
-        return []
-    text = f"'relax' pushes bodies apart between flat plates only, and plates.{rough[0]}.surface is rough; "
-    return [(("solver", "initial_overlap"), text + 'give positions without overlap, or placement = "layer"')]
 
 
 SOFT, STIFF = 5e8, 1.3e12

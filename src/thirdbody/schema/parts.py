@@ -1,15 +1,21 @@
-"""The base of every table of the scene model, and the transport of faults inside tables.
+"""The base of every checked table, and the transport of faults inside tables.
 
 `Part` reports all faults of a table at once, and suggests the nearest known key. Faults are carried by pydantic errors with final
-text, so that pydantic prefixes their place when tables are nested.
+text, so that pydantic prefixes their place when tables are nested. What a key means stands below its declaration, as a docstring
+that may end with `Example: ...`, a TOML value; it becomes part of the JSON schema.
 """
 
 from __future__ import annotations
 
+import ast
 import difflib
+import inspect
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+import textwrap
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from typing import Any, ClassVar
 
 from pydantic import (
@@ -27,7 +33,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from thirdbody.errors import Fault, InputError, nearest
-from thirdbody.schema.fields import choose, described, in_file, plain, show
+from thirdbody.schema.fields import Schema, choose, in_file, plain, show
 
 Location = tuple[str | int, ...]
 Wrong = tuple[Location, str]  # place relative to the table, and message
@@ -80,38 +86,14 @@ def key_path(location: Iterable[str | int]) -> str:
     return path
 
 
-def entry(node: Any, key: str) -> Any:
-    """Return the entry of an unchecked table or of a checked one; None when there is none."""
-    return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
-
-
 def key_location(path: str) -> Location:
     """Return the place of a path: debris[0].size is ("debris", 0, "size")."""
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
 
 
-def union_by_key(key: str, kinds: Mapping[str, type[Part]]) -> WrapValidator:
-    """Return a validator that selects the class of a table by one of its keys, so only faults of that class are reported."""
-
-    def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        if isinstance(value, tuple(kinds.values())):
-            return value
-        return chosen_kind(key, kinds, value).model_validate(value, context=info.context)
-
-    return WrapValidator(read)
-
-
-def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any) -> type[Part]:
-    """Return the class of a table by the value of its key. Raises ValueError, or ValidationError with the fault at that key."""
-    if not isinstance(value, Mapping):
-        raise ValueError(f"expected a table, got {show(value)}")
-    if value.get(key) is None:
-        listed = ", ".join(f"'{name}'" for name in kinds)
-        raise bundle([((key,), f"{MISSING}: one of {listed}")])
-    try:
-        return kinds[choose(value[key], kinds)]
-    except ValueError as error:
-        raise bundle([((key,), str(error))]) from None
+def entry(node: Any, key: str) -> Any:
+    """Return the entry of an unchecked table or of a checked one; None when there is none."""
+    return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
 
 
 def one_of(raw: Mapping[str, Any], keys: tuple[str, ...]) -> list[Wrong]:
@@ -136,7 +118,7 @@ def one_of(raw: Mapping[str, Any], keys: tuple[str, ...]) -> list[Wrong]:
 
 
 class Part(BaseModel):
-    """A table of the scene. Built in Python it raises InputError with all its faults."""
+    """A checked, frozen table. Built in Python it raises InputError with all its faults."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     extra_keys: ClassVar[str] = ""  # the field for all further keys, in tables that plug-ins extend
@@ -169,15 +151,6 @@ class Part(BaseModel):
         """Return faults between values that are each valid."""
         return []
 
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
-        schema = handler.resolve_ref_schema(handler(core_schema))
-        if cls.extra_keys:  # checked by a plug-in
-            schema["properties"].pop(cls.extra_keys, None)
-            schema["additionalProperties"] = True
-        schema["properties"] = described(schema.get("properties", {}), cls)
-        return schema
-
     @model_validator(mode="wrap")
     @classmethod
     def _collect(cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
@@ -186,8 +159,12 @@ class Part(BaseModel):
         if not isinstance(data, Mapping):
             raise ValueError(f"expected a table, got {show(data)}")
         raw = {key: value for key, value in data.items() if value is not None}
-        if cls.extra_keys:
-            raw = cls._gather(raw, in_file(info))
+        if cls.extra_keys:  # further keys go into this field, where a plug-in checks them
+            own = {key: raw.pop(key) for key in list(raw) if key in cls.model_fields and key != cls.extra_keys}
+            further = {key: plain(value) for key, value in raw.items()}
+            if not in_file(info.context):
+                further |= plain(further.pop(cls.extra_keys, {}))
+            raw = own | {cls.extra_keys: further}
         raw, renamed, faults = cls._known(raw)
         faults += cls.rules(raw, info.context)
         faults += [(location, "nan is not a number") for location in _nan_locations(raw.get(cls.extra_keys, {}))]
@@ -198,17 +175,8 @@ class Part(BaseModel):
             report = {location for location, _ in faults}
             faults += [wrong for wrong in wrongs_of(error) if wrong[0] not in report]
         if faults:
-            raise bundle((_rename(location, renamed), text) for location, text in faults)
+            raise bundle((tuple(renamed.get(str(key), key) for key in where[:1]) + where[1:], text) for where, text in faults)
         return part
-
-    @classmethod
-    def _gather(cls, raw: dict[str, Any], from_file: bool) -> dict[str, Any]:
-        """Move further keys into the field `extra_keys`, where a plug-in checks them."""
-        own = {key: value for key, value in raw.items() if key in cls.model_fields and key != cls.extra_keys}
-        further = {key: plain(value) for key, value in raw.items() if key not in own}
-        if not from_file:
-            further |= plain(further.pop(cls.extra_keys, {}))
-        return own | {cls.extra_keys: further}
 
     @classmethod
     def _known(cls, raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[Wrong]]:
@@ -216,26 +184,33 @@ class Part(BaseModel):
 
         Reading under the intended name prevents that one misspelling is also reported as a missing key.
         """
-        saved = {key: value for key, value in raw.items() if key in cls.model_fields}
+        known = {key: value for key, value in raw.items() if key in cls.model_fields}
         renamed: dict[str, str] = {}
         faults: list[Wrong] = []
-        strange = [key for key in raw if key not in saved]
+        strange = [key for key in raw if key not in known]
         for key in strange[:MAX_UNKNOWN]:
             faults.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
-            for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - saved.keys(), 1, 0.7):
-                saved[meant] = raw[key]
+            for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - known.keys(), 1, 0.7):
+                known[meant] = raw[key]
                 renamed[meant] = key
         if len(strange) > MAX_UNKNOWN:
-            more = len(strange) - MAX_UNKNOWN
-            faults.append(((strange[MAX_UNKNOWN],), f"unknown key, and so are {more - 1} more after it"))
-        return saved, renamed, faults
+            more = len(strange) - MAX_UNKNOWN - 1
+            faults.append(((strange[MAX_UNKNOWN],), f"unknown key, and so are {more} more after it"))
+        return known, renamed, faults
 
     @model_serializer(mode="wrap")
     def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         document = handler(self)
-        if self.extra_keys:
-            document.update(document.pop(self.extra_keys))
-        return document
+        return document | document.pop(self.extra_keys) if self.extra_keys else document
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Schema:
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        if cls.extra_keys:  # checked by a plug-in
+            schema["properties"].pop(cls.extra_keys, None)
+            schema["additionalProperties"] = True
+        schema["properties"] = described(schema.get("properties", {}), cls)
+        return schema
 
 
 def _nan_locations(value: Any, location: Location = ()) -> list[Location]:
@@ -246,37 +221,61 @@ def _nan_locations(value: Any, location: Location = ()) -> list[Location]:
     return [inner for key, entry in entries for inner in _nan_locations(entry, (*location, key))]
 
 
-def _rename(location: Location, renamed: dict[str, str]) -> Location:
-    return (renamed.get(str(location[0]), location[0]), *location[1:]) if location else location
-
+# -- tables of several kinds at one place --
 
 Kinds = Mapping[str, type[Part]]
 
 
-def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> WrapValidator:
-    """Return a validator of one stage, or of a list of them.
+def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds) -> Part:
+    """Return one table, of the class that its key names. Raises ValueError, or ValidationError with the faults of that class."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected a table, got {show(value)}")
+    if value.get(key) is None:
+        listed = ", ".join(f"'{name}'" for name in kinds)
+        raise bundle([((key,), f"{MISSING}: one of {listed}")])
+    try:
+        kind = kinds[choose(value[key], kinds)]
+    except ValueError as error:
+        raise bundle([((key,), str(error))]) from None
+    return kind.model_validate(value, context=info.context)
 
-    `kinds`: leading key to table; `endless` names the key that a stage before the last needs to have an end, None if it has one.
+
+def table_by_leading_key(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Part:
+    """Return one table, of the class whose leading key it has. Raises ValueError, or ValidationError with its faults."""
+    if isinstance(value, tuple(kinds.values())):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected a table such as {example}, got {show(value)}")
+    leading = [key for key in kinds if key in value]
+    leading = leading or [near for key in value for near in difflib.get_close_matches(key, kinds, 1, 0.6)]
+    if len(leading) != 1:
+        raise ValueError(f"give one of {', '.join(kinds)}" + (f", not {' and '.join(leading)}" if leading else ""))
+    return kinds[leading[0]].model_validate(value, context=info.context)
+
+
+def one_or_more(what: str, kinds: Kinds, example: str, endless: Callable[[Any], str | None] = lambda _: None) -> WrapValidator:
+    """Return a validator of one table, or of a list of them, each with one leading key.
+
+    `what` names the tables in messages; `kinds`: leading key to table; `endless` names the key that a table before the last needs
+    to have an end, None if it has one.
     """
 
-    def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        entries = list(value) if isinstance(value, list | tuple) else [value]
+    def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> tuple[Part, ...]:
+        several = isinstance(value, list | tuple)
+        entries = list(value) if several else [value]
         if not entries:
-            raise ValueError("the list of stages is empty")
-        result = []
-        faults: list[Wrong] = []
+            raise ValueError(f"the list of {what} is empty")
+        result, faults = [], list[Wrong]()
         for k, entry in enumerate(entries):
-            location: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
+            location: Location = (k,) if several else ()
             try:
                 result.append(table_by_leading_key(entry, info, kinds, example))
             except ValidationError as error:
                 faults += [((*location, *where), text) for where, text in wrongs_of(error)]
             except ValueError as error:
                 faults.append((location, str(error)))
-        for k, stage in enumerate(result[:-1]):
-            key = endless(stage)
-            if key is not None:
-                faults.append(((k, key), f"{MISSING}: only the last stage may go on for ever"))
+        lacking = [(k, endless(table)) for k, table in enumerate(result[:-1])]
+        faults += [((k, key), f"{MISSING}: only the last stage may go on for ever") for k, key in lacking if key is not None]
         if faults:
             raise bundle(faults)
         return tuple(result)
@@ -284,27 +283,45 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
     return WrapValidator(read)
 
 
-def table_by_leading_key(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
-    """Return one table, of the kind whose leading key it has. Raises ValueError, or ValidationError with its faults."""
-    if isinstance(value, tuple(kinds.values())):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f"expected a table such as {example}, got {show(value)}")
-    leading = [key for key in kinds if key in value]
-    if not leading:
-        near = [_nearest_key(key, kinds) for key in value]
-        leading = [key for key in near if key is not None]
-    if len(leading) != 1:
-        raise ValueError(f"give one of {', '.join(kinds)}" + (f", not {' and '.join(leading)}" if leading else ""))
-    return kinds[leading[0]].model_validate(value, context=info.context)
+# -- meanings of keys --
 
 
-def _nearest_key(key: str, kinds: Iterable[str]) -> str | None:
-    close = difflib.get_close_matches(key, kinds, 1, 0.6)
-    return close[0] if close else None
+def described(properties: Schema, table: type) -> Schema:
+    """Return the properties of a table with the meaning and the example of each key."""
+    return {key: _described(value, key_docs(table).get(key, "")) for key, value in properties.items()}
 
 
-def plain_stages(result: tuple[Part, ...]) -> Any:
-    """Return a single stage as a table, several as a list."""
-    report = [stage.model_dump(exclude_none=True) for stage in result]
-    return report[0] if len(report) == 1 else report
+def _described(schema: Schema, doc: str) -> Schema:
+    meaning, _, example = doc.partition(" Example: ")
+    if not meaning:
+        return schema
+    inner = {key: value for key, value in schema.items() if key != "default"}
+    result: Schema = {"allOf": [inner]} if "description" in inner or "$ref" in inner else inner
+    result |= {"description": meaning}
+    if example:
+        text = example.removesuffix(".")
+        result |= {"examples": [tomllib.loads(f"value = {text}")["value"]], "x-example": text}
+    return result | {key: value for key, value in schema.items() if key == "default"}
+
+
+@cache
+def key_docs(table: type) -> dict[str, str]:
+    """Return the docstrings of the keys of a table by name, those of its base classes included, each in one line."""
+    docs: dict[str, str] = {}
+    for part in reversed(table.__mro__[:-1]):
+        try:
+            source = textwrap.dedent(inspect.getsource(part))
+        except (OSError, TypeError):  # a class from no file
+            continue
+        docs |= dict(_docstrings(ast.parse(source).body[0].body))  # type: ignore[attr-defined]
+    return docs
+
+
+def _docstrings(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+    """Yield name and docstring of the attributes declared in a class body, those for type checkers included."""
+    for here, after in zip(body, [*body[1:], None], strict=True):
+        if isinstance(here, ast.If):
+            yield from _docstrings(here.body)
+        if isinstance(here, ast.AnnAssign) and isinstance(here.target, ast.Name) and isinstance(after, ast.Expr):
+            if isinstance(after.value, ast.Constant) and isinstance(after.value.value, str):
+                yield here.target.id, " ".join(after.value.value.split())

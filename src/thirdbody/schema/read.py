@@ -1,4 +1,4 @@
-"""Reading of a scene file: its raw document, and the position of each key."""
+"""Reading of a TOML file: its raw document, and line and column of every key, which tomllib does not report."""
 
 from __future__ import annotations
 
@@ -70,22 +70,24 @@ def read_text(path: str | os.PathLike[str]) -> str:
         With the reason why it cannot be read.
     """
     name = os.fspath(path)
+    reason = ""
     try:
         info = os.stat(path)
         if stat.S_ISDIR(info.st_mode):
-            raise InputError(Fault("", "is a folder, expected a scene file", name))
-        if not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
-            raise InputError(Fault("", "is a device, expected a scene file", name))
-        if info.st_size > MAX_BYTES:
-            raise InputError(Fault("", f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB", name))
-        with open(path, "rb") as file:
-            data = file.read()
+            reason = "is a folder, expected a scene file"
+        elif not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
+            reason = "is a device, expected a scene file"
+        elif info.st_size > MAX_BYTES:
+            reason = f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB"
+        else:
+            with open(path, "rb") as file:
+                data = file.read()
     except FileNotFoundError:
-        raise InputError(Fault("", "no such file", name)) from None
-    except OSError as error:
-        raise InputError(Fault("", f"cannot be read: {error.strerror}", name)) from None
-    except ValueError as error:  # a null byte in the name
-        raise InputError(Fault("", f"cannot be read: {error}", name)) from None
+        reason = "no such file"
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        reason = f"cannot be read: {getattr(error, 'strerror', error)}"
+    if reason:
+        raise InputError(Fault("", reason, name))
     try:
         return data.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as error:
@@ -123,34 +125,30 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
     except RecursionError:
         raise InputError(Fault("", "is nested too deeply", name)) from None
     except ValueError as error:
-        raise InputError(_syntax_fault(str(error), text, name)) from None
-
-
-def _syntax_fault(message: str, text: str, name: str) -> Fault:
-    match = _WHERE.search(message)
-    if match and match[1]:
-        line, column = int(match[1]), int(match[2])
-    else:
+        match = _WHERE.search(str(error))
         lines = text.rstrip().split("\n")
-        line, column = len(lines), len(lines[-1]) + 1
-    return Fault("", f"not valid TOML: {_WHERE.sub('', message)}", name, line, column)
+        line, column = (int(match[1]), int(match[2])) if match and match[1] else (len(lines), len(lines[-1]) + 1)
+        raise InputError(Fault("", f"not valid TOML: {_WHERE.sub('', str(error))}", name, line, column)) from None
 
 
 _BLANK = re.compile(r"[ \t]*")
 _VOID = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _KEY_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'""")
-_STRING = re.compile(
+_VALUE = re.compile(
     r'"""(?:[^\\]|\\.)*?"{3,5}(?!")|'
     r"'''.*?'{3,5}(?!')|"
     r'"(?:[^"\\\n]|\\.)*"|'
-    r"'[^'\n]*'",
+    r"'[^'\n]*'|"
+    r"[^,\]}#\n]*",
     re.DOTALL,
 )
-_BARE_VALUE = re.compile(r"[^,\]}#\n]*")
 
 
 def locate(text: str) -> dict[Location, tuple[int, int]]:
-    """Return the position (line, column; both from 1) by place: keys at the key, list entries at the value."""
+    """Return the position (line, column; both from 1) by place: keys at the key, list entries at the value.
+
+    Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
+    """
     scanner = _Scanner(text.replace("\r\n", "\n"))
     scanner.document()
     return scanner.positions
@@ -158,8 +156,7 @@ def locate(text: str) -> dict[Location, tuple[int, int]]:
 
 class _Scanner:
     def __init__(self, text: str) -> None:
-        self.text = text
-        self.at = 0
+        self.text, self.at = text, 0
         self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
         self.positions: dict[Location, tuple[int, int]] = {}
         self.lengths: dict[Location, int] = {}  # of arrays of tables
@@ -189,14 +186,14 @@ class _Scanner:
 
     def _header(self) -> Location:
         """Read [a.b] or [[a.b]]: return the place of the following keys."""
-        start, double = self.at, self._peek("[[")
-        self.at += 2 if double else 1
+        start, brackets = self.at, 2 if self._peek("[[") else 1
+        self.at += brackets
         parts = self._key()
-        self.at += 2 if double else 1
+        self.at += brackets
         location: Location = ()
         for i, part in enumerate(parts):
             location += (part,)
-            if double and i == len(parts) - 1:
+            if brackets == 2 and i == len(parts) - 1:
                 self.lengths[location] = self.lengths.get(location, 0) + 1
             self._mark(location, start)
             if location in self.lengths:
@@ -225,36 +222,22 @@ class _Scanner:
         self._value(location)
 
     def _value(self, location: Location) -> None:
-        if self._peek("["):
-            self._list(location)
-        elif self._peek("{"):
-            self._inline(location)
-        elif self._peek('"') or self._peek("'"):
-            self._skip(_STRING)
-        else:
-            self._skip(_BARE_VALUE)
-
-    def _list(self, location: Location) -> None:
+        end = "]" if self._peek("[") else "}" if self._peek("{") else ""
+        if not end:
+            self._skip(_VALUE)
+            return
         self.at += 1
         self._skip(_VOID)
         index = 0
-        while not self._peek("]"):
-            self._mark((*location, index), self.at)
-            self._value((*location, index))
+        while not self._peek(end):
+            if end == "}":
+                self._assignment(location)
+            else:
+                self._mark((*location, index), self.at)
+                self._value((*location, index))
             index += 1
-            self._separator()
-        self.at += 1
-
-    def _inline(self, location: Location) -> None:
-        self.at += 1
-        self._skip(_VOID)
-        while not self._peek("}"):
-            self._assignment(location)
-            self._separator()
-        self.at += 1
-
-    def _separator(self) -> None:
-        self._skip(_VOID)
-        if self._peek(","):
-            self.at += 1
             self._skip(_VOID)
+            if self._peek(","):
+                self.at += 1
+                self._skip(_VOID)
+        self.at += 1

@@ -1,14 +1,14 @@
-"""Distributions of the size of debris."""
+"""Distributions of sizes."""
 
 import math
 import numbers
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
 
 from thirdbody import units
 from thirdbody.schema.fields import PositiveLength, PositiveNumber, Quantity, ShortForm, quantity_schema
-from thirdbody.schema.parts import Part, Wrong, union_by_key
+from thirdbody.schema.parts import Part, Wrong, table_by_kind
 
 
 class SizeDistribution(Part):
@@ -36,24 +36,21 @@ class Constant(SizeDistribution):
     """Size of all bodies; a bare length means the same. Example: "10 um"."""
 
     def typical(self) -> tuple[float, float]:
-        """Return the size itself; all bodies have it."""
         return self.value, 1.0
 
 
 class _Cut(SizeDistribution):
     def checks(self) -> list[Wrong]:
-        """Return faults between the limits."""
         low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
         if low and high and not low < high:
             return [(("min",), "min must be less than max")]
-        return [self._outside(key, low, high) for key in ("median", "mean")
-                if not (low or 0.0) <= getattr(self, key, low or 0.0) <= (high or math.inf)]  # fmt: skip
-
-    def _outside(self, key: str, low: float | None, high: float | None) -> Wrong:
-        """Return the fault of a median or mean outside the limits."""
         limits = [f"{word} {units.pretty(x, 'length')}" for word, x in (("min", low), ("max", high)) if x]
-        shown = units.pretty(getattr(self, key), "length")
-        return (key,), f"the {key} {shown} is outside the limits, {' and '.join(limits)}: only the tail would be left"
+        outside = "the {} {} is outside the limits, {}: only the tail would be left"
+        return [
+            ((key,), outside.format(key, units.pretty(middle, "length"), " and ".join(limits)))
+            for key in ("median", "mean")
+            if (middle := getattr(self, key, None)) is not None and not (low or 0.0) <= middle <= (high or math.inf)
+        ]
 
 
 class Lognormal(_Cut):
@@ -70,7 +67,6 @@ class Lognormal(_Cut):
     """Upper limit: larger sizes are drawn again. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
-        """Return the median: only half of the bodies are larger."""
         return max(self.median, self.min or 0.0), 0.5
 
 
@@ -88,7 +84,6 @@ class Normal(_Cut):
     """Upper limit: larger sizes are drawn again. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
-        """Return the mean: only half of the bodies are larger."""
         return max(self.mean, self.min), 0.5
 
 
@@ -102,26 +97,19 @@ class Uniform(_Cut):
     """Largest size. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
-        """Return the middle: only half of the bodies are larger."""
         return 0.5 * (self.min + self.max), 0.5
 
 
 _LENGTH = Quantity(dimension="length", gt=0)
-_SIZES: dict[str, type[Part]] = {
-    "constant": Constant, "lognormal": Lognormal, "normal": Normal, "uniform": Uniform,
-}  # fmt: skip
+_KINDS: dict[str, type[Part]] = {"constant": Constant, "lognormal": Lognormal, "normal": Normal, "uniform": Uniform}
 
 
-def _constant_size(value: Any, info: ValidationInfo) -> Any:
-    """Return a single length as the distribution that it represents."""
-    if not isinstance(value, str | numbers.Real):
-        return value
-    return Constant(value=float(_LENGTH.read(value, info)))
+def _read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    if isinstance(value, str | numbers.Real):
+        return Constant(value=float(_LENGTH.read(value, info)))
+    return value if isinstance(value, SizeDistribution) else table_by_kind(value, info, "distribution", _KINDS)
 
 
 Size = Annotated[
-    Constant | Lognormal | Normal | Uniform,
-    union_by_key("distribution", _SIZES),
-    BeforeValidator(_constant_size),
-    ShortForm(quantity_schema("length", _LENGTH.limits())),
+    Constant | Lognormal | Normal | Uniform, WrapValidator(_read), ShortForm(quantity_schema("length", _LENGTH.limits()))
 ]

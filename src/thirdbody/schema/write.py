@@ -1,4 +1,4 @@
-"""A small TOML writer for scene documents: tables for the first two levels, inline tables below."""
+"""A small TOML writer: tables for the first two levels, inline tables below."""
 
 import json
 import math
@@ -15,14 +15,17 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 def toml_text(document: dict[str, Any]) -> str:
     """Return the document as TOML text. Raises InputError for a value that TOML cannot represent."""
-    lines = [f"{_key(name)} = {_value(v, (name,))}" for name, v in document.items() if not _is_section(v)]
-    for name, value in document.items():
+    tables = {
+        name: value for name, value in document.items()
+        if isinstance(value, dict) or (isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value))
+    }  # fmt: skip
+    lines = _assignments({name: value for name, value in document.items() if name not in tables}, ())
+    for name, value in tables.items():
         if isinstance(value, dict):
             lines += _table(value, (name,), f"[{_key(name)}]")
-        elif _is_section(value):
+        else:
             for i, entry in enumerate(value):
-                lines += ["", f"[[{_key(name)}]]"]
-                lines += [f"{_key(key)} = {_value(v, (name, i, key))}" for key, v in entry.items()]
+                lines += ["", f"[[{_key(name)}]]", *_assignments(entry, (name, i))]
     return "\n".join(lines) + "\n"
 
 
@@ -44,20 +47,18 @@ def save_text(path: str | os.PathLike[str], text: str) -> None:
         raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
 
 
-def _is_section(value: Any) -> bool:
-    return isinstance(value, dict) or (
-        isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
-    )
-
-
 def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
     """Return header and lines; inner tables get headers of their own at the second level."""
     nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(location) < 2}
-    lines = [f"{_key(key)} = {_value(v, (*location, key))}" for key, v in table.items() if key not in nested]
+    lines = _assignments({key: value for key, value in table.items() if key not in nested}, location)
     lines = ["", header, *lines] if lines or not nested else []
     for key, value in nested.items():
         lines += _table(value, (*location, key), f"{header[:-1]}.{_key(key)}]")
     return lines
+
+
+def _assignments(table: dict[str, Any], location: Location) -> list[str]:
+    return [f"{_key(key)} = {_value(value, (*location, key))}" for key, value in table.items()]
 
 
 def _key(key: str) -> str:
@@ -68,14 +69,11 @@ def _text(text: str) -> str:
     # JSON's escapes are TOML's; characters that control a terminal are escaped too: DEL, the codes above it, marks of direction
     if not is_unicode(text):
         raise InputError(f"'{text}' holds bytes that are no letters of UTF-8, and cannot be written to a scene file")
-    quoted = json.dumps(text, ensure_ascii=False)
-    return quoted if printable(quoted) == quoted else "".join(map(_escape, quoted))
-
-
-def _escape(letter: str) -> str:
-    if printable(letter) == letter:
-        return letter
-    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
+    forms = {4: "\\u{:04x}", 8: "\\U{:08x}"}
+    return "".join(
+        letter if printable(letter) == letter else forms[4 if ord(letter) < 0x10000 else 8].format(ord(letter))
+        for letter in json.dumps(text, ensure_ascii=False)
+    )
 
 
 def _value(value: Any, location: Location) -> str:
@@ -90,6 +88,5 @@ def _value(value: Any, location: Location) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_value(entry, (*location, i)) for i, entry in enumerate(value)) + "]"
     if isinstance(value, dict):
-        inside = ", ".join(f"{_key(key)} = {_value(entry, (*location, key))}" for key, entry in value.items())
-        return "{" + inside + "}"
+        return "{" + ", ".join(_assignments(value, location)) + "}"
     raise InputError(Fault(key_path(location), f"{value!r} cannot be written to a scene file"))
