@@ -47,10 +47,12 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
     refuse_existing_folder(path, overwrite, ours)
     part = _beside(path, "part")
     try:
-        with _write_error(path):
-            part.mkdir()
-            yield part
-            _move_into_folder(part, path, ours)
+        part.mkdir()
+        yield part
+        _move_into_folder(part, path, ours)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OutputError(f"{path}: cannot be written ({reason}); nothing was changed there") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
@@ -75,16 +77,6 @@ def _beside(path: Path, suffix: str) -> Path:
     """Return a name for this process in the folder of `path`; the suffix comes last, so that no reader opens it as a result."""
     full = Path(os.path.abspath(path))  # `.` has no name
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
-
-
-@contextmanager
-def _write_error(path: Path) -> Iterator[None]:
-    """Convert any error of the system while writing into one OutputError."""
-    try:
-        yield
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise OutputError(f"{path}: cannot be written ({reason}); nothing was changed there") from error
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -1,5 +1,7 @@
 """All keys of a scene file as rows of a table, read from its JSON schema."""
 
+import json
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,11 +36,8 @@ class Key:
 
 def scene_keys(schema: Schema) -> list[Key]:
     """Return the keys of the JSON schema of a scene, in the order of the file; the same key of several tables stands once."""
-    kinds = len(schema["properties"]["debris"]["items"]["anyOf"])
-    return [
-        replace(key, tables=()) if len(key.tables) == kinds else key
-        for key in merged(_keys(schema, schema["$defs"], "", ()))
-    ]  # fmt: skip
+    kinds, keys = len(schema["properties"]["debris"]["items"]["anyOf"]), merged(_keys(schema, schema["$defs"], "", ()))
+    return [replace(key, tables=()) if len(key.tables) == kinds else key for key in keys]
 
 
 def merged(keys: Iterable[Key]) -> list[Key]:
@@ -67,7 +66,7 @@ def _keys(table: Schema, tables: Schema, path: str, names: tuple[str, ...]) -> I
         key = _key(f"{path}{name}", value, name in required, names)
         if key.meaning:
             yield key
-        inner = list(dict.fromkeys(_references(value)))
+        inner = list(dict.fromkeys(re.findall(r'"\$ref": "#/\$defs/([^"]+)"', json.dumps(value))))
         for reference in inner:
             if reference not in visited:  # x and y of a motion have the same tables
                 entry = tables[reference]
@@ -93,18 +92,6 @@ def _key(path: str, schema: Schema, required: bool, names: tuple[str, ...]) -> K
 def _plain(schema: Schema) -> Schema:
     """Return the schema without its description: a described one is the only entry of `allOf`."""
     return schema["allOf"][0] if "allOf" in schema else schema
-
-
-def _references(schema: Any) -> Iterator[str]:
-    """Yield the names of all tables that a schema refers to."""
-    if isinstance(schema, Mapping):
-        if "$ref" in schema:
-            yield schema["$ref"].rpartition("/")[2]
-        for value in schema.values():
-            yield from _references(value)
-    elif isinstance(schema, list):
-        for value in schema:
-            yield from _references(value)
 
 
 def allowed(schema: Schema) -> tuple[str, str]:
