@@ -90,28 +90,17 @@ _PREFIXES = {
 }  # fmt: skip
 
 _PREFIXED: dict[str, Unit] = {
-    "m": (Fraction(1), (1, 0, 0, 0, 0, 0)),
-    "g": (Fraction(1, 1000), (0, 1, 0, 0, 0, 0)),
-    "s": (Fraction(1), (0, 0, 1, 0, 0, 0)),
-    "N": (Fraction(1), (1, 1, -2, 0, 0, 0)),
-    "Pa": (Fraction(1), (-1, 1, -2, 0, 0, 0)),
-    "bar": (Fraction(100_000), (-1, 1, -2, 0, 0, 0)),
-    "J": (Fraction(1), (2, 1, -2, 0, 0, 0)),
-    "W": (Fraction(1), (2, 1, -3, 0, 0, 0)),
-    "Hz": (Fraction(1), (0, 0, -1, 0, 1, 0)),
-    "rad": (Fraction(1), (0, 0, 0, 1, 0, 0)),
-    "K": (Fraction(1), (0, 0, 0, 0, 0, 1)),
-}
+    "m": (Fraction(1), (1, 0, 0, 0, 0, 0)), "g": (Fraction(1, 1000), (0, 1, 0, 0, 0, 0)), "s": (Fraction(1), (0, 0, 1, 0, 0, 0)),
+    "N": (Fraction(1), (1, 1, -2, 0, 0, 0)), "J": (Fraction(1), (2, 1, -2, 0, 0, 0)), "W": (Fraction(1), (2, 1, -3, 0, 0, 0)),
+    "Pa": (Fraction(1), (-1, 1, -2, 0, 0, 0)), "bar": (Fraction(100_000), (-1, 1, -2, 0, 0, 0)),
+    "Hz": (Fraction(1), (0, 0, -1, 0, 1, 0)), "rad": (Fraction(1), (0, 0, 0, 1, 0, 0)), "K": (Fraction(1), (0, 0, 0, 0, 0, 1)),
+}  # fmt: skip
 
 _PLAIN: dict[str, Unit] = {
-    "min": (Fraction(60), (0, 0, 1, 0, 0, 0)),
-    "h": (Fraction(3600), (0, 0, 1, 0, 0, 0)),
-    "deg": (_PI / 180, (0, 0, 0, 1, 0, 0)),
-    "\N{DEGREE SIGN}": (_PI / 180, (0, 0, 0, 1, 0, 0)),
-    "rpm": (_PI / 30, (0, 0, -1, 1, 0, 0)),
-    "angstrom": (Fraction(1, 10**10), (1, 0, 0, 0, 0, 0)),
-    "%": (Fraction(1, 100), PURE),
-}
+    "min": (Fraction(60), (0, 0, 1, 0, 0, 0)), "h": (Fraction(3600), (0, 0, 1, 0, 0, 0)),
+    "deg": (_PI / 180, (0, 0, 0, 1, 0, 0)), "\N{DEGREE SIGN}": (_PI / 180, (0, 0, 0, 1, 0, 0)),
+    "rpm": (_PI / 30, (0, 0, -1, 1, 0, 0)), "angstrom": (Fraction(1, 10**10), (1, 0, 0, 0, 0, 0)), "%": (Fraction(1, 100), PURE),
+}  # fmt: skip
 
 # Similar in meaning, not in spelling, so difflib cannot match them.
 _MEANT = {

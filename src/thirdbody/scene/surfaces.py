@@ -190,43 +190,25 @@ SIDES = ("lower", "upper")
 
 def faults_in_domain(surface: SelfAffine | Waves | SurfaceFile, size: tuple[float, float]) -> Iterator[Wrong]:
     """Yield faults that depend on the domain: waves that do not fit, too many points of the grid."""
-    if isinstance(surface, SelfAffine):
-        yield from _spectrum_faults(surface, size)
-    if isinstance(surface, Waves):
-        for k, wave in enumerate(surface.wave):
-            yield from (((*_entry(surface, k), *where), text) for where, text in _wave_faults(wave, size))
-    if isinstance(surface, SurfaceFile) and surface.short is not None:
-        yield from _short_faults(surface.short, size)
-    counts = grid.grid_counts(size, spacing_of(surface, size)) if not isinstance(surface, SurfaceFile) else (1, 1)
+    smaller = units.pretty(min(size), "length")
+    if isinstance(surface, SelfAffine) and surface.long > min(size) * (1.0 + 1e-9):
+        yield ("long",), f"must be at most the smaller side of the domain, {smaller}"
+    if not isinstance(surface, Waves) and surface.short is not None and surface.short > min(size) / 2.0:
+        yield ("short",), f"must be at most half the smaller side of the domain, {smaller}"
+    waves = surface.wave if isinstance(surface, Waves) else ()
+    for k, wave in enumerate(waves):
+        nearest = grid.whole_waves(size, wave.wavelength, grid.angle_of(wave.direction))
+        if nearest.deviation > grid.FIT:
+            number: tuple[int, ...] = () if len(waves) == 1 else (k,)
+            wavelength = f'wavelength = "{1e6 * nearest.wavelength:.6g} um"'
+            fitting = f"{nearest.along[0]} along x and {nearest.along[1]} along y: {wavelength}"
+            angle = "" if isinstance(wave.direction, str) else f', direction = "{math.degrees(nearest.angle):.6g} deg"'
+            text = f"{units.pretty(wave.wavelength, 'length')} does not fit the periodic domain; nearest: {fitting}{angle}"
+            yield ("wave", *number, "wavelength"), text
+    counts = (1, 1) if isinstance(surface, SurfaceFile) else grid.grid_counts(size, spacing_of(surface, size))
     if math.prod(counts) > grid.MAX_POINTS:
         finest = f"a grid of {counts[1]} x {counts[0]} points, at most {grid.MAX_POINTS:.2g} in all"
         yield (), f"needs {finest}: the domain is too large for the shortest wavelength"
-
-
-def _entry(surface: Waves, k: int) -> tuple[str | int, ...]:
-    return ("wave",) if len(surface.wave) == 1 else ("wave", k)
-
-
-def _spectrum_faults(surface: SelfAffine, size: tuple[float, float]) -> Iterator[Wrong]:
-    if surface.long > min(size) * (1.0 + 1e-9):
-        yield ("long",), f"must be at most the smaller side of the domain, {units.pretty(min(size), 'length')}"
-    yield from _short_faults(surface.short, size)
-
-
-def _short_faults(short: float, size: tuple[float, float]) -> Iterator[Wrong]:
-    if short > min(size) / 2.0:
-        yield ("short",), f"must be at most half the smaller side of the domain, {units.pretty(min(size), 'length')}"
-
-
-def _wave_faults(wave: Sine | Groove, size: tuple[float, float]) -> Iterator[Wrong]:
-    nearest = grid.whole_waves(size, wave.wavelength, grid.angle_of(wave.direction))
-    if nearest.deviation > grid.FIT:
-        fitting = f'{nearest.along[0]} along x and {nearest.along[1]} along y: wavelength = "{1e6 * nearest.wavelength:.6g} um"'
-        angle = "" if isinstance(wave.direction, str) else f', direction = "{math.degrees(nearest.angle):.6g} deg"'
-        yield (
-            ("wavelength",),
-            f"{units.pretty(wave.wavelength, 'length')} does not fit the periodic domain; nearest: {fitting}{angle}",
-        )
 
 
 def spacing_of(surface: SelfAffine | Waves, size: tuple[float, float]) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
@@ -106,6 +107,12 @@ class ShortForm:
         return {"anyOf": [full["items"] if self.schema is None else self.schema, full]}
 
 
+_LIMITS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {
+    "exclusiveMinimum": ("greater than", operator.gt), "minimum": ("at least", operator.ge),
+    "exclusiveMaximum": ("less than", operator.lt), "maximum": ("at most", operator.le),
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Range:
     """Limits of a number."""
@@ -115,24 +122,18 @@ class Range:
     lt: float | None = None
     le: float | None = None
 
-    def check(self, value: float, shown: str) -> None:
-        """Raise ValueError outside the limits."""
-        limits = [
-            ("greater than", self.gt, self.gt is None or value > self.gt),
-            ("at least", self.ge, self.ge is None or value >= self.ge),
-            ("less than", self.lt, self.lt is None or value < self.lt),
-            ("at most", self.le, self.le is None or value <= self.le),
-        ]
-        if not all(satisfied for _, _, satisfied in limits):
-            if self.ge is not None and self.ge == self.le:
-                raise ValueError(f"{shown} must be {self.ge:g}")
-            report = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
-            raise ValueError(f"{shown} must be {report}")
-
     def limits(self) -> Schema:
         """Return the limits as keywords of JSON schema."""
-        words = {"exclusiveMinimum": self.gt, "minimum": self.ge, "exclusiveMaximum": self.lt, "maximum": self.le}
-        return {word: limit for word, limit in words.items() if limit is not None}
+        limits = zip(_LIMITS, (self.gt, self.ge, self.lt, self.le), strict=True)
+        return {word: limit for word, limit in limits if limit is not None}
+
+    def check(self, value: float, shown: str) -> None:
+        """Raise ValueError outside the limits."""
+        limits = self.limits()
+        if not all(_LIMITS[word][1](value, limit) for word, limit in limits.items()):
+            if self.ge is not None and self.ge == self.le:
+                raise ValueError(f"{shown} must be {self.ge:g}")
+            raise ValueError(f"{shown} must be {' and '.join(f'{_LIMITS[word][0]} {limit:g}' for word, limit in limits.items())}")
 
 
 @dataclass(frozen=True)
