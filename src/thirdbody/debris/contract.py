@@ -196,7 +196,7 @@ class DebrisKind(Part):
         return ()
 
     def mesh_shapes(self, context: PopulationContext) -> list[Any]:
-        """Return the meshes (`kinds.mesh.MeshShape`) that the bodies follow in turn; empty for other kinds."""
+        """Return the meshes (`debris.mesh.MeshShape`) that the bodies follow in turn; empty for other kinds."""
         return []
 
 
@@ -217,7 +217,6 @@ class VolumeKeys(DebrisKind):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Return faults that follow from which keys are given."""
         if "height" in raw and "solid_fraction" in raw:
             return [(("solid_fraction",), "give only one of height, solid_fraction: height is given too")]
         if raw.get("placement", "layer") != "layer":

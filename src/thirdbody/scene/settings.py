@@ -9,21 +9,13 @@ from thirdbody.errors import SETTINGS, Fault, InputError
 from thirdbody.schema.fields import in_si, show
 from thirdbody.schema.parts import Location, key_path
 
-# A key on the left, when set, replaces those on the right in the same table.
-_REPLACES = {
-    "distance": {"duration"},
-    "duration": {"distance"},
-    "load": {"pressure", "gap"},
-    "pressure": {"load", "gap"},
-    "gap": {"load", "pressure"},
-    "youngs_modulus": {"shear_modulus"},
-    "shear_modulus": {"youngs_modulus"},
-    "radius": {"shape"},
-    "shape": {"radius"},
-    "positions": {"count", "placement", "height", "solid_fraction"},
-    "height": {"solid_fraction"},
-    "solid_fraction": {"height"},
-}
+_EXCLUSIVE = (
+    {"distance", "duration"}, {"load", "pressure", "gap"}, {"youngs_modulus", "shear_modulus"}, {"radius", "shape"},
+    {"height", "solid_fraction"},
+)  # fmt: skip
+_REPLACES = {key: keys - {key} for keys in _EXCLUSIVE for key in keys}
+_REPLACES["positions"] = {"count", "placement", "height", "solid_fraction"}
+"""Keys that a key replaces, when set, in the same table."""
 
 
 def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[Location]]:
