@@ -36,7 +36,21 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
     """
 
     def __init__(self, files: Sequence[str | Path] = ()) -> None:
-        self.of_files: dict[str, tuple[str, type[DebrisKind]]] = dict(_kinds_of_files(files))
+        self.of_files: dict[str, tuple[str, type[DebrisKind]]] = {}
+        for file in files:
+            from thirdbody.laws.registry import DEBRIS_KINDS, load_module
+
+            kinds = getattr(load_module(Path(file)), DEBRIS_KINDS, ())
+            if not isinstance(kinds, tuple | list):
+                raise UsageError(f"plug-in {file}: {DEBRIS_KINDS} must be a tuple of classes derived from DebrisKind")
+            for kind in kinds:
+                try:
+                    name = name_of(checked_kind(kind))
+                except TypeError as problem:
+                    raise UsageError(f"plug-in {file}: {problem}") from None
+                if name in built_in() or name in self.of_files:
+                    raise UsageError(f"'{self.source(name)}' and '{file}' both bring the kind of debris '{name}'")
+                self.of_files[name] = (str(file), kind)
 
     @cached_property
     def installed(self) -> dict[str, EntryPoint]:
@@ -132,30 +146,10 @@ def checked_kind(kind: Any, name: str | None = None) -> type[DebrisKind]:
     return kind
 
 
-def _kinds_of_files(files: Iterable[str | Path]) -> Iterator[tuple[str, tuple[str, type[DebrisKind]]]]:
-    """Yield name, file and class of the kinds in plug-in files. Raises UsageError."""
-    owners = dict.fromkeys(built_in(), "thirdbody")
-    for file in files:
-        from thirdbody.laws.registry import DEBRIS_KINDS, load_module
-
-        result = getattr(load_module(Path(file)), DEBRIS_KINDS, ())
-        if not isinstance(result, tuple | list):
-            raise UsageError(f"plug-in {file}: {DEBRIS_KINDS} must be a tuple of classes derived from DebrisKind")
-        for kind in result:
-            try:
-                name = name_of(checked_kind(kind))
-            except TypeError as problem:
-                raise UsageError(f"plug-in {file}: {problem}") from None
-            if name in owners:
-                raise UsageError(f"'{owners[name]}' and '{file}' both bring the kind of debris '{name}'")
-            owners[name] = str(file)
-            yield name, (str(file), kind)
-
-
 def kinds_of(context: Any) -> DebrisKinds:
     """Return the kinds that a scene is read with, from the context of the validation."""
-    result = context.get("kinds") if isinstance(context, dict) else None
-    return DebrisKinds() if result is None else result
+    given = context.get("kinds") if isinstance(context, dict) else None
+    return DebrisKinds() if given is None else given
 
 
 class _DebrisTable:

@@ -288,20 +288,19 @@ def one_or_more(what: str, kinds: Kinds, example: str, endless: Callable[[Any], 
 
 def described(properties: Schema, table: type) -> Schema:
     """Return the properties of a table with the meaning and the example of each key."""
-    return {key: _described(value, key_docs(table).get(key, "")) for key, value in properties.items()}
-
-
-def _described(schema: Schema, doc: str) -> Schema:
-    meaning, _, example = doc.partition(" Example: ")
-    if not meaning:
-        return schema
-    inner = {key: value for key, value in schema.items() if key != "default"}
-    result: Schema = {"allOf": [inner]} if "description" in inner or "$ref" in inner else inner
-    result |= {"description": meaning}
-    if example:
-        text = example.removesuffix(".")
-        result |= {"examples": [tomllib.loads(f"value = {text}")["value"]], "x-example": text}
-    return result | {key: value for key, value in schema.items() if key == "default"}
+    result = {}
+    for key, schema in properties.items():
+        meaning, _, example = key_docs(table).get(key, "").partition(" Example: ")
+        inner = {word: value for word, value in schema.items() if word != "default"}
+        if meaning and ("description" in inner or "$ref" in inner):
+            inner = {"allOf": [inner]}
+        if meaning:
+            inner |= {"description": meaning}
+        if example:
+            text = example.removesuffix(".")
+            inner |= {"examples": [tomllib.loads(f"value = {text}")["value"]], "x-example": text}
+        result[key] = inner | {word: value for word, value in schema.items() if word == "default"}
+    return result
 
 
 @cache
