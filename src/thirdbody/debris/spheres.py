@@ -118,7 +118,7 @@ class Spheres(VolumeKeys):
 
         from thirdbody.bodies.clump import clump_with_frame, quaternion_product, repeated_spheres
 
-        balls = (Ball(radius=self.radius),) if self.shape is None else self.shape
+        balls = (self.shape or ()) if self.radius is None else (Ball(radius=self.radius),)
         centers, radii = np.array([ball.center for ball in balls], float), np.array([ball.radius for ball in balls])
         if repeated := repeated_spheres(centers, radii):
             message = "repeats debris[{}].shape[{}]: the same center and radius; remove one"

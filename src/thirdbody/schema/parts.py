@@ -240,7 +240,7 @@ def table_by_kind(value: Any, info: ValidationInfo, key: str, kinds: Kinds) -> P
     return kind.model_validate(value, context=info.context)
 
 
-def table_by_leading_key(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Part:
+def table_by_leading_key(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
     """Return one table, of the class whose leading key it has. Raises ValueError, or ValidationError with its faults."""
     if isinstance(value, tuple(kinds.values())):
         return value
