@@ -19,8 +19,7 @@ from thirdbody.engine.accuracy import Accuracy
 from thirdbody.laws.registry import discover
 from thirdbody.report.key_reference import all_keys, all_names
 from thirdbody.scene.model import Scene
-from thirdbody.schema.fields import key_docs
-from thirdbody.schema.parts import Part
+from thirdbody.schema.parts import Part, key_docs
 from thirdbody.studies.sweep.axes import IntervalTable
 
 TABLES = {
