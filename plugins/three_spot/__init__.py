@@ -16,7 +16,7 @@ from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_
 from . import classify
 from .exact import EXACT
 from .mdr import MDR
-from .tables import FORECASTS, label_output
+from .support import FORECASTS, label_output
 
 LABELLER = Labeller(
     name="three_spot",

@@ -45,27 +45,31 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import NO_FORECAST, loaded_contact, observed_body
+from thirdbody.plugin import NO_FORECAST, helper, loaded_contact, observed_body
 
-from .forecast_output import write_outlook, write_plain_outlook
+from .forecast import write_outlook, write_plain_outlook
 from .motion_history import EPS_ROLL, MIN_TRAVEL, update_history
-from .support_geometry import (
+from .support import (
     ABOVE,
     BELOW,
     BOTH,
+    CODES,
+    EXTRAS,
+    MARGINS,
     NEITHER,
     Array,
     Posture,
     Triple,
+    body_memory,
+    contact_memory,
     contact_travel,
-    helper,
+    label_output,
     length,
     rotation_since,
     side_of,
     split,
     support_of,
 )
-from .tables import CODES, EXTRAS, MARGINS, body_memory, contact_memory, label_output
 
 __all__ = ["CODES", "CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "OUTPUTS", "REASONS", "STATES", "label", "update_history"]
 
@@ -74,20 +78,10 @@ MEMORY, CONTACT_MEMORY, OUTPUTS = body_memory.names(), contact_memory.names(), l
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
 REASONS = (
-    "none",
-    "friction_limit",
-    "force_balance",
-    "moment_balance",
-    "lift_off",
-    "rotation",
-    "pivoting",
-    "one_sided",
-    "indeterminate",
+    "none", "friction_limit", "force_balance", "moment_balance", "lift_off", "rotation", "pivoting", "one_sided", "indeterminate",
     "unbalanced",
-)
-(NONE, FRICTION_LIMIT, FORCE_BALANCE, MOMENT_BALANCE, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED) = range(
-    10
-)
+)  # fmt: skip
+NONE, FRICTION_LIMIT, _, _, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED = range(10)
 EPS_LIMIT = 0.02
 MAX_ROTATION_OVER_DRAG = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05

@@ -5,14 +5,11 @@ from __future__ import annotations
 import json as js
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from thirdbody.plugin import OutputError, UsageError
-
-if TYPE_CHECKING:
-    from .regime_map import MapPoint
 
 FORMATS = (".png", ".pdf", ".svg")
 PICTURE = Path("map.png")
@@ -27,7 +24,7 @@ def map_command(
     json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
 ) -> None:
     """Draw the map of regimes over friction and geometry, and the paper's second figure."""
-    from .regime_map import draw_map, map_numbers
+    from .regime_map import computed_points, draw_map, map_numbers
 
     if not abs(big_h) <= LARGEST:
         raise UsageError(f"--H {big_h}: must lie between -{LARGEST:g} and {LARGEST:g}")
@@ -38,16 +35,10 @@ def map_command(
         if picture.suffix.lower() not in FORMATS:
             raise UsageError(f"{picture}: a picture ends in {', '.join(FORMATS)}")
         try:
-            draw_map(picture, big_h, half_width, _computed(half_width) if computed else ())
+            draw_map(picture, big_h, half_width, computed_points(half_width) if computed else ())
         except OSError as error:
             raise OutputError(f"{picture}: {error.strerror or error}") from error
     if json:
         print(js.dumps(map_numbers(big_h, half_width), indent=1))
     if picture is not None:
         print(picture, file=sys.stderr if json else sys.stdout)
-
-
-def _computed(half_width: float) -> tuple[MapPoint, ...]:
-    from .regime_points import computed_points
-
-    return computed_points(half_width)

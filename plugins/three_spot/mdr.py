@@ -8,7 +8,7 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give the same as one; on a curved
   path the return makes an error of first order in the angle by which a step turns, down to that of the row: for 32 springs
   at most 2e-3 of mu N, by where the edge falls between springs (overlaps 1e-3 to 1e-2 of the radius).
-* Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`spring_grid`):
+* Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`mdr_springs`):
   n springs suffice for a growing contact, and the state depends on the path only. A shrinking contact keeps its coarse grid
   until it opens. The gap of a spring is the mean over its cell, so merging preserves every field that is linear in x^2, and the
   springs together never exceed mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
@@ -30,6 +30,7 @@ from thirdbody.plugin import (
     Tangential,
     e_star,
     g_star,
+    helper,
     kernel,
     moved_ground,
     renewal_rate,
@@ -37,13 +38,18 @@ from thirdbody.plugin import (
     stack_array,
 )
 
-from .mdr_rolling import carry
-from .mdr_tangent import tangent_of_springs
-from .numerical_tangent import helper
-from .spring_grid import MAX_SPRINGS, cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
-
-SCRATCH = 6 * MAX_SPRINGS
-"""Floats of scratch for a step."""
+from .mdr_springs import (
+    MAX_SPRINGS,
+    carry,
+    cells_of,
+    end_of,
+    mean_gap,
+    merge,
+    merges_for,
+    springs_tangent,
+    squares_lost,
+    width_of,
+)
 
 
 class SpringParameters(NamedTuple):
@@ -150,7 +156,7 @@ def springs(c, load, p, h, w, w_new):
     if before <= 0.0:
         merges = merges_for(c.overlap, n, c.radius)
     spacing, wide = cells_of(merges, n, c.radius)
-    scratch = stack_array(SCRATCH)
+    scratch = stack_array(6 * MAX_SPRINGS)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
@@ -199,14 +205,6 @@ def springs(c, load, p, h, w, w_new):
         )
     answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
-
-
-@kernel
-def springs_tangent(c, load, p, h, w):
-    """Consistent tangent of one step, including springs that stick, slip, touch or merge within it (`mdr_tangent`)."""
-    merges = int(h[1]) if h[0] > 0.0 else merges_for(c.overlap, len(w) // 2, c.radius)
-    distance = moved_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).path
-    return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * distance / max(load.contact_radius, 1e-300))), w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:

@@ -4,23 +4,23 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import loaded_contact, observed_body
+from thirdbody.plugin import helper, loaded_contact, observed_body
 
-from .support_geometry import (
+from .support import (
     BOTH,
     Array,
     Posture,
     Triple,
+    body_memory,
+    contact_memory,
     contact_travel,
     drag,
     has_rotated,
-    helper,
     length,
     rotation_since,
     split,
     support_of,
 )
-from .tables import body_memory, contact_memory
 
 WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05

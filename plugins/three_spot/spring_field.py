@@ -130,14 +130,6 @@ def release_energy(w, j):
 
 
 @helper
-def drop(w, n, j):
-    """Remove the node at w[j]; return the new number of nodes."""
-    for i in range(j, 3 * n - 3):
-        w[i] = w[i + 3]
-    return n - 1
-
-
-@helper
 def thin(w, n):
     """Drop the node whose loss changes the field least; return the new number of nodes.
 
@@ -157,7 +149,9 @@ def thin(w, n):
         if cost < minimum:
             best, minimum = j, cost
     lost = release_energy(w, best)
-    n = drop(w, n, best)
+    n -= 1
+    for i in range(best, 3 * n):
+        w[i] = w[i + 3]
     if lost < 0.0:
         shrink = max(0.0, 1.0 + lost / max(field_energy(w, n, 0.0), 1e-300))
         for i in range(0, 3 * n, 3):
@@ -279,7 +273,7 @@ def is_straight(w, n, k, d):
 def advance_field(w, n, new, step):
     """Compute the field `new` after one step from (w, n).
 
-    (w, n) may have been carried beyond the old overlap by rolling (`exact_rolling`). Returns (nodes, slip of the centre, loss/(2
+    (w, n) may have been carried beyond the old overlap by rolling (`exact_springs`). Returns (nodes, slip of the centre, loss/(2
     G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
     `exact_springs`. `step`: a `FieldStep`. Every spring receives the fraction of the slip during which it touched, then returns
     radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and slip of any length. Source:
