@@ -114,15 +114,11 @@ ELASTIC_PLASTIC = Law(
     history=("largest_overlap", "plastic_work"),
     options=(
         Option(
-            "yield_ratio",
-            "dimensionless",
-            1.6,
-            low=1.0,
-            high=10.0,
+            "yield_ratio", "dimensionless", 1.6, low=1.0, high=10.0,
             doc="yield pressure over the yield strength of the softer material: 1.6 at first yield, about 2.8 when fully plastic",
         ),
     ),
     source="Thornton and Ning 1998, Powder Technology 99, 154; Thornton 1997, J. Appl. Mech. 64, 383",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="elastic_plastic", effects=(ELASTIC_PLASTIC,), source="Thornton and Ning 1998")

@@ -61,10 +61,7 @@ FLASH_TEMPERATURE = Measure(
     mix=mix_heat,
     amounts=(
         Amount(
-            "flash_temperature_mean",
-            "K",
-            "Temperature rise of its contacts by friction, mean over contacts and the drag.",
-            "mean",
+            "flash_temperature_mean", "K", "Temperature rise of its contacts by friction, mean over contacts and the drag.", "mean",
         ),
         Amount("flash_temperature", "K", "Largest temperature rise of its contacts by friction since the start.", "maximum"),
         Amount("peclet_number", "1", "Largest Peclet number of its contacts since the start.", "maximum"),
@@ -72,6 +69,6 @@ FLASH_TEMPERATURE = Measure(
     materials=("thermal_conductivity", "heat_capacity"),
     warnings=peclet_warnings,
     source="Holm 1948; Archard 1959, Wear 2, 438: slow sources",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="flash_temperature", measures=(FLASH_TEMPERATURE,), source="heat of sliding")

@@ -94,15 +94,11 @@ PIVOTING = Law(
     history=("moment", "energy"),
     options=(
         Option(
-            "damping",
-            "dimensionless",
-            0.0,
-            low=0.0,
-            high=10.0,
+            "damping", "dimensionless", 0.0, low=0.0, high=10.0,
             doc="viscous part of the spring's moment over critical damping of a ball that spins on a plane",
         ),
     ),
     source="Mindlin 1949, J. Appl. Mech. 16, 259; Deresiewicz 1954, J. Appl. Mech. 21, 52; Johnson 1985, Contact Mechanics, 3.9",
-)
+)  # fmt: skip
 
 PLUGIN = Plugin(name="pivoting", effects=(PIVOTING,), source="Mindlin 1949; Deresiewicz 1954")

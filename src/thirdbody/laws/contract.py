@@ -166,7 +166,7 @@ class Law:
     radii (n,) [m]: bodies whose contact pushes with less hang together (`agglomerate`). `remark(pair, options, low, high)` is
     what `check` says of a pair between these effective radii [m], and whether that is a warning. `in_steps(p, integrator)`
     returns the parameters of a pair in explicit or implicit steps, of a normal law whose force jumps: see
-    `plugins/effects/jkr.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.tile_law`).
+    `plugins/effects/adhesion.py`. The engine does what is needed for an adhesion law that acts from touch on (`laws.tile_law`).
     """
 
     name: str
