@@ -16,7 +16,7 @@ from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_
 from . import classify
 from .exact import EXACT
 from .mdr import MDR
-from .support import FORECASTS, label_output
+from .support import FORECASTS, output
 
 LABELLER = Labeller(
     name="three_spot",
@@ -30,7 +30,7 @@ LABELLER = Labeller(
     margins=classify.MARGINS,
     extras=classify.EXTRAS,
     codes=classify.CODES,
-    outputs=label_output,
+    outputs=output,
     memory=classify.MEMORY,
     contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",

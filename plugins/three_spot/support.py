@@ -1,6 +1,6 @@
-"""Support and motion of a body: sides, lever, drag, rotation; and the tables of the labeller.
+"""Support of a body, for the labeller: sides, lever, drag, rotation.
 
-Tables: what it writes for a body, and its memory of a body and of a loaded contact.
+Tables: what the labeller writes for a body, and its memory of a body and of a loaded contact.
 """
 
 import math
@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Posture = tuple[int, float, float, float, float, float]  # of `support_of`
 
+EPS_ROLL, MIN_TRAVEL = 0.05, 0.02  # rotation over travel; contact radii
 LATERAL = 0.3  # |n_z| below which a contact between debris is on neither side
 TINY = 1e-300
 
@@ -32,7 +33,7 @@ POINT, NORMAL, SURFACE = (
 )
 
 # one row; margins and extras in the order of the contract of labellers
-label_output = Table(
+output = Table(
     "out",
     "a body",
     state=number("", "code of the state"),
@@ -53,13 +54,13 @@ label_output = Table(
     t_min=number("", "smallest friction at which it can slide"),
     t_max=number("", "largest friction at which it can slide"),
 )
-label_output.FORECAST = is_plain(label_output.FORECAST)
-MARGINS = label_output.names()[label_output.FRICTION : label_output.SLIDING_SIDE]
-EXTRAS = label_output.names()[label_output.SLIDING_SIDE :]
-FORECASTS = label_output.names()[label_output.FORECAST :]
+output.FORECAST = is_plain(output.FORECAST)
+MARGINS = output.names()[output.FRICTION : output.SLIDING_SIDE]
+EXTRAS = output.names()[output.SLIDING_SIDE :]
+FORECASTS = output.names()[output.FORECAST :]
 CODES = ("sliding_side", "forecast")
 
-body_memory = Table(
+memory = Table(
     "m",
     "a body",
     reference_w=number("", "orientation at the reference, w"),
@@ -91,10 +92,10 @@ body_memory = Table(
     plates_moving=number("", "1: the plates moved then"),
     free_rotation=number("rad", "rotation while the body was free"),
 )
-body_memory.REFERENCE, body_memory.CHANGE = is_plain(body_memory.REFERENCE_W), is_plain(body_memory.CHANGE_W)
+memory.REFERENCE, memory.CHANGE = is_plain(memory.REFERENCE_W), is_plain(memory.CHANGE_W)
 
 # behind the columns of `loaded_contact`
-contact_memory = Table(
+noted = Table(
     "C",
     "a loaded contact of a body",
     _=skip(loaded_contact.MEMORY),
