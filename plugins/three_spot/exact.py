@@ -28,7 +28,6 @@ from thirdbody.plugin import (
     Load,
     Option,
     Options,
-    Pair,
     Tangential,
     e_star,
     g_star,
@@ -47,7 +46,7 @@ STEP = 1e-6
 
 
 class ExactParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; mu E*/G*; renewal in rolling per contact radius."""
+    """Effective shear modulus (the paper's G*) [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
 
     g_star: float
     mu: float
@@ -113,23 +112,6 @@ def rotated_springs(w, n, w_new, step):
     return -m - 1, slip, loss
 
 
-@helper
-def moved(w, n, w_new, step):
-    """Field (w, n), or springs if n is negative, after one step.
-
-    Returns (number for the history, slip of the centre, loss/(2 G*), nodes dropped).
-    """
-    as_springs = n < 0
-    if not as_springs:
-        count, slip, loss, dropped, as_springs = advance_field(w, n, w_new, step)
-        if not as_springs:
-            if step.overlap < step.overlap_before:
-                loss += 0.5 * field_energy(w, n, step.overlap)
-            return count, slip, loss, dropped
-    count, slip, loss = rotated_springs(w, n, w_new, step)
-    return count, slip, loss, 0
-
-
 @kernel
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
@@ -150,14 +132,18 @@ def exact(c, load, p, h, w, w_new):
             w_new[i] = 0.0
         return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 7
     step, _, ground, renewal = step_of(c, load, p, h)
-    n = int(h[1])
-    modulus = p.g_star * load.contact_radius / math.sqrt(d)
+    n, modulus = int(h[1]), p.g_star * load.contact_radius / math.sqrt(d)
+    v, m = rolled_field(w, n, renewal.retained, step)
+    count, slip, loss, dropped, as_springs = 0, 0.0, 0.0, 0, m < 0
+    if not as_springs:
+        count, slip, loss, dropped, as_springs = advance_field(v, m, w_new, step)
+        if d < step.overlap_before:
+            loss += 0.5 * field_energy(v, m, d)
+    if as_springs:
+        count, slip, loss = rotated_springs(v, m, w_new, step)
+        dropped = 0
     if renewal.retained < 1.0 and n != 0:
-        v, m = rolled_field(w, n, renewal.retained, step)
-        count, slip, loss, dropped = moved(v, m, w_new, step)
         loss += 0.5 * renewal_loss(w, n, v, m, step, renewal, (c.slip_x, c.slip_y), slip > 0.0)
-    else:
-        count, slip, loss, dropped = moved(w, n, w_new, step)
     x, y = field_force(w_new, count) if count >= 0 else spring_force(w_new, -count - 1)
     stored = modulus * (field_energy(w_new, count, 0.0) if count >= 0 else spring_energy(w_new, -count - 1))
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
@@ -288,12 +274,6 @@ def exact_tangent(c, load, p, h, w):
     return curved_tangent(c, load, p, h, w)
 
 
-def mix_exact(pair: Pair, options: Options) -> ExactParameters:
-    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14) and the renewal of a rolling contact area."""
-    g = g_star(pair.a, pair.b)
-    return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
-
-
 NODES = Option(
     "nodes", "dimensionless", 48.0, low=24.0, high=4096.0,
     doc="capacity per contact: bends of its history on a line, or two thirds of the springs on a curve",
@@ -315,10 +295,13 @@ EXACT = Law(
     kernel=exact,
     tangent=exact_tangent,
     parameters=ExactParameters,
-    mix=mix_exact,
+    mix=lambda pair, options: ExactParameters(
+        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
+        renewal_rate(pair, options),
+    ),
     options=(NODES, RENEWAL),
     history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach", "dropped"),
     field=width,
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",
-)
+)  # fmt: skip

@@ -48,22 +48,6 @@ def lower_end(i, m, h):
 
 
 @helper
-def gap_of(i, m, h):
-    """Mean of q over cell i: a spring touches where the overlap exceeds it."""
-    y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
-    return (y_1 * y_1 + y_1 * y_2 + y_2 * y_2) / 3.0
-
-
-@helper
-def grid_for(d, n):
-    """(spacing, number m of wide cells) of the smallest grid of n cells for a contact area of overlap d."""
-    y = math.sqrt(d)
-    spacing = math.ldexp(0.5, math.frexp(y / n)[1])
-    m = int(math.ceil(y / spacing)) - n
-    return spacing, min(max(m, 0), n)
-
-
-@helper
 def spring_energy(w, m):
     """int |w|^2 dy over the contact area."""
     n, total = cells_of(w), 0.0
@@ -86,8 +70,9 @@ def spring_force(w, m):
 @helper
 def cell_means(w, count, d, new):
     """Write springs that are the means of the field (w, count) over the cells for a contact area of overlap d; return m."""
-    n = cells_of(new)
-    spacing, m = grid_for(d, n)
+    n, y = cells_of(new), math.sqrt(d)
+    spacing = math.ldexp(0.5, math.frexp(y / n)[1])  # of the smallest grid of n cells
+    m = min(max(int(math.ceil(y / spacing)) - n, 0), n)
     for i in range(len(new)):
         new[i] = 0.0
     new[0] = spacing
@@ -111,51 +96,28 @@ def cell_means(w, count, d, new):
 
 
 @helper
-def merge_next(w, m):
-    """Merge cells m and m + 1, which leaves the outermost empty; return the new m.
-
-    With all cells wide, the spacing doubles.
-    """
-    n = cells_of(w)
-    if m == n:
-        w[0], m = 2.0 * w[0], 0
-    for part in range(2):
-        first = 1 + part * n
-        outer = w[first + m + 1] if m + 1 < n else 0.0
-        w[first + m] = 0.5 * (w[first + m] + outer)
-        for i in range(m + 1, n - 1):
-            w[first + i] = w[first + i + 1]
-        if m + 1 < n:
-            w[first + n - 1] = 0.0
-    return m + 1
-
-
-@helper
-def cut_all(w, m):
-    """Split every cell into two of half its width, as far as there is space; return the new m.
-
-    The outer half must be empty.
-    """
-    n = cells_of(w)
-    for part in range(2):
-        first = 1 + part * n
-        for i in range(n - 1, -1, -1):
-            w[first + i] = w[first + i // 2]
-    w[0] *= 0.5
-    return min(2 * m, n)
-
-
-@helper
 def fit_cells(w, m, y):
     """Adapt the cells to a contact area that extends to y; return (new m, twice the energy released by averaging, over 2 G*)."""
     n = cells_of(w)
     if y <= w[0] * (n + m) <= 2.0 * y:
         return m, 0.0
     before = spring_energy(w, m)
-    while y > w[0] * (n + m):
-        m = merge_next(w, m)
-    while 2.0 * y < w[0] * (n + m):
-        m = cut_all(w, m)
+    while y > w[0] * (n + m):  # cells m and m + 1 become one, which leaves the outermost empty
+        if m == n:  # all are wide
+            w[0], m = 2.0 * w[0], 0
+        for first in (1, 1 + n):
+            outer = w[first + m + 1] if m + 1 < n else 0.0
+            w[first + m] = 0.5 * (w[first + m] + outer)
+            for i in range(m + 1, n - 1):
+                w[first + i] = w[first + i + 1]
+            if m + 1 < n:
+                w[first + n - 1] = 0.0
+        m += 1
+    while 2.0 * y < w[0] * (n + m):  # every cell becomes two, as far as there is space: the outer half is empty
+        for first in (1, 1 + n):
+            for i in range(n - 1, -1, -1):
+                w[first + i] = w[first + i // 2]
+        w[0], m = 0.5 * w[0], min(2 * m, n)
     return m, max(before - spring_energy(w, m), 0.0)
 
 
@@ -329,8 +291,8 @@ def carry_springs(w, m, retained, overlap, new):
     for i in range(1, len(new)):  # a row of an even length has one number more than the cells need: history must not be undefined
         new[i] = 0.0
     for i in range(n):
-        if gap_of(i, m, h) < overlap:
-            y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
+        y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
+        if (y_1 * y_1 + y_1 * y_2 + y_2 * y_2) / 3.0 < overlap:  # mean of q over the cell
             y, wide = retained * y_1, 2.0 * h * m
             first = min(int(y / (2.0 * h)) if y < wide else m + int((y - wide) / h), i)
             second = min(first + 1, n - 1)
@@ -341,34 +303,6 @@ def carry_springs(w, m, retained, overlap, new):
 
 
 @helper
-def springs_product(w, v, m):
-    """int w.v dy of two rows of springs in the same cells."""
-    n, total = cells_of(w), 0.0
-    for i in range(n):
-        width = lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])
-        total += width * (w[1 + i] * v[1 + i] + w[1 + n + i] * v[1 + n + i])
-    return total
-
-
-@helper
-def lost_by(w, n, v, retained, end):
-    """(int w_x dy, int w_y dy, int |w|^2 dy) of a field or of springs, and the loss of each when v is carried outward.
-
-    `end`: the larger overlap of the step.
-    """
-    if n >= 0:
-        x, y = field_force(w, n)
-        energy = field_energy(w, n, 0.0)
-        beyond_x, beyond_y, initial_gap = field_beyond(w, n, retained * retained * end)
-        return x, y, energy, beyond_x, beyond_y, (1.0 - retained) * energy + retained * initial_gap
-    m = -n - 1
-    x, y = spring_force(w, m)
-    x_new, y_new = spring_force(v, m)
-    energy = spring_energy(w, m)
-    return x, y, energy, x - x_new, y - y_new, energy - spring_energy(v, m)
-
-
-@helper
 def renewal_loss(w, n, v, m, step, renewal, slip, slides):
     """Energy released by rolling in the step, over G*.
 
@@ -376,11 +310,25 @@ def renewal_loss(w, n, v, m, step, renewal, slip, slides):
     `advance_field`. Exact for a uniform field that sticks and for one that slides in one direction throughout, of
     first order in the renewal of a step in between.
     """
-    s_x, s_y = slip
-    x, y, energy, beyond_x, beyond_y, loss = lost_by(w, n, v, renewal.retained, max(step.overlap_before, step.overlap))
+    (s_x, s_y), retained, k, common = slip, renewal.retained, -n - 1, 0.0
+    if n >= 0:
+        x, y = field_force(w, n)
+        energy = field_energy(w, n, 0.0)
+        beyond_x, beyond_y, initial_gap = field_beyond(w, n, retained * retained * max(step.overlap_before, step.overlap))
+        loss = (1.0 - retained) * energy + retained * initial_gap
+    else:
+        x, y = spring_force(w, k)
+        energy, (x_new, y_new) = spring_energy(w, k), spring_force(v, k)
+        beyond_x, beyond_y, loss = x - x_new, y - y_new, energy - spring_energy(v, k)
     left, work = 1.0 - renewal.fill, s_x * x + s_y * y
     if slides:
-        common = field_product(w, n, v, m) if n >= 0 else springs_product(w, v, -n - 1)
+        if n >= 0:
+            common = field_product(w, n, v, m)
+        else:
+            cells = cells_of(w)
+            for i in range(cells):
+                width = lower_end(i + 1, k, w[0]) - lower_end(i, k, w[0])
+                common += width * (w[1 + i] * v[1 + i] + w[1 + cells + i] * v[1 + cells + i])
         apart = 2.0 * (energy - common) - loss
         return max(loss + apart + 2.0 * left * work, 0.0)
     mixed = renewal.fill - left / (1.0 - renewal.retained)

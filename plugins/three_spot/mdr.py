@@ -26,7 +26,6 @@ from thirdbody.plugin import (
     Law,
     Option,
     Options,
-    Pair,
     Tangential,
     e_star,
     g_star,
@@ -53,7 +52,7 @@ from .mdr_springs import (
 
 
 class SpringParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
+    """Effective shear modulus (the paper's G*) [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal per contact radius."""
 
     g_star: float
     mu: float
@@ -207,12 +206,6 @@ def springs(c, load, p, h, w, w_new):
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 
 
-def mix_springs(pair: Pair, options: Options) -> SpringParameters:
-    """Return G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
-    g = g_star(pair.a, pair.b)
-    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
-
-
 def width(options: Options) -> int:
     """Number of floats of the field: two per spring. Raises ValueError for a non-integer number of springs."""
     springs = options["springs"]
@@ -228,7 +221,10 @@ MDR = Law(
     kernel=springs,
     tangent=springs_tangent,
     parameters=SpringParameters,
-    mix=mix_springs,
+    mix=lambda pair, options: SpringParameters(
+        g_star(pair.a, pair.b), pair.friction, pair.friction * e_star(pair.a, pair.b) / g_star(pair.a, pair.b),
+        renewal_rate(pair, options),
+    ),
     options=(
         Option("springs", "dimensionless", 32.0, low=4.0, high=float(MAX_SPRINGS), doc="springs per contact, a whole number"),
         RENEWAL,
@@ -237,4 +233,4 @@ MDR = Law(
     field=width,
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",
-)
+)  # fmt: skip

@@ -26,7 +26,7 @@ CURVED = 1e-3
 ones is removed last."""
 ROTATION_TOLERANCE = 1e-10
 """Permitted error of the force over mu N from neglecting the rotation of springs in a sliding piece in a step."""
-ALIGNED = 1e-7
+ALIGNED = 1e-7  # its square is below rounding
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
 
 
@@ -257,19 +257,6 @@ def span(new, n, a, b, step):
 
 
 @helper
-def is_straight(w, n, k, d):
-    """Return whether all springs are at the bound and parallel up to ALIGNED, whose square is below rounding."""
-    size = max(math.sqrt(w[1] * w[1] + w[2] * w[2]), 1e-300)
-    e_x, e_y = w[1] / size, w[2] / size
-    for i in range(0, 3 * n - 3, 3):
-        bound = k * (d - w[i])
-        along, across = w[i + 1] * e_x + w[i + 2] * e_y, w[i + 2] * e_x - w[i + 1] * e_y
-        if abs(across) > ALIGNED * bound or along < bound * (1.0 - 1e-13):
-            return False
-    return True
-
-
-@helper
 def advance_field(w, n, new, step):
     """Compute the field `new` after one step from (w, n).
 
@@ -306,9 +293,16 @@ def advance_field(w, n, new, step):
         loss, rotates = loss + lost, rotates or rotated
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0
-    if excess > 0.0 and count > 2 and is_straight(new, count, k, d):
-        new[3], new[4], new[5] = d, 0.0, 0.0
-        count = 2
+    if excess > 0.0 and count > 2:  # one line, if all springs are at the bound and parallel up to `ALIGNED`
+        size, straight = max(math.sqrt(new[1] * new[1] + new[2] * new[2]), 1e-300), True
+        e_x, e_y = new[1] / size, new[2] / size
+        for i in range(0, last, 3):
+            bound = k * (d - new[i])
+            along, across = new[i + 1] * e_x + new[i + 2] * e_y, new[i + 2] * e_x - new[i + 1] * e_y
+            straight = straight and not (abs(across) > ALIGNED * bound or along < bound * (1.0 - 1e-13))
+        if straight:
+            new[3], new[4], new[5] = d, 0.0, 0.0
+            count = 2
     dropped = 0
     while count > len(new) // 3 - SPARE:
         count = thin(new, count)

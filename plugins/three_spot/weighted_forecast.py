@@ -51,62 +51,28 @@ def pivot(tableau: Array, basis: Array, row: int, column: int) -> None:
 
 
 @helper
-def entering_column(tableau: Array, first: bool) -> int:
-    """Column with the lowest reduced cost, or the first negative one; -1 if none is negative."""
-    last = tableau.shape[0] - 1
-    best, minimum = -1, -TOLERANCE
-    for j in range(tableau.shape[1] - 1):
-        if tableau[last, j] < minimum:
-            best, minimum = j, tableau[last, j]
-            if first:
-                break
-    return best
-
-
-@helper
-def leaving_row(tableau: Array, basis: Array, column: int) -> int:
-    """Row that limits the entering column, the lowest basis index among equals; -1 if there is none."""
-    n = tableau.shape[1] - 1
-    best, minimum = -1, math.inf
-    for i in range(tableau.shape[0] - 1):
-        if tableau[i, column] > TOLERANCE:
-            ratio = max(tableau[i, n], 0.0) / tableau[i, column]
-            if ratio < minimum or (ratio == minimum and basis[i] < basis[best]):
-                best, minimum = i, ratio
-    return best
-
-
-@helper
 def optimise(tableau: Array, basis: Array) -> bool:
     """Pivot until no reduced cost in the last row is negative; return False if the objective is unbounded."""
+    last, n = tableau.shape[0] - 1, tableau.shape[1] - 1
     for count in range(MAX_PIVOTS):
-        column = entering_column(tableau, count >= QUICK)
+        column, lowest = -1, -TOLERANCE
+        for j in range(n):
+            if tableau[last, j] < lowest:
+                column, lowest = j, tableau[last, j]
+                if count >= QUICK:
+                    break
         if column < 0:
             return True
-        row = leaving_row(tableau, basis, column)
+        row, minimum = -1, math.inf  # that limits the column, the lowest basis index among equals
+        for i in range(last):
+            if tableau[i, column] > TOLERANCE:
+                ratio = max(tableau[i, n], 0.0) / tableau[i, column]
+                if ratio < minimum or (ratio == minimum and basis[i] < basis[row]):
+                    row, minimum = i, ratio
         if row < 0:
             return False
         pivot(tableau, basis, row, column)
     return True
-
-
-@helper
-def drop_artificial(tableau: Array, basis: Array) -> None:
-    """Pivot artificial variables, all zero, out of the basis; a row without a sizeable entry is redundant and becomes empty."""
-    n = tableau.shape[1] - 1
-    for i in range(tableau.shape[0] - 1):
-        if basis[i] < n:
-            continue
-        tableau[i, n] = 0.0
-        column = i  # any column
-        for j in range(n):
-            if abs(tableau[i, j]) > abs(tableau[i, column]):
-                column = j
-        if abs(tableau[i, column]) > REDUNDANT:
-            pivot(tableau, basis, i, column)
-        else:
-            for j in range(n):
-                tableau[i, j] = 0.0
 
 
 @helper
@@ -128,7 +94,19 @@ def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
     optimise(tableau, basis)
     if -tableau[m, n] > residual:
         return False
-    drop_artificial(tableau, basis)
+    for i in range(m):  # artificial variables, all zero, leave; a row without a sizeable entry is redundant and becomes empty
+        if basis[i] < n:
+            continue
+        tableau[i, n] = 0.0
+        column = i  # any column
+        for j in range(n):
+            if abs(tableau[i, j]) > abs(tableau[i, column]):
+                column = j
+        if abs(tableau[i, column]) > REDUNDANT:
+            pivot(tableau, basis, i, column)
+        else:
+            for j in range(n):
+                tableau[i, j] = 0.0
     return True
 
 
