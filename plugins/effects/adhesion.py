@@ -42,27 +42,17 @@ import numpy as np
 
 from thirdbody.plugin import Adhesion, Law, Normal, Option, Options, Pair, Plugin, e_star, helper, kernel, pretty
 
-DMT_BELOW, JKR_ABOVE = 0.1, 5.0
-"""Tabor's numbers up to which DMT holds, and from which on JKR does."""
-
-TRANSITION = 0.352
-"""Tabor's number at which half of the work of adhesion makes the neck: the pull-off force is 7/4 pi w R."""
-
-MIN_WORK = 1e-15
-"""Smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's."""
-
-BEYOND = 2.0
-"""Reach over the length of a neck that breaks: steps that bring bodies to touch, or break the neck, end within it."""
-
-LONGEST = 3.0
-"""Length of a neck that breaks over a_s^2/R."""
+DMT_BELOW, JKR_ABOVE = 0.1, 5.0  # Tabor's numbers up to which DMT holds, and from which on JKR does
+TRANSITION = 0.352  # Tabor's number at which half of the work of adhesion makes the neck: the pull-off force is 7/4 pi w R
+MIN_WORK = 1e-15  # smallest work of adhesion of the forms with necks [J/m2], which are scaled by it: with less they are Hertz's
+BEYOND = 2.0  # reach over the length of a neck that breaks: steps that bring bodies to touch, or break the neck, end within it
+LONGEST = 3.0  # length of a neck that breaks over a_s^2/R
 
 JUMPS = 6.0 + 9.0 * 4.0 ** (4.0 / 3.0)
 """Energy lost as a neck forms at touch and as it breaks, over 8 E* a_s^5/(15 R^2): the negative of U at y^3 = 4. Nine tenths
 are lost as the neck forms; all of it is booked there, so that a neck that breaks has no energy left."""
 
-FOLD = 1e-9
-"""Least y^3 - 1 by which slopes are divided: they are infinite where the neck breaks."""
+FOLD = 1e-9  # least y^3 - 1 by which slopes are divided: they are infinite where the neck breaks
 
 
 class JkrParameters(NamedTuple):

@@ -33,8 +33,7 @@ from typing import NamedTuple
 
 from thirdbody.plugin import Law, Normal, Option, Options, Pair, Plugin, e_star, kernel, yield_limit
 
-NEVER = 1e6
-"""Yield pressure over E* of materials that do not yield: beyond any pressure of a contact, and finite."""
+NEVER = 1e6  # yield pressure over E* of materials that do not yield: beyond any pressure of a contact, and finite
 
 
 class YieldParameters(NamedTuple):

@@ -42,8 +42,7 @@ from . import LABELLER, THREE_SPOT, conditions
 from .balance_file import BalanceFile, Spots
 from .forecast import forecast
 
-NODES = 1024
-"""Size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
+NODES = 1024  # size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag
 PRESSING, SEATS = 100, 10
 """Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle; maximum number of seats
 that a particle may leave again meanwhile."""

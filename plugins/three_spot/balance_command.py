@@ -17,8 +17,7 @@ from thirdbody.plugin import OutputError, UsageError, pretty
 if TYPE_CHECKING:
     from .balance import Result
 
-ROWS = 12
-"""Points in the table in addition to every change of a label or of a spot."""
+ROWS = 12  # points in the table in addition to every change of a label or of a spot
 
 FORMATS = (".png", ".pdf", ".svg")
 

@@ -55,8 +55,7 @@ from thirdbody.plugin import (
 VERSION = 1
 MAX_SPHERES = 100
 """Maximum number of spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
-MAX_SPOTS = 1000
-"""Maximum number of candidates of a balance, whose equations are solved together."""
+MAX_SPOTS = 1000  # maximum number of candidates of a balance, whose equations are solved together
 
 Array = NDArray[np.float64]
 Length = Annotated[float, Quantity(dimension="length")]

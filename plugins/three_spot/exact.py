@@ -41,12 +41,11 @@ from thirdbody.plugin import (
 from .exact_springs import advance_springs, carry_field, carry_springs, cell_means, renewal_loss, spring_energy, spring_force
 from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, piece_mean
 
-STEP = 1e-6
-"""Relative step of differences: half the digits of the forces remain."""
+STEP = 1e-6  # relative step of differences: half the digits of the forces remain
 
 
 class ExactParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
+    """G* of the paper [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal in rolling per contact radius."""
 
     g_star: float
     mu: float

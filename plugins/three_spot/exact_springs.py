@@ -25,14 +25,10 @@ from thirdbody.plugin import helper
 
 from .spring_field import field_energy, field_force, piece_mean, piece_products
 
-ALIGNED = 1e-10
-"""Sine of the angle to the slip up to which a spring counts as parallel to it."""
-IN_LINE = 1e-16
-"""The same to the last digit."""
-SHORT = 0.1
-"""Path over the bound below which the slip path is the trapezoid of the cosine with end corrections: error 1e-7."""
-SERIES = 1e-2
-"""Relative change of the bound below which its logarithmic mean is computed by a series."""
+ALIGNED = 1e-10  # sine of the angle to the slip up to which a spring counts as parallel to it
+IN_LINE = 1e-16  # the same to the last digit
+SHORT = 0.1  # path over the bound below which the slip path is the trapezoid of the cosine with end corrections: error 1e-7
+SERIES = 1e-2  # relative change of the bound below which its logarithmic mean is computed by a series
 
 
 @helper

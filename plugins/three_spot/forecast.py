@@ -26,17 +26,13 @@ from .weighted_forecast import body_size, weighted_forecast
 
 TOLERANCE = 1e-12  # of the largest |q - p|
 
-FARTHEST = 1e9
-"""Finite value for an infinite ratio in outputs."""
+FARTHEST = 1e9  # finite value for an infinite ratio in outputs
 
 NEGLIGIBLE = 0.01
 """Shift of the line of action by body forces that is neglected, over the contact radius: the contact area is no better known."""
 
-HEAVIEST = 1e6
-"""Body force over load beyond which there is no forecast."""
-
-GENTLE = 0.01
-"""Slope of a plate over the friction coefficient that is neglected: t_min and t_max are known to about 2 %."""
+HEAVIEST = 1e6  # body force over load beyond which there is no forecast
+GENTLE = 0.01  # slope of a plate over the friction coefficient that is neglected: t_min and t_max are known to about 2 %
 
 MANY = 16
 """Spots of a side from which on a forecast takes the corners of their hull: its cost grows with the cube of their number."""

@@ -52,7 +52,7 @@ from .mdr_springs import (
 
 
 class SpringParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal per contact radius."""
+    """Effective shear modulus G* [Pa]; friction; kappa = mu E*/G* (Willert, Eqs. 13, 14); renewal per contact radius."""
 
     g_star: float
     mu: float

@@ -19,15 +19,12 @@ import math
 
 from thirdbody.plugin import helper, kernel, moved_ground, renewed, stack_array
 
-MAX_SPRINGS = 512
-"""Largest number of springs of a contact."""
-FIRST = 2.0**-20
-"""Half width of the smallest grid over the radius of curvature: an overlap of 1e-12 of it."""
+MAX_SPRINGS = 512  # largest number of springs of a contact
+FIRST = 2.0**-20  # half width of the smallest grid over the radius of curvature: an overlap of 1e-12 of it
 DOUBLINGS = 50
 """Maximum number of doublings of the spacing: half widths of 1e9 radii, which occur only in a run about to be stopped."""
 ENDLESS = FIRST * 2.0**DOUBLINGS
-ROWS = 8
-"""Rows of n springs for a tangent: x, y, dx/dd, dy/dd, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y."""
+ROWS = 8  # rows of n springs for a tangent: x, y, dx/dd, dy/dd, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y
 
 
 @helper

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 from thirdbody.plugin import helper
 
-SPARE = 10
-"""Nodes of the array that a field at rest leaves free: a step may add some before it removes others again."""
+SPARE = 10  # nodes of the array that a field at rest leaves free: a step may add some before it removes others again
 COLLINEAR = 1e-12
 """Largest difference of slopes, over the larger of the two, of pieces that count as one; otherwise smooth loading at one rate
 would add a piece per step. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""

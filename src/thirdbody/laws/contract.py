@@ -64,8 +64,7 @@ if TYPE_CHECKING:
     from thirdbody.laws.measures import Measure
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling", "twisting")
-STIFF = ("normal", "tangential", "rolling", "twisting")
-"""Stages whose tangents bound the time step."""
+STIFF = ("normal", "tangential", "rolling", "twisting")  # stages whose tangents bound the time step
 
 _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 kernel = njit(**_LAW)

@@ -280,8 +280,7 @@ def _write(path: Path, content: bytes) -> None:
     os.replace(draft, path)  # atomic: several processes may write the same name
 
 
-GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
-"""Files of generated code (`load_module`)."""
+GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")  # files of generated code (`load_module`)
 
 
 def compile_error(problem: Exception) -> str | None:

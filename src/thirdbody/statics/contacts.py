@@ -17,12 +17,9 @@ from thirdbody.laws.registry import installed_interaction
 
 Ints = NDArray[np.int64]
 
-AT_REST = ("damping", "tangential_damping")
-"""Stages without effect in statics."""
-TANGENTS = 7
-"""Number of derivatives written by `tangents`."""
-ITERATIONS = 60
-"""Most steps of Newton's method for the interaction of spots, where four to six are enough; of a bisection."""
+AT_REST = ("damping", "tangential_damping")  # stages without effect in statics
+TANGENTS = 7  # number of derivatives written by `tangents`
+ITERATIONS = 60  # most steps of Newton's method for the interaction of spots, where four to six are enough; of a bisection
 
 
 @dataclass(frozen=True, eq=False)

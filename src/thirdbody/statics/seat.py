@@ -16,25 +16,19 @@ import numpy as np
 from thirdbody.kernels.table import Array
 from thirdbody.statics.solver import ACCEPTED, CONVERGED, NEUTRAL, OVERLAP_GROWTH, Grip, NoStaticState, QuasiStatic, Trial, after
 
-MAX_ROTATION = 0.5
-"""Rotation [rad] beyond which a particle that still moves has tipped over."""
-SMALL_ROTATION = 0.01
-"""Rotation [rad] beyond which the particle has left the last equilibrium."""
+MAX_ROTATION = 0.5  # rotation [rad] beyond which a particle that still moves has tipped over
+SMALL_ROTATION = 0.01  # rotation [rad] beyond which the particle has left the last equilibrium
 STEPS, NEWTON_STEPS, HALVINGS = 5000, 20, 6
-SOLVED = 1e-6
-"""Tolerance of the relative residual, resistance included, of a step."""
+SOLVED = 1e-6  # tolerance of the relative residual, resistance included, of a step
 SLOWER, FASTER = 4.0, 3.0
 """The resistance is multiplied by SLOWER after a failed step, and divided by FASTER after a successful one."""
 BENT, BENT_PATH = 0.5, 0.01
 """Largest deviation of a step, and of a path, from the circular motion of a spot, over the largest overlap."""
-CAUTION = 0.8
-"""Target rotation of the next step over the largest allowed one."""
-STRONGEST, WEAKEST = 1e6, 1e-12
-"""Bounds of the resistance over the stiffness."""
+CAUTION = 0.8  # target rotation of the next step over the largest allowed one
+STRONGEST, WEAKEST = 1e6, 1e-12  # bounds of the resistance over the stiffness
 UNLOADINGS, LIGHTER = 5, 1.0 / 64.0
 """Number of loads, and their ratio: overlaps fall to a sixteenth. After five, rounding of the places is 1e-4 of the overlaps."""
-TOUCHING = 1e-12
-"""Gap over the size of the particle that counts as rounding."""
+TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
 
 
 def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:

@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from thirdbody.kernels.table import Array
 from thirdbody.statics.contacts import Answer, Contacts
 
-CONVERGED = 1e-12
-"""Tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load."""
+CONVERGED = 1e-12  # tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load
 ACCEPTED = 1e-9
 """The same where Newton's method stagnates: a law of springs has corners, at which the last digits do not converge."""
 NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
-NEUTRAL = 1e-10
-"""Stiffness over the largest stiffness below which a motion counts as free."""
+NEUTRAL = 1e-10  # stiffness over the largest stiffness below which a motion counts as free
 OVERLAP_GROWTH = 0.5
 """Largest change of an overlap in one Newton step over the largest overlap: Hertz' force is strongly nonlinear."""
 

@@ -27,15 +27,11 @@ from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ, HertzParameters
 
 Array = NDArray[np.float64]
-Result = tuple[bool, str]
-"""Whether a test has passed, and a detail: the worst case, or what is wrong."""
+Result = tuple[bool, str]  # whether a test has passed, and a detail: the worst case, or what is wrong
 
 SEED = 20240501
-SPAN = 1e-3
-"""Duration of one straight segment of a path [s]; sets the velocities only."""
-
-REPEATS = 4
-"""Most paths for each setting and lane."""
+SPAN = 1e-3  # duration of one straight segment of a path [s]; sets the velocities only
+REPEATS = 4  # most paths for each setting and lane
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 CERAMIC = Material("ceramic", 120e9, 0.2, 3900.0)
@@ -60,8 +56,7 @@ TYPICAL = {
 """Value in SI for an option without a default, by its dimension; 0.1 for any other."""
 
 
-SLOPE = 20.0
-"""Contact radius over overlap of the cone."""
+SLOPE = 20.0  # contact radius over overlap of the cone
 
 
 @kernel
@@ -244,8 +239,7 @@ class Bench:
         return run
 
 
-COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel
-"""Whether numba is disabled and all functions run in the interpreter."""
+COMPILER_IS_OFF = plain(HERTZ.kernel) is HERTZ.kernel  # whether numba is disabled and all functions run in the interpreter
 
 
 class Path(NamedTuple):

@@ -29,11 +29,8 @@ from thirdbody.laws.data import Contact, Load, Turn, Twist
 from thirdbody.laws.generated import plain
 from thirdbody.laws.hertz import HERTZ
 
-ROUND_OFF = 1e-9
-"""Energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9."""
-
-FASTER = 2.0
-"""Factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it."""
+ROUND_OFF = 1e-9  # energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9
+FASTER = 2.0  # factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it
 
 
 class Account(NamedTuple):

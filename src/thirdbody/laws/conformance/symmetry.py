@@ -20,11 +20,8 @@ from thirdbody.laws.conformance.bench import (
     random_paths,
 )
 
-ROUND_OFF = 1e-12
-"""Relative difference due to a few thousand round-offs of double precision."""
-
-ROTATED = 1e-9
-"""The same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit."""
+ROUND_OFF = 1e-12  # relative difference due to a few thousand round-offs of double precision
+ROTATED = 1e-9  # the same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit
 
 FORCES = [
     law_output.NORMAL_FORCE, law_output.TANGENTIAL_X, law_output.TANGENTIAL_Y, law_output.LOAD, law_output.FRICTION_LIMIT,
