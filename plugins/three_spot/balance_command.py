@@ -3,19 +3,17 @@
 The picture has normal forces, utilisation of friction, tilt and states over the drag.
 """
 
-from __future__ import annotations
-
 import sys
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from thirdbody.plugin import OutputError, UsageError, pretty
 
-if TYPE_CHECKING:
-    from .balance import Result
+from .balance import Result, balance
 
 ROWS = 12  # points in the table in addition to every change of a label or of a spot
 
@@ -35,8 +33,6 @@ def balance_command(
     level: Annotated[str | None, typer.Option("--level", help="exact | mdr | mindlin | coulomb [exact]")] = None,
 ) -> None:
     """Balance of a single particle between two bodies: forces, tilt, partial slip and label along a drag."""
-    from .balance import balance
-
     if out is not None:
         check_format(out)  # before the work
     result = balance(file, level)
@@ -96,9 +92,10 @@ def plot(result: Result, path: Path, title: str = "") -> None:
     figure = Figure(figsize=(8.0, 9.0), layout="constrained")
     top, middle, tilt, bar = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 2.0, 1.6))
     drag, unit = scaled(np.array([p.drag for p in result.points]))
-    _forces(top, result, drag)
-    _friction(middle, result, drag)
-    _tilt(tilt, result, drag)
+    style: dict[str, Any] = {"linewidth": 1.6} if len(drag) > 1 else {"marker": "o"}
+    _forces(top, result, drag, style)
+    _friction(middle, result, drag, style)
+    _tilt(tilt, result, drag, style)
     _states(bar, result, drag)
     bar.set_xlabel(f"drag of the upper body ({unit}m)")
     for axes in (top, middle, tilt):
@@ -130,41 +127,37 @@ def _loaded(result: Result) -> list[int]:
     return [k for k in range(len(result.points[0].N)) if any(p.N[k] > 0.0 for p in result.points)]
 
 
-def _forces(axes: Any, result: Result, drag: np.ndarray) -> None:
+def _forces(axes: Any, result: Result, drag: np.ndarray, style: dict[str, Any]) -> None:
     forces, unit = scaled(np.array([p.N for p in result.points]))
     for number, k in enumerate(_loaded(result)):
-        axes.plot(drag, forces[:, k], color=LINES[number % len(LINES)], label=f"spot {k + 1}", **_style(drag))
+        axes.plot(drag, forces[:, k], color=LINES[number % len(LINES)], label=f"spot {k + 1}", **style)
     axes.set_ylabel(f"normal force $N$ ({unit}N)")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
 
 
-def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
+def _friction(axes: Any, result: Result, drag: np.ndarray, style: dict[str, Any]) -> None:
     """Plot T over the friction limit of the spot, signed in the plane, its magnitude in space; eta is in the margins."""
     eta = 1.0 - np.array([p.margins["friction_spots"] for p in result.points])
     eta[np.array([p.N for p in result.points]) <= 0.0] = np.nan
     if result.planar:
         eta = eta * np.sign(np.array([p.T for p in result.points]))
     for number, k in enumerate(_loaded(result)):
-        axes.plot(drag, eta[:, k], color=LINES[number % len(LINES)], **_style(drag))
+        axes.plot(drag, eta[:, k], color=LINES[number % len(LINES)], **style)
     for limit in (1.0, -1.0) if np.nanmin(eta) < 0.0 else (1.0,):
         axes.axhline(limit, color="#555555", linewidth=0.8, linestyle="--")
     axes.set_ylabel(r"utilisation  $T/(\mu\,N)$")
 
 
-def _tilt(axes: Any, result: Result, drag: np.ndarray) -> None:
+def _tilt(axes: Any, result: Result, drag: np.ndarray, style: dict[str, Any]) -> None:
     rotation = np.array([p.phi for p in result.points]).reshape(len(drag), -1)
     values, unit = scaled(rotation)
     names = [r"$\varphi$"] if result.planar else [rf"$\varphi_{axis}$" for axis in "xyz"]
     for k, name in enumerate(names):
-        axes.plot(drag, values[:, k], color=LINES[k], label=name, **_style(drag))
+        axes.plot(drag, values[:, k], color=LINES[k], label=name, **style)
     axes.set_ylabel(rf"tilt $\varphi$ ({unit}rad)" if result.planar else f"tilt ({unit}rad)")
     if len(names) > 1:
         axes.legend(frameon=False, ncols=3, loc="best")
-
-
-def _style(drag: np.ndarray) -> dict[str, Any]:
-    return {"linewidth": 1.6} if len(drag) > 1 else {"marker": "o"}
 
 
 def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
@@ -175,8 +168,11 @@ def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
     rows = [[LABELS[p.label] for p in result.points], *([SPOTS[p.spots[k]] for p in result.points] for k in spots)]
     width = drag[1] - drag[0] if len(drag) > 1 else 1.0
     for y, colors in enumerate(rows):
-        for start, end, color in runs(colors):
-            axes.barh(y, (end - start) * width, left=drag[start] - 0.5 * width, color=color, height=0.8)
+        start = 0
+        for color, equal in groupby(colors):
+            count = len(list(equal))
+            axes.barh(y, count * width, left=drag[start] - 0.5 * width, color=color, height=0.8)
+            start += count
     axes.set_yticks(range(len(rows)), ["particle", *(f"spot {k + 1}" for k in spots)])
     axes.invert_yaxis()
     axes.spines[["top", "right", "left"]].set_visible(False)
@@ -187,13 +183,3 @@ def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
     patches = [Patch(color=c, label=f"particle {n}") for n, c in LABELS.items() if n in present[0]]
     patches += [Patch(facecolor=c, edgecolor="#999999", label=f"spot: {n}") for n, c in SPOTS.items() if n in present[1]]
     axes.legend(handles=patches, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.45), columnspacing=1.2)
-
-
-def runs(values: list[str]) -> list[tuple[int, int, str]]:
-    """Return (start, end, value) of every run of equal values."""
-    result, start = [], 0
-    for k in range(1, len(values) + 1):
-        if k == len(values) or values[k] != values[start]:
-            result.append((start, k, values[start]))
-            start = k
-    return result

@@ -1,7 +1,5 @@
 """Command `thirdbody map`: regimes of a three-spot particle (sticking, sliding, rolling), by theory and by full solution."""
 
-from __future__ import annotations
-
 import json as js
 import sys
 from pathlib import Path
@@ -11,7 +9,9 @@ import typer
 
 from thirdbody.plugin import OutputError, UsageError
 
-FORMATS = (".png", ".pdf", ".svg")
+from .balance_command import check_format
+from .regime_map import computed_points, draw_map, map_numbers
+
 PICTURE = Path("map.png")
 LARGEST = 1e6
 
@@ -24,16 +24,13 @@ def map_command(
     json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
 ) -> None:
     """Draw the map of regimes over friction and geometry, and the paper's second figure."""
-    from .regime_map import computed_points, draw_map, map_numbers
-
     if not abs(big_h) <= LARGEST:
         raise UsageError(f"--H {big_h}: must lie between -{LARGEST:g} and {LARGEST:g}")
     if not 1.0 / LARGEST <= half_width <= LARGEST:
         raise UsageError(f"--half-width {half_width}: must lie between {1.0 / LARGEST:g} and {LARGEST:g}")
     picture = out if out is not None or json else PICTURE
     if picture is not None:
-        if picture.suffix.lower() not in FORMATS:
-            raise UsageError(f"{picture}: a picture ends in {', '.join(FORMATS)}")
+        check_format(picture)
         try:
             draw_map(picture, big_h, half_width, computed_points(half_width) if computed else ())
         except OSError as error:

@@ -134,7 +134,7 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
 
 
 def _first_touch(seated: QuasiStatic) -> tuple[Array, Grip, float]:
-    """Return rotation vector and spots where the loaded spots touch at once, and the largest gap left among them [m]."""
+    # rotation vector and spots where the loaded spots touch at once, and the largest gap left among them
     assert seated.now is not None
     up, loaded, rotation = seated.grip.upper, seated.now.overlap > 0.0, np.zeros(3)
     for _ in range(NEWTON_STEPS):
@@ -241,8 +241,7 @@ class _Relaxation:
         assert solver.now is not None
         start = solver.now.coordinates
 
-        def net_force(trial: Trial) -> Array:
-            """The unbalanced force less the resistance, with the levers at the end of the step."""
+        def net_force(trial: Trial) -> Array:  # less the resistance, with the levers at the end of the step
             change = trial.y - start
             return np.asarray(trial.force + self._geometric_stiffness(trial) @ change - resistance * change)
 
@@ -271,10 +270,7 @@ class _Relaxation:
         return None
 
     def _geometric_stiffness(self, trial: Trial) -> Array:
-        """Return d(force)/d(coordinates) from the way of the spots over the particle as it turns: none in linear kinematics.
-
-        Moments of the forces F on spots that move with the centres c of their spheres: (theta x c) x F.
-        """
+        # moments of the forces F on spots that move with the centres c of their spheres, (theta x c) x F; none if linear
         solver, result = self.solver, np.zeros((len(trial.y), len(trial.y)))
         if self.upright is not None:
             centre, normal = solver.grip.position - _radii(solver), np.where(solver.grip.upper, -1.0, 1.0) * trial.answer.normal
@@ -284,16 +280,14 @@ class _Relaxation:
         return result
 
 
-def _radii(solver: QuasiStatic) -> Array:
-    """Return the vectors (n, 3) [m] from the centres of the spheres to their spots."""
+def _radii(solver: QuasiStatic) -> Array:  # vectors (n, 3) [m] from the centres of the spheres to their spots
     result = np.zeros_like(solver.grip.position)
     result[:, 2] = np.where(solver.grip.upper, solver.contacts.radius, -solver.contacts.radius)
     return result
 
 
 def _rotated_spots(solver: QuasiStatic, rotation: Array) -> Array:
-    """Return the spots (n, 3) [m] of a particle after a rotation: summits of spheres that rotate with it."""
     from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
-    summit = _radii(solver)
+    summit = _radii(solver)  # of spheres that rotate with the particle
     return Rotation.from_rotvec(rotation).apply(solver.grip.position - summit) + summit
