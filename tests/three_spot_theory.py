@@ -73,14 +73,6 @@ def stick_ratio(force_ratio: float) -> float:
     return max(1.0 - force_ratio, 0.0) ** (1.0 / 3.0)
 
 
-def oblique_loading(mu: float, slope: float, force_from: float, force_to: float) -> float:
-    """Increase of T [N] while N grows from `force_from` at ds = D kappa dd with |D| <= 1: mu D (N_1 - N_0).
-
-    Source: memory diagrams, Aleshin et al. 2015; proportional loading of Eqs. 17 to 19 is the case N_0 = 0.
-    """
-    return mu * slope * (force_to - force_from)
-
-
 # -- three spots, normal load --
 
 
@@ -115,11 +107,6 @@ def upper_fraction(alpha: float, m: float) -> float:
 def upper_fraction_slope(alpha: float) -> float:
     """psi = d delta/d m~ at m~ = 0 (Eq. 10): -2 alpha/(3 sqrt(1 + alpha))."""
     return -2.0 * alpha / (3.0 * math.sqrt(1.0 + alpha))
-
-
-def upper_fraction_series(alpha: float, m: float) -> float:
-    """delta to second order in m~: Eq. 10 and its next term, alpha (1-alpha)/9 m~^2."""
-    return 1.0 / (1.0 + alpha) + upper_fraction_slope(alpha) * m + alpha * (1.0 - alpha) / 9.0 * m**2
 
 
 # -- self-consistency --

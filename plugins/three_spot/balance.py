@@ -105,7 +105,7 @@ class Seat:
 
 
 @dataclass(frozen=True)
-class Stop:
+class EarlyEnd:
     """End of the path before the end of the drag.
 
     `rolling` if no static state exists and the particle tips or rolls, `undecided` if the solver failed close to a balance.
@@ -130,7 +130,7 @@ class Result:
     moduli: dict[str, dict[str, float]]
     level: str
     planar: bool
-    stopped: Stop | None
+    stopped: EarlyEnd | None
     warnings: list[str]
     seat: Seat | None = None
 
@@ -221,8 +221,8 @@ class _Path:
             return None
         return Seat(float(rotation[1]) if self.planar else rotation.tolist(), self.pressed.position.tolist())
 
-    def follow(self) -> Stop | None:
-        """Press, then drag; return a `Stop` where no static state exists."""
+    def follow(self) -> EarlyEnd | None:
+        """Press, then drag; return an `EarlyEnd` where no static state exists."""
         given = self.path.load if self.under_load else self.path.indentation
         assert given is not None  # one of the two is given: `Path.rules`
         e_x, e_y = self.path.heading()
@@ -260,7 +260,7 @@ class _Path:
         self.points.append(Point(result.closing, dragged, normal, t, sink, u, phi, spots, label, reason, margins))
         self.balances.append(result)
 
-    def _stop(self, problem: NoStaticState) -> Stop:
+    def _stop(self, problem: NoStaticState) -> EarlyEnd:
         pressed, dragged = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
         when = f"at a drag of {dragged:.4g} m" if self.points else "while it is pressed"
         failed = problem.closest < UNDECIDED if problem.undecided is None else problem.undecided
@@ -269,7 +269,7 @@ class _Path:
             left = f"{problem.closest:.1g} of the forces unbalanced"
             message = f"undecided {when}: the solver failed, {left} ({problem}); try another level"
         label = "undecided" if failed else "rolling"
-        return Stop(None if self.under_load else pressed, pressed if self.under_load else None, dragged, label, message)
+        return EarlyEnd(None if self.under_load else pressed, pressed if self.under_load else None, dragged, label, message)
 
 
 def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:

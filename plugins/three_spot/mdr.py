@@ -69,17 +69,6 @@ def squares(rows, n, wide):
     return total
 
 
-class Rolled(NamedTuple):
-    """Rolling within a step: coefficients of the energy released (of spring times slip, of lost spring times slip, of slip
-    squared), and the slip."""
-
-    mean: float
-    mixed: float
-    own: float
-    slip_x: float
-    slip_y: float
-
-
 @kernel
 def segment(new, grid, path, slip, bound, scratch):
     """Advance the springs along one straight piece of the path; write those at its end into `new`.
@@ -127,19 +116,20 @@ def segment(new, grid, path, slip, bound, scratch):
 def released_by_rolling(w, new, grid, before, roll, scratch):
     """Return the energy that rolling releases in a step of one piece, of springs of unit stiffness.
 
-    `scratch`: that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
+    `roll`: coefficients of spring times slip, of lost spring times slip, of slip squared, and the slip along x and y; `scratch`:
+    that of `segment` after it, with the springs w carried outward at first. Exact for uniform springs that stick and
     for springs that slide in one direction throughout, of first order in the renewal of a step in between.
     """
-    n, wide, scale = grid
+    (n, wide, scale), (mean, mixed, own, slip_x, slip_y) = grid, roll
     for i in range(n):
         slips = 1.0 if before > mean_gap(i, wide, scale) else 0.0
-        s_x, s_y = slips * roll.slip_x, slips * roll.slip_y
+        s_x, s_y = slips * slip_x, slips * slip_y
         x, y, x_old, y_old = w[i], w[n + i], scratch[i], scratch[n + i]
         lost_x, lost_y = x - x_old, y - y_old
-        sliding = 0.5 * ((lost_x - roll.mean * s_x) * (x + new[i]) + (lost_y - roll.mean * s_y) * (y + new[n + i]))
+        sliding = 0.5 * ((lost_x - mean * s_x) * (x + new[i]) + (lost_y - mean * s_y) * (y + new[n + i]))
         # mean over the step minus the fraction `fill` of the end, where the springs decay from one to the other
-        sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + roll.own * (s_x * s_x + s_y * s_y)
-        sticking -= s_x * (roll.mean * x + roll.mixed * lost_x) + s_y * (roll.mean * y + roll.mixed * lost_y)
+        sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + own * (s_x * s_x + s_y * s_y)
+        sticking -= s_x * (mean * x + mixed * lost_x) + s_y * (mean * y + mixed * lost_y)
         scratch[5 * n + i] = width_of(i, wide) * (sliding if scratch[2 * n + i] < 1.0 else sticking)
     released = 0.0
     for i in range(n):
@@ -199,9 +189,8 @@ def springs(c, load, p, h, w, w_new):
     elif rolls:
         mean = 1.0 - renewal.fill
         mixed = renewal.fill - mean / (1.0 - renewal.retained)
-        energy += stiffness * released_by_rolling(
-            w, w_new, grid, before, Rolled(mean, mixed, renewal.own, c.slip_x, c.slip_y), scratch
-        )
+        roll = mean, mixed, renewal.own, c.slip_x, c.slip_y
+        energy += stiffness * released_by_rolling(w, w_new, grid, before, roll, scratch)
     answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 

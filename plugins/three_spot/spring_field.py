@@ -29,14 +29,6 @@ ALIGNED = 1e-7  # its square is below rounding
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
 
 
-class Node(NamedTuple):
-    """A node of a field: position and vector there."""
-
-    q: float
-    x: float
-    y: float
-
-
 class FieldStep(NamedTuple):
     """A step of the field."""
 
@@ -244,14 +236,14 @@ def span(new, n, a, b, step):
         if first < 0.0 and b_out:
             return slide(new, n, a, b, step)
         first = first if first >= 0.0 else 1.0
-        n, loss, rotates = slide(new, n, a, Node(q_a + first * dq, ax + first * dx, ay + first * dy), step)
+        n, loss, rotates = slide(new, n, a, (q_a + first * dq, ax + first * dx, ay + first * dy), step)
         if not b_out:
             return push_piece(new, n, q_b, bx, by), loss, rotates
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: lost by rounding at the inner end
     # the trial itself, not k (d - q), which has no significant digits for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push_piece(new, n, q, x, y)
-    n, more, again = slide(new, n, Node(q, x, y), b, step)
+    n, more, again = slide(new, n, (q, x, y), b, step)
     return n, loss + more, rotates or again
 
 
@@ -282,13 +274,13 @@ def advance_field(w, n, new, step):
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
-        count, lost, rotated = span(new, count, Node(q, x, y), Node(q_b, bx, by), step)
+        count, lost, rotated = span(new, count, (q, x, y), (q_b, bx, by), step)
         loss, rotates = loss + lost, rotates or rotated
         q, x, y = q_b, bx, by
         if q >= d or rotates:
             break
     if q < d and not rotates:
-        count, lost, rotated = span(new, count, Node(q, x, y), Node(d, 0.0, 0.0), step)
+        count, lost, rotated = span(new, count, (q, x, y), (d, 0.0, 0.0), step)
         loss, rotates = loss + lost, rotates or rotated
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0

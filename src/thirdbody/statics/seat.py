@@ -226,9 +226,9 @@ class _Relaxation:
 
     def _accept(self, trial: Trial) -> None:
         """Accept a step: its end is the start of the next one; with finite rotations, linearise at the orientation there."""
-        solver, part = self.solver, self.solver.rotations
+        solver, turn = self.solver, self.solver.rotations
         assert solver.now is not None
-        self.rotation += float(np.linalg.norm(trial.y[part] - solver.now.coordinates[part])) / solver.grip.arm
+        self.rotation += float(np.linalg.norm(trial.y[turn] - solver.now.coordinates[turn])) / solver.grip.arm
         slip = np.where(trial.overlap > 0.0, solver.now.slip + trial.answer.slip, 0.0)
         solver.adopt(trial.y, self.plate, trial.answer.memory, slip)
         if self.upright is not None:
@@ -257,13 +257,13 @@ class _Relaxation:
             jacobian = solver.jacobian(trial) + self._geometric_stiffness(trial) - resistance * np.eye(len(start))
             step = np.linalg.lstsq(jacobian, -force, rcond=None)[0]
             # a spot that is open, or opens, counts only while it is loaded: the rotation is bounded otherwise here
-            part, growth = 1.0, OVERLAP_GROWTH * float(trial.overlap.max())
+            fraction, growth = 1.0, OVERLAP_GROWTH * float(trial.overlap.max())
             if growth > 0.0:
                 change = solver.rows[0] @ step
                 counted = np.where((change < 0.0) & (trial.overlap <= growth), 0.0, np.abs(change))
                 allowed = growth + np.maximum(-trial.overlap, 0.0)
-                part = float(np.min(allowed / np.maximum(counted, allowed)))
-            better = solver.backtrack(trial, step, self.plate, (part, HALVINGS), net_force)
+                fraction = float(np.min(allowed / np.maximum(counted, allowed)))
+            better = solver.backtrack(trial, step, self.plate, (fraction, HALVINGS), net_force)
             if better is None:
                 return None
             trial = better
