@@ -4,24 +4,17 @@
     work_of_adhesion = "50 mJ/m2"
     model = "auto"
 
-`jkr` (Johnson, Kendall and Roberts 1971): a neck forms at touch, overlap zero, and lasts until the bodies are 3 a_s^2/R apart
-(a_s: below). It stands for soft or large spheres. `dmt` (Derjaguin, Muller and Toporov 1975): Hertz's contact, and
-2 pi w R as long as it touches. It stands for stiff or small ones. The number mu = (R w^2/(E*^2 z_0^3))^(1/3) of Tabor (1977, J.
-Colloid Interface Sci. 58, 2), with the equilibrium distance z_0 of the surfaces, decides: below 0.1 DMT, above 5 JKR (Johnson
-and Greenwood 1997, J. Colloid Interface Sci. 192, 326).
+What the models stand for, what friction feels, and what both change: README.md of the plug-ins, "Adhesion". `dmt` (Derjaguin,
+Muller and Toporov 1975) adds 2 pi w R while Hertz's contact touches; `jkr` (Johnson, Kendall and Roberts 1971) replaces that
+contact. Tabor's number mu = (R w^2/(E*^2 z_0^3))^(1/3) (1977, J. Colloid Interface Sci. 58, 2) decides: below 0.1 DMT, above 5
+JKR (Johnson and Greenwood 1997, J. Colloid Interface Sci. 192, 326). `auto` (Schwarz 2003, J. Colloid Interface Sci. 261, 99): a
+part s of w makes a neck, the rest is a constant pull beside it, so the pull-off force is (2 - s/2) pi w R. With s = k/(1 + k), k
+= (mu/0.352)^(3/2), it is that of Maugis (1992, J. Colloid Interface Sci. 150, 243; lambda = 1.157 mu) within 0.5 %, in the form
+of Carpick, Ogletree and Salmeron (1999, J. Colloid Interface Sci. 211, 395). Friction feels the load plus twice the pull-off
+force of the neck (Thornton and Yin 1991, Powder Technol. 65, 153) and once the constant pull (Derjaguin 1934); or the load alone.
 
-`auto` is right between them, too (Schwarz 2003, J. Colloid Interface Sci. 261, 99): a part s of w acts at short range and makes
-a neck, the rest at long range is a constant pull beside it, so the pull-off force is (2 - s/2) pi w R. The s of a contact is that
-with which this is the pull-off force of Maugis (1992, J. Colloid Interface Sci. 150, 243; lambda = 1.157 mu), in the form of
-Carpick, Ogletree and Salmeron (1999, J. Colloid Interface Sci. 211, 395), s = k/(1 + k): with k = (mu/0.352)^(3/2) within 0.5 %.
-
-The work of adhesion is that of all pairs of materials, or a pair's own: it is a property of both, and there is no mixing rule.
-
-`jkr` and `auto` replace the normal law. Friction feels the load plus twice the pull-off force of the neck (Thornton and Yin 1991,
-Powder Technol. 65, 153) and once the constant pull, which is Hertz's force with DMT (Derjaguin 1934); or the load alone.
-
-The neck in closed form (Johnson, Kendall and Roberts 1971, Proc. R. Soc. A 324, 301): with the contact radius a, effective radius
-R, modulus E* and work of adhesion w
+The neck in closed form (Johnson, Kendall and Roberts 1971, Proc. R. Soc. A 324, 301), with the contact radius a, effective radius
+R, modulus E* and work of adhesion w:
 
     F = 4 E* a^3/(3 R) - sqrt(8 pi w E* a^3)        d = a^2/R - sqrt(2 pi w a/E*)
 

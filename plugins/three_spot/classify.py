@@ -1,41 +1,12 @@
 """The labeller: classifies a body as free, sticking, sliding or rolling. Two kernels over flat arrays.
 
-`update_history` (in `motion`) follows every body at a fixed stride of steps; `label` reads its memory when a frame is
-written, so that nothing depends on the output interval. Motion is classified by travel, never by speed: on the elastic reference
-path the body rotates at 0.65 of the drag while every spot still sticks.
+Definitions, rules, margins and reasons: README.md, "Labels". `update_history` (in `motion`) follows every body at a fixed stride
+of steps; `label` reads its memory when a frame is written, so that nothing depends on the output interval.
 
-Definitions
-
-    drag             of the upper side relative to the lower; one-sided body: of its centre along the surface of the partner
-    travel W         path length of the drag since the reference; a window closes at W >= 4 a
-    rotation         vector since the reference, from quaternions: a sum of increments drifts when a body wobbles
-    lever D          vertical distance of the load centres of both sides; one-sided: twice the distance of centre and load centre
-    roll ratio r     rotation D / W of the last closed window
-    contact travel p largest over the spots of R_i times the rotation about in-plane axes and, for pivoting, the distance from
-                     the common load centre times the rotation about the normal of the spot
-
-End of a history. A stop, a start or a reversal of the plates (two-sided body) or a reversal of the centre by 0.02 a (one-sided
-body) clears both windows and r. So does rest: with the plates at rest, or on one side only, travel below 0.02 a within 50 sqrt(m
-a / N), in which time N could have moved the body far beyond a. Without this rule a body that rotated into its seat while it was
-pressed would be labelled rolling for ever. First load resets the reference only. A body that was free in between keeps its
-reference: its rotation meanwhile counts in the window in which it lands, so that a snap over to another side is labelled rolling,
-however short the flight. A window also closes after a rotation of 1 rad, before quaternions lose the number of revolutions.
-
-Margins (positive = satisfied; 1 where a condition does not apply)
-
-    friction         1 - max eta_i over every loaded spot
-    friction_upper, friction_lower
-                     1 - min eta_i of the side: satisfied as long as one of its spots sticks
-    force_balance    1 - |F| / (0.05 sum N), F the sum of contact forces, weight and other effects, without inertia
-    moment_balance   1 - |M| / (0.05 sum N D), M the sum of their moments about the centre of mass
-    determinacy      max over sides of (spread of loaded spots along the drag) / a - 1; > 0 is "held"
-    rotation         min of 1 - p/a, 1 - r/0.05 and, for a body that is not held, 1 - turn/0.5; <= 0 is rolling
-                     (but a one-sided body that skids is sliding whatever this margin)
-
-Reasons: sliding -> friction_limit; rolling -> lift_off (a spot was lost since the reference), pivoting, rotation, or
-indeterminate if only the two-point rule applies; sticking -> none, one_sided, or indeterminate (not held). A body with a negative
-force_balance or moment_balance has the reason unbalanced instead of any of these: inertia carries it, as in an impact, and the
-static conditions do not apply at that instant. The reasons force_balance and moment_balance are for forecasts.
+Rotations since the reference come from quaternions: a sum of increments drifts when a body wobbles. A reversal of a one-sided
+body ends its history once its centre has moved back by 0.02 a. First load resets the reference only. A body that was free in
+between keeps its reference: its rotation meanwhile counts in the window in which it lands, so that a snap over to another side is
+labelled rolling, however short the flight. The reasons force_balance and moment_balance are for forecasts.
 
 Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact, for the conditions; the travel
 rules are new here.

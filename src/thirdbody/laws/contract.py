@@ -8,17 +8,7 @@ the engine rotates with the rolling and twisting pair, so no law ever has to rot
 A law consists of *kernels*: plain functions of floats and named tuples, decorated with `kernel`, branch-free where possible. They
 see no indices, units, files or scene. All quantities are in SI units.
 
-Kernels by stage (`h` only for laws that name a history; they return `(result, (new history...))`):
-
-| stage | kernel | result |
-|---|---|---|
-| normal | `(c, p[, h])` | `Normal` |
-| adhesion | `(c, n, p[, h])` | `Adhesion` |
-| damping | `(c, n, p)` | viscous normal force [N] |
-| tangential | `(c, load, p[, h])` | `Tangential` |
-| tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity [N s/m] |
-| rolling | `(c, turn, load, p[, h])` | `Rolling` |
-| twisting | `(c, twist, load, p[, h])` | `Twisting` |
+Arguments and results of the kernels by stage: README.md of the plug-ins, "A law in one file".
 
 A tangential law may also have a *field*: floats per contact, whose number its options may determine. Its kernel is `(c, load, p,
 h, w, w_new)`: it reads the array `w`, zeros in a virgin contact, and fills all of `w_new`; its tangent is `(c, load, p, h, w)`.
