@@ -10,10 +10,7 @@ Where springs slide on a curve each lags by a different angle, and no field of f
 first such step on the contact area has some 1.5 `nodes` springs, dragged in closed form (`exact_springs`): at constant overlap a
 polygon is followed exactly, a curve to second order in the step. The springs themselves add an error of at most 2e-4 of mu N with
 48 nodes, which falls with the square of their number. A contact that has slid far along a line is a field again.
-
-Neglected: the elastic coupling of dissimilar bodies, and tangential forces across the direction of sliding (Cattaneo's
-approximation). Where a whole contact slides on a curve of radius r its springs lag by different angles and |T| falls short of mu
-N by some 0.03 (s_c/r)^2; on a line it is mu N.
+What every level neglects: README.md, "Levels".
 """
 
 import math
