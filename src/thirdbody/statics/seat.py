@@ -57,7 +57,7 @@ def relax(solver: QuasiStatic, plate: Sequence[float]) -> bool:
 
 
 def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
-    """Return a solver under load, in equilibrium where the particle comes to rest.
+    """Return a solver under load, in equilibrium where the particle comes to rest; NoStaticState is raised if it tips over.
 
     Parameters
     ----------
@@ -69,11 +69,6 @@ def seat(solver: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     Returns
     -------
     QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
     """
     goal = np.asarray(plate, float)
     loaded = QuasiStatic(solver.grip, solver.contacts, True)
@@ -97,7 +92,8 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     """Return a solver in the seat of a particle. Motion counts from first touch there, where all loaded spots touch at once.
 
     Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
-    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
+    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation. Raises
+    NoStaticState where it tips over.
 
     Parameters
     ----------
@@ -109,11 +105,6 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     Returns
     -------
     QuasiStatic
-
-    Raises
-    ------
-    NoStaticState
-        It tips over.
     """
     seated = solver
     for _ in range(UNLOADINGS):
