@@ -50,7 +50,7 @@ def g_star(a: Material, b: Material) -> float:
 
 
 def dundurs_beta(a: Material, b: Material) -> float:
-    """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes (Willert, Eq. 3; Johnson 1985, Eq. 5.3).
+    """Dundurs' second parameter: zero if the pair is elastically similar, as Hertz-Mindlin assumes (Willert, Eq. 3).
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def dundurs_beta(a: Material, b: Material) -> float:
     Returns
     -------
     float
-        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b).
+        beta = ((1-2 nu_a)/G_a - (1-2 nu_b)/G_b)/(2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b) (Johnson 1985, Eq. 5.3).
     """
     x, y = (1.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (1.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     s, t = (2.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (2.0 - 2.0 * b.poisson_ratio) / b.shear_modulus

@@ -92,8 +92,8 @@ def from_first_touch(solver: QuasiStatic, load: float) -> QuasiStatic:
     """Return a solver in the seat of a particle. Motion counts from first touch there, where all loaded spots touch at once.
 
     Under a load a seat is off that posture by the overlaps. Its loaded spots are those under `load`, or, where these cannot all
-    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation. Raises
-    NoStaticState where it tips over.
+    touch at once, those that stay loaded under ever smaller loads and weights. Their gaps are closed by the smallest rotation.
+    Raises NoStaticState where it tips over.
 
     Parameters
     ----------
