@@ -325,6 +325,11 @@ def tabor_remark(pair: Pair, options: Options, low: float, high: float) -> tuple
     return text, False
 
 
+def of_model(options: Options) -> Law | None:
+    """Return the law of one model where the scene chooses it, or None: by Tabor's number."""
+    return {"jkr": JKR, "dmt": DMT, "auto": None}[options["model"]]
+
+
 ADHESION = Law(
     name="adhesion",
     stage="normal",
@@ -339,7 +344,7 @@ ADHESION = Law(
     added_load=auto_grip,
     pull_off=pull_off_forces,
     remark=tabor_remark,
-    variant=lambda options: {"jkr": JKR, "dmt": DMT, "auto": None}[options["model"]],
+    variant=of_model,
     options=(
         Option(
             "work_of_adhesion", "energy_per_area", None, low=0.0, pair_key="work_of_adhesion",

@@ -90,7 +90,7 @@ class Chain:
     @property
     def width(self) -> int:
         """Number of parameters per material pair, at least one; the last one of a chain that `jumps` is the integrator."""
-        return max(sum(len(law.parameters._fields) for law in self.laws) + self.jumps, 1)
+        return max(sum(len(fields_of(law)) for law in self.laws) + self.jumps, 1)
 
     @property
     def without_tangent(self) -> tuple[str, ...]:
@@ -197,6 +197,11 @@ def compose(laws: Iterable[Law]) -> Chain:
     return chain
 
 
+def fields_of(part: Any) -> tuple[str, ...]:
+    """Return the names of the parameters of a law, an effect or a measure."""
+    return tuple(part.parameters._fields)
+
+
 # -- contact laws
 
 
@@ -285,7 +290,7 @@ def _function(name: str, arguments: str, lines: Sequence[str]) -> list[str]:
 
 
 def _parameters(chain: Chain, k: int) -> str:
-    begin, count = (sum(len(law.parameters._fields) for law in laws) for laws in (chain.laws[:k], chain.laws[k : k + 1]))
+    begin, count = (sum(len(fields_of(law)) for law in laws) for laws in (chain.laws[:k], chain.laws[k : k + 1]))
     return f"parameters_{k}({', '.join(f'U[q + {column * TILE}]' for column in range(begin, begin + count))})"
 
 
@@ -327,7 +332,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     these. Without it the sign of the velocity has a bias of g dt/2, and a force opposing the motion would make a body tremble
     instead of bringing it to rest. The end of settling [s] follows all parameters if any effect is for settling.
     """
-    counts = [len(effect.parameters._fields) for effect in effects]
+    counts = [len(fields_of(effect)) for effect in effects]
 
     def total(k: int, chosen: Iterable[int]) -> str:
         return "".join(f" + e{i}[{k}]" for i in chosen)

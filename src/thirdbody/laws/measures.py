@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.laws.compose import HEAD, import_lines
+from thirdbody.laws.compose import HEAD, fields_of, import_lines
 from thirdbody.laws.contract import Option, Options, Pair, refuse_other_than_tuples
 from thirdbody.laws.generated import load_module
 
@@ -147,7 +147,7 @@ def layout_of(measures: Sequence[Measure]) -> Layout:
 
 def measures_text(measures: Sequence[Measure]) -> str:
     """Return the text of the module: each kernel is called once; its amounts go to the columns behind the contact radius."""
-    lines, counts = [], [len(measure.parameters._fields) for measure in measures]
+    lines, counts = [], [len(fields_of(measure)) for measure in measures]
     for k in range(len(measures)):
         values = ", ".join(f"parameters[row * {sum(counts)} + {sum(counts[:k]) + i}]" for i in range(counts[k]))
         lines.append(f"r{k} = kernel_{k}(s, parameters_{k}({values}))")
