@@ -19,22 +19,12 @@ from .mdr import MDR
 from .support import FORECASTS, output
 
 LABELLER = Labeller(
-    name="three_spot",
-    observe=classify.update_history,
-    label=classify.label,
-    label_without_effects=classify.label_without_effects,
-    label_without_forecasts=classify.label_without_forecasts,
-    forecasts=FORECASTS,
-    states=classify.STATES,
-    reasons=classify.REASONS,
-    margins=classify.MARGINS,
-    extras=classify.EXTRAS,
-    codes=classify.CODES,
-    outputs=output,
-    memory=classify.MEMORY,
-    contact_memory=classify.CONTACT_MEMORY,
+    name="three_spot", observe=classify.update_history, label=classify.label,
+    label_without_effects=classify.label_without_effects, label_without_forecasts=classify.label_without_forecasts,
+    states=classify.STATES, reasons=classify.REASONS, margins=classify.MARGINS, extras=classify.EXTRAS, codes=classify.CODES,
+    forecasts=FORECASTS, outputs=output, memory=classify.MEMORY, contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",
-)
+)  # fmt: skip
 
 THREE_SPOT = LawFamily(
     name="three_spot",
