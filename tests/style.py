@@ -283,7 +283,7 @@ def circles() -> Iterator[str]:
 
 
 def facade() -> Iterator[str]:
-    """Plug-ins use `thirdbody.plugin` and nothing else; the theory that judges the laws imports nothing of ours."""
+    """Plug-ins use `thirdbody.plugin` and nothing else; the conditions that judge the laws import nothing of ours."""
     offered = next(
         {entry.value for entry in node.value.elts} for node in parsed(SOURCE / "plugin.py").body
         if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"  # type: ignore[attr-defined]
@@ -292,8 +292,8 @@ def facade() -> Iterator[str]:
         for name, line in imports(parsed(path)):
             if name.startswith("thirdbody.") and name.removeprefix("thirdbody.plugin.") not in offered:
                 yield f"{name_of(path)}:{line}: {name} is not offered by thirdbody.plugin"
-            if path.name == "theory.py" and name.startswith((".", "thirdbody", "plugins")):
-                yield f"{name_of(path)}:{line}: the theory imports nothing of ours"
+            if path.name == "conditions.py" and name.startswith((".", "thirdbody", "plugins")):
+                yield f"{name_of(path)}:{line}: the conditions import nothing of ours"
     drawing = [path for path in OURS if path.name not in ("pvd.py", "map_files.py")]  # which write files
     used = {name for path in drawing for name, _ in imports(parsed(path)) if name.split(".")[0] in ("vtk", "vtkmodules")}
     if used != {"vtkmodules.vtkRenderingOpenGL2.vtkOpenGLSphereMapper"}:  # spheres, which pyvista cannot cast without triangles

@@ -1,15 +1,16 @@
-"""Equations of the three-spot theory, references for laws and solvers. Imports nothing of thirdbody, shares no code with a law.
+"""Equations of the three-spot theory, references for laws and solvers that share no code with a law.
 
 Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consistency conditions in static three-body elastic
 tangential contact, with its misprints corrected: R_i for R_1 in Eq. 5, the bracket of Eqs. 7 and 8, mu_1/mu_2 in Eq. 20. Its
 signs: dh closes the gap, tilt phi about +y (into the page), w down, the drag and u positive toward -x; spot 1 above, 2 and 3
-below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a.
+below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a. Conditions with weight: signs
+of `plugins/three_spot/conditions.py`.
 """
 
 import math
 from collections.abc import Sequence
 
-# -- moduli --
+from thirdbody_three_spot.conditions import ROUND_OFF, planar_interval, required_scale
 
 
 def shear_modulus(youngs_modulus: float, nu: float) -> float:
@@ -72,14 +73,6 @@ def stick_ratio(force_ratio: float) -> float:
     return max(1.0 - force_ratio, 0.0) ** (1.0 / 3.0)
 
 
-def oblique_loading(mu: float, slope: float, force_from: float, force_to: float) -> float:
-    """Increase of T [N] while N grows from `force_from` at ds = D kappa dd with |D| <= 1: mu D (N_1 - N_0).
-
-    Source: memory diagrams, Aleshin et al. 2015; proportional loading of Eqs. 17 to 19 is the case N_0 = 0.
-    """
-    return mu * slope * (force_to - force_from)
-
-
 # -- three spots, normal load --
 
 
@@ -114,11 +107,6 @@ def upper_fraction(alpha: float, m: float) -> float:
 def upper_fraction_slope(alpha: float) -> float:
     """psi = d delta/d m~ at m~ = 0 (Eq. 10): -2 alpha/(3 sqrt(1 + alpha))."""
     return -2.0 * alpha / (3.0 * math.sqrt(1.0 + alpha))
-
-
-def upper_fraction_series(alpha: float, m: float) -> float:
-    """delta to second order in m~: Eq. 10 and its next term, alpha (1-alpha)/9 m~^2."""
-    return 1.0 / (1.0 + alpha) + upper_fraction_slope(alpha) * m + alpha * (1.0 - alpha) / 9.0 * m**2
 
 
 # -- self-consistency --
@@ -165,14 +153,6 @@ def sliding_moment_weightless(x: Sequence[float], r_2: float, r_3: float) -> flo
     return x[0] - (a * x[1] + b * x[2]) / (a + b)
 
 
-def third_spot_position(n_2: float, zeta_2: float, big_h: float) -> float:
-    """zeta_3 = x_3/x_1 at which the particle can slide (Fig. 2): (1 + n_2 zeta_2 - H)/(1 - n_2).
-
-    n_2 = N_2/N_1, zeta_2 = -x_2/x_1, H = mu h/x_1; weightless, equal friction. Raises ZeroDivisionError at n_2 = 1.
-    """
-    return (1.0 + n_2 * zeta_2 - big_h) / (1.0 - n_2)
-
-
 def tilted_state(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, mu_h: float
 ) -> tuple[float, float, tuple[float, float, float]]:
@@ -192,3 +172,123 @@ def tilted_state(
     scale = closing / (c[0] + sink + tilt * x[0])  # N_1^(2/3)
     force = scale**1.5
     return scale * sink, scale * tilt, (force, fraction * force, (1.0 - fraction) * force)
+
+
+# -- planar conditions with weight, many spots, two frictions --
+
+
+def lower_resultant(x_upper: float, t: float, h: float, weight_ratio: float = 0.0) -> float:
+    """Position q [m] of the lower resultant: (x_1 - t h)/(1 + w) (Eq. 2). The strut leans against the motion."""
+    return (x_upper - t * h) / (1.0 + weight_ratio)
+
+
+def sliding_sides(
+    upper: Sequence[float], lower: Sequence[float], h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0
+) -> tuple[str, ...]:
+    """Sides on which the particle can slide under a drag toward -x: "upper", "lower", both or none.
+
+    The weaker side slides, the other sticks; both only at m g = N_1 (mu_1/mu_2 - 1) (Eq. 20). None: it rolls, since
+    `friction_limit` lies outside `planar_interval`.
+    """
+    low, high = planar_interval(upper, lower, h, weight_ratio)
+    above, below = mu_upper, mu_lower * (1.0 + weight_ratio)
+    limit = min(above, below)
+    if not low <= limit <= high:
+        return ()
+    sides = (("upper", above), ("lower", below))
+    return tuple(name for name, bound in sides if math.isclose(bound, limit, rel_tol=ROUND_OFF))
+
+
+def dragged_friction(upper: Sequence[float], lower: Sequence[float], h: float, mu: float) -> tuple[float, str]:
+    """(T/N_1, state) at the end of a steady drag toward -x that starts stuck; no weight, equal friction.
+
+    (mu, "sliding") up to t_max of `planar_interval`; above it (t_max, "rolling"): the far spot lifts off at the macroscopic
+    coefficient t_max < mu, before the friction limit is reached. Raises ValueError where the particle cannot stick initially.
+    """
+    if required_scale(upper, lower, h, 1.0, 1.0) > mu:
+        raise ValueError(f"mu = {mu} cannot hold the particle even at rest")
+    high = planar_interval(upper, lower, h)[1]
+    return (mu, "sliding") if mu <= high else (high, "rolling")
+
+
+def regime(x_1: float, half_width: float, mu: float) -> str:
+    """State of a dragged particle with the upper spot at x_1/h and the lower ones at -+`half_width`, all in units of h."""
+    try:
+        state = dragged_friction((x_1,), (-half_width, half_width), 1.0, mu)[1]
+    except ValueError:  # it cannot stick even at rest
+        return "rolling"
+    return "sliding" if state == "sliding" else "sticking"
+
+
+# -- normal problem with tilt and weight --
+
+
+def _load_coefficients(x: Sequence[float]) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """(b, a): N_i = b_i N_1 + a_i m g from force and moment balance without friction (Eqs. 1, 2)."""
+    span = x[2] - x[1]
+    return (1.0, (x[2] - x[0]) / span, (x[0] - x[1]) / span), (0.0, x[2] / span, -x[1] / span)
+
+
+def _compliances(e_1: float, e_2: float, radii: Sequence[float]) -> list[float]:
+    """c_i of d_i = c_i N_i^(2/3) [m/N^(2/3)] (Eq. 5 solved for d)."""
+    moduli = (e_1, e_2, e_2)
+    return [(0.75 / (e * math.sqrt(r))) ** (2.0 / 3.0) for e, r in zip(moduli, radii, strict=True)]
+
+
+def _closing(x: Sequence[float], c: Sequence[float], force: float, weight: float) -> float:
+    """dh = sum b_i d_i (Eq. 6 without w and phi) [m], with N_1 = `force` [N]. Grows with `force`: each term has b_i^2."""
+    b, a = _load_coefficients(x)
+    return sum(bi * ci * max(bi * force + ai * weight, 0.0) ** (2.0 / 3.0) for bi, ai, ci in zip(b, a, c, strict=True))
+
+
+def tilted_normal_forces(
+    x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, weight: float
+) -> tuple[float, float, float]:
+    """(N_1, N_2, N_3) [N] of the frictionless particle that may tilt, at closing dh (Eqs. 1, 5, 6; section 3).
+
+    `weight` = m g; `x` = (x_1, x_2, x_3) with x_2 < x_3 [m]. No closed form: bisection in N_1. Without weight,
+    `tilted_state` at mu h = 0. Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the
+    lower spots.
+    """
+    b, a = _load_coefficients(x)
+    c = _compliances(e_1, e_2, radii)
+    # N_i >= 0 bounds N_1 from below where b_i > 0 and from above where b_i < 0
+    low = max([0.0, *(-ai * weight / bi for bi, ai in zip(b, a, strict=True) if bi > 0.0)])
+    high = min([math.inf, *(-ai * weight / bi for bi, ai in zip(b, a, strict=True) if bi < 0.0)])
+    high = min(high, (closing / c[0]) ** 1.5 + low)  # the sum of the other terms of dh is positive above `low`
+    stuck = any(bi == 0.0 and ai * weight < 0.0 for bi, ai in zip(b, a, strict=True))
+    if stuck or high < low or not _closing(x, c, low, weight) <= closing <= _closing(x, c, high, weight):
+        raise ValueError("a spot lifts off")
+    while True:
+        force = 0.5 * (low + high)
+        if force in (low, high):
+            break
+        if _closing(x, c, force, weight) < closing:
+            low = force
+        else:
+            high = force
+    n = [bi * force + ai * weight for bi, ai in zip(b, a, strict=True)]
+    return n[0], n[1], n[2]
+
+
+def tilted_force_series(
+    x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, weight: float
+) -> float:
+    """N_1 [N] of `tilted_normal_forces` to second order in m g: Eq. 10 for a particle that tilts.
+
+    sum b_i c_i N_i^(2/3) = dh, N_i = b_i N_1 + a_i m g, twice differentiated at m g = 0 with n_i = dN_i/d(m g):
+
+        sum b_i c_i N_i^(-1/3) n_i = 0,  N_1'' sum b_i^2 c_i N_i^(-1/3) = sum b_i c_i N_i^(-4/3) n_i^2/3.
+
+    Needs x_2 < x_1 < x_3; raises ValueError elsewhere.
+    """
+    b, a = _load_coefficients(x)
+    if min(b) <= 0.0:
+        raise ValueError("x_1 must lie between x_2 and x_3")
+    c = _compliances(e_1, e_2, radii)
+    force = (closing / sum(ci * bi ** (5.0 / 3.0) for bi, ci in zip(b, c, strict=True))) ** 1.5
+    stiff = [bi * ci * (bi * force) ** (-1.0 / 3.0) for bi, ci in zip(b, c, strict=True)]
+    total = sum(si * bi for si, bi in zip(stiff, b, strict=True))
+    slope = -sum(si * ai for si, ai in zip(stiff, a, strict=True)) / total
+    bend = sum(si * (bi * slope + ai) ** 2 / (3.0 * bi * force) for si, bi, ai in zip(stiff, b, a, strict=True)) / total
+    return force + slope * weight + 0.5 * bend * weight**2

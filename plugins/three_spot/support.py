@@ -1,16 +1,20 @@
-"""Support and motion of a body: sides, lever, drag, rotation. The geometry used by `classify`."""
+"""Support of a body, for the labeller: sides, lever, drag, rotation.
+
+Tables: what the labeller writes for a body, and its memory of a body and of a loaded contact.
+"""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.plugin import DEBRIS, LOWER, helper, loaded_contact, observed_body
+from thirdbody.plugin import DEBRIS, LOWER, Table, helper, loaded_contact, number, observed_body, skip
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Posture = tuple[int, float, float, float, float, float]  # of `support_of`
 
+EPS_ROLL, MIN_TRAVEL = 0.05, 0.02  # rotation over travel; contact radii
 LATERAL = 0.3  # |n_z| below which a contact between debris is on neither side
 TINY = 1e-300
 
@@ -22,7 +26,83 @@ def is_plain(value: int) -> int:
 
 # sides are bits: their sum is both
 NEITHER, BELOW, ABOVE, BOTH = (is_plain(side) for side in range(4))
-ARM, NORMAL, SURFACE = is_plain(loaded_contact.POINT), is_plain(loaded_contact.NORMAL), is_plain(loaded_contact.PARTNER_VELOCITY)
+POINT, NORMAL, SURFACE = (
+    is_plain(loaded_contact.POINT),
+    is_plain(loaded_contact.NORMAL),
+    is_plain(loaded_contact.PARTNER_VELOCITY),
+)
+
+# one row; margins and extras in the order of the contract of labellers
+output = Table(
+    "out",
+    "a body",
+    state=number("", "code of the state"),
+    reason=number("", "code of the reason"),
+    friction=number("", "1 - largest utilisation of friction over all spots"),
+    friction_upper=number("", "1 - smallest utilisation of the upper spots"),
+    friction_lower=number("", "1 - smallest utilisation of the lower spots"),
+    force_balance=number("", "distance from static equilibrium of forces; negative: inertia carries the body"),
+    moment_balance=number("", "the same of moments about the centre of mass"),
+    determinacy=number("", "spread of a side's spots along the drag over the contact radius, minus 1"),
+    rotation=number("", "distance from rolling; negative or zero: it rolls"),
+    sliding_side=number("", "side that slides: 0 none, 1 lower, 2 upper, 3 both"),
+    roll_ratio=number("", "rotation times lever over the drag of a window; 1 rolls without slip"),
+    slip_over_travel=number("", "largest slip of a spot over the drag of a window"),
+    rolled_distance=number("m", "length rolled since the start"),
+    forecast=number("", "forecast, bits: 1 can stick, 2 can slide along the drag, 4 none"),
+    mu_required=number("", "friction needed to stick"),
+    t_min=number("", "smallest friction at which it can slide"),
+    t_max=number("", "largest friction at which it can slide"),
+)
+output.FORECAST = is_plain(output.FORECAST)
+MARGINS = output.names()[output.FRICTION : output.SLIDING_SIDE]
+EXTRAS = output.names()[output.SLIDING_SIDE :]
+FORECASTS = output.names()[output.FORECAST :]
+CODES = ("sliding_side", "forecast")
+
+memory = Table(
+    "m",
+    "a body",
+    reference_w=number("", "orientation at the reference, w"),
+    reference_x=number("", "x"),
+    reference_y=number("", "y"),
+    reference_z=number("", "z"),
+    change_w=number("", "orientation where the rule for free bodies began, w"),
+    change_x=number("", "x"),
+    change_y=number("", "y"),
+    change_z=number("", "z"),
+    travel=number("m", "path of the drag since the reference"),
+    change_drag_x=number("m", "drag since the rule for free bodies began, x"),
+    change_drag_y=number("m", "y"),
+    windows=number("", "number of closed windows"),
+    roll_ratio=number("", "roll ratio of the last closed window"),
+    pivoted=number("", "1: that window turned more about the normal than in plane"),
+    slip_over_travel=number("", "largest slip over the path in that window"),
+    heading_x=number("m", "heading of a one-sided body, x"),
+    heading_y=number("m", "y"),
+    reversed_path=number("m", "path against its heading"),
+    rest_time=number("s", "time since the last test for rest"),
+    rest_path=number("m", "path since then"),
+    rolled_distance=number("m", "length rolled"),
+    lifted=number("", "1: a spot lifted off since the reference"),
+    loaded_count=number("", "number of loaded spots"),
+    serial=number("", "number of the last observation with contacts"),
+    plate_direction_x=number("", "direction of the drag at the last observation, x"),
+    plate_direction_y=number("", "y"),
+    plates_moving=number("", "1: the plates moved then"),
+    free_rotation=number("rad", "rotation while the body was free"),
+)
+memory.REFERENCE, memory.CHANGE = is_plain(memory.REFERENCE_W), is_plain(memory.CHANGE_W)
+
+# behind the columns of `loaded_contact`
+noted = Table(
+    "C",
+    "a loaded contact of a body",
+    _=skip(loaded_contact.MEMORY),
+    slip_at_reference=number("m", "slip at the reference"),
+    slip_last_window=number("m", "slip in the last closed window"),
+    stamp=number("", "number of the last observation in which it was loaded"),
+)
 
 
 @helper
@@ -66,9 +146,9 @@ def support_of(C: Array, n: int) -> Posture:
         sides |= side_of(C, i)
         a = max(a, C[i, loaded_contact.CONTACT_RADIUS])
     if sides == BOTH:
-        apart = load_mean(C, n, ABOVE, ARM)[2] - load_mean(C, n, BELOW, ARM)[2]
+        apart = load_mean(C, n, ABOVE, POINT)[2] - load_mean(C, n, BELOW, POINT)[2]
         return sides, a, abs(apart), 0.0, 0.0, 1.0
-    x, y, z = load_mean(C, n, sides, ARM)
+    x, y, z = load_mean(C, n, sides, POINT)
     nx, ny, nz = load_mean(C, n, sides, NORMAL)
     size = length(nx, ny, nz)
     if size < LATERAL:  # loaded from opposite directions: no mean normal
@@ -146,7 +226,7 @@ def split(rotation: Triple, nx: float, ny: float, nz: float) -> tuple[float, flo
 @helper
 def contact_travel(C: Array, n: int, rotation: Triple) -> float:
     """Largest distance p [m] of a contact area over the body's surface by the rotation `rotation`."""
-    cx, cy, cz = load_mean(C, n, NEITHER, ARM)
+    cx, cy, cz = load_mean(C, n, NEITHER, POINT)
     p = 0.0
     for i in range(n):
         nx, ny, nz = C[i, loaded_contact.NORMAL], C[i, loaded_contact.NORMAL + 1], C[i, loaded_contact.NORMAL + 2]
