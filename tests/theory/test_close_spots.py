@@ -15,7 +15,7 @@ from thirdbody_three_spot import theory
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Spheres

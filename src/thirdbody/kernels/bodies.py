@@ -52,10 +52,8 @@ def store_three(S, s, c, v):
 
 @njit(**BARE)
 def place_sphere(s, offsets, motion, h, S):
-    """Set position, arm and velocities of sphere s, those of the step and those at its end.
-
-    The arm for the step is that of half a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four.
-    """
+    """Set position, arm and velocities of sphere s, those of the step and those at its end. The arm for the step is that of half
+    a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four."""
     rotation, w = motion.rotation, motion.spin
     arm = rotation[0] * broadcast(offsets[s, 0]) + rotation[1] * broadcast(offsets[s, 1]) + rotation[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
@@ -95,10 +93,8 @@ def columns(matrix):
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, motion, dt):
-    """Set positions, arms and velocities of body b's spheres.
-
-    `motion`: a `BodyMotion` of tuples of three, with the quaternion of the body as rotation.
-    """
+    """Set positions, arms and velocities of body b's spheres. `motion`: a `BodyMotion` of tuples of three, with the quaternion as
+    rotation."""
     x, q, v, w, end_v, end_w = motion
     vectors = BodyMotion(vector(x), columns(matrix(q[0], q[1], q[2], q[3])), vector(v), vector(w), vector(end_v), vector(end_w))
     for s in range(start[b], start[b + 1]):

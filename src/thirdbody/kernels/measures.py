@@ -112,10 +112,8 @@ def write_deposit(n, k, at, tables):
 
 @entry(types.int64(COLLECTION), **DIRECT)
 def collect(tables):
-    """Add what contacts have measured to their bodies, in the order of candidates, and clear it; return the number of deposits.
-
-    Maxima of contacts that are closed stay.
-    """
+    """Add what contacts have measured to their bodies, in the order of candidates, and clear it but for maxima of closed
+    contacts; return the number of deposits."""
     H, targets, n = tables.H, tables.targets, np.int64(0)
     width = targets.shape[0] + 1
     at = H.shape[1] - width
@@ -140,10 +138,8 @@ def collect(tables):
 
 @njit(**BARE)
 def weight(i, j, x, y, a, h_x, h_y):
-    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle.
-
-    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area.
-    """
+    """Return the part of cell (i, j) in a deposit around (x, y) [m], before it is normalised: Hertz' pressure in its middle,
+    sqrt(1 - r^2/a^2) (Hertz 1882); 0 outside the contact area."""
     d_x, d_y = (i + 0.5) * h_x - x, (j + 0.5) * h_y - y
     inside = 1.0 - (d_x * d_x + d_y * d_y) / (a * a)
     return math.sqrt(inside) if inside > 0.0 else 0.0

@@ -57,11 +57,8 @@ def component(q, field, v, G):
 
 @njit(**BARE)
 def travel(i, j, q, context, motion, G):
-    """Return the mean velocity of the contact area over the two surfaces [m/s], along the frame's axes.
-
-    This is the velocity of the contact point less that of the material. The contact point lies on the line of centres; under a
-    sphere on a plate it moves with the sphere.
-    """
+    """Return the mean velocity of the contact area over the two surfaces [m/s], along the frame's axes: of the contact point less
+    that of the material. It lies on the line of centres; under a sphere on a plate it moves with the sphere."""
     S, (n_x, n_y, n_z) = context.S, read_vector(G, q + geometry.NORMAL * TILE)
     columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # not literals: callees would be compiled once more
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]

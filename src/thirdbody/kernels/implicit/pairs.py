@@ -22,13 +22,12 @@ from thirdbody.kernels.contact_geometry import SPARE, gather_pair_contacts, pair
 from thirdbody.kernels.explicit.contact_forces import BODY_FRACTION
 from thirdbody.kernels.implicit import books, contact, newton
 from thirdbody.kernels.implicit.contact import NOWHERE, contact_point, cross, dot, vector_at
-from thirdbody.kernels.implicit.curved import add_curved
-from thirdbody.kernels.implicit.jacobian import give_springs, tangents_at
+from thirdbody.kernels.implicit.jacobian import add_curved, give_springs, tangents_at
 from thirdbody.kernels.implicit.residual import complete_contact, law_at, observe_contact
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, body_at, island_at, pair_at, pair_tile, space_at
 from thirdbody.kernels.plates import is_closed, surface_velocity, three
 from thirdbody.kernels.rolling_kinematics import has_moments, has_twist
+from thirdbody.kernels.step_tables import step_contacts, step_memory, step_settings, step_start
 from thirdbody.kernels.tables import body, body_extra, record, run_totals, sphere
 from thirdbody.kernels.tile import TILE, geometry, law_input, law_output
 from thirdbody.kernels.vectors import box_of, image
@@ -80,8 +79,7 @@ def pair_wrench(q, k, context, tile):
 
 @njit(**BARE_CHUNK)
 def evaluate_pairs(context, island, motion, scratch):
-    """Gather the contacts of the island between bodies into tiles; add their forces to the residuals of both. Return their
-    number."""
+    """Gather the contacts of the island between bodies into tiles; add their forces to both residuals. Return their number."""
     m, S, box = np.int64(0), context.S, box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -127,8 +125,7 @@ def relative_move(a, point, b, other_point, scratch):
 
 @njit(**BARE_CHUNK)
 def limit_pairs(context, island, m, fraction, scratch):
-    """Return the fraction, at most `fraction`, of the correction for which no pair sinks in too far, and none of the m contacts
-    reverses its slip."""
+    """Return the fraction, at most `fraction`, of the correction by which no pair sinks in too far and no slip reverses."""
     S, expected, box = context.S, context.settings[step_settings.EXPECTED_OVERLAP], box_of(context.D)
     for e in range(island.n_pairs):
         k = pair_at(e, island)
@@ -203,17 +200,12 @@ def pair_work_errors(context, island, m, motion, scratch):
 
 
 @njit(**BARE)
-def work_on(a, force, torque, scratch):
-    """Return the work [J] in the step of a force and a torque on the body at position a."""
-    y, per_arm = space_at(a, scratch).y, 1.0 / scratch.starts[a, step_start.ARM]
-    return dot(force, (y[0], y[1], y[2])) + dot(torque, (y[3], y[4], y[5])) * per_arm
-
-
-@njit(**BARE)
 def works_on(a, b, wrench, scratch):
-    """Return the works [J] in the step of a force on body a and its opposite on body b, with a torque on each."""
-    f, torque, back = wrench
-    return work_on(a, f, torque, scratch), work_on(b, (-f[0], -f[1], -f[2]), back, scratch)
+    """Return the works [J] in the step of a force on the body at position a, its opposite on that at b, and a torque on each."""
+    (f, torque, back), y, z = wrench, space_at(a, scratch).y, space_at(b, scratch).y
+    per_a, per_b = 1.0 / scratch.starts[a, step_start.ARM], 1.0 / scratch.starts[b, step_start.ARM]
+    on_a = dot(f, (y[0], y[1], y[2])) + dot(torque, (y[3], y[4], y[5])) * per_a
+    return on_a, dot((-f[0], -f[1], -f[2]), (z[0], z[1], z[2])) + dot(back, (z[3], z[4], z[5])) * per_b
 
 
 @njit(**BARE)

@@ -11,12 +11,11 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, POINTED, entry
 from thirdbody.kernels import plates
-from thirdbody.kernels.close_spots import add_interaction_energy, relieve, restore, spots_of
+from thirdbody.kernels.close_spots import NEAR, SWEEPS, add_interaction_energy, relieve, restore, solve_body, spots_of
 from thirdbody.kernels.implicit.contact import contact_point, cross, frame_of, scaled_sum
 from thirdbody.kernels.implicit.residual import add_force
 from thirdbody.kernels.implicit.workspace import FREEDOMS, PART, STAGE, space_at
 from thirdbody.kernels.plates import is_lower, is_upper
-from thirdbody.kernels.spot_loads import NEAR, SWEEPS, solve_body
 from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry
 

@@ -16,9 +16,8 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels import arguments, plates
 from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.contact_geometry import SPARE
-from thirdbody.kernels.explicit.tables import contact_sums
-from thirdbody.kernels.implicit.tables import step_contacts, step_memory, step_start
 from thirdbody.kernels.minima import UPDATE, RoughPlates
+from thirdbody.kernels.step_tables import contact_sums, step_contacts, step_memory, step_start
 from thirdbody.kernels.tables import observed_body
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
