@@ -28,7 +28,6 @@ import statistics
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from ensemble import EXPLICIT, PATH, Case, scene_of, time_explicit, time_implicit, warm_up
 from machine import head, machine, screen
 from rich.console import Console

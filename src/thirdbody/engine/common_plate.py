@@ -15,7 +15,7 @@ import numpy as np
 
 from thirdbody.engine.islands import BATCH
 from thirdbody.engine.state import Action, Array, State
-from thirdbody.engine.upper_plate import direct_loss, direct_reaction, value_before
+from thirdbody.engine.upper_plate import direct_reaction, value_before
 from thirdbody.errors import GuardStop
 from thirdbody.jit.threads import pieces_of
 from thirdbody.kernels.arguments import Motion
@@ -205,4 +205,6 @@ class CommonPlate:
         row[patch.VELOCITY] = step.velocity
         if row[patch.DIRECT_PREFACTOR] > 0.0:
             kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
-            self.totals[run_totals.NUMERICAL_LOSS] += direct_loss(row, step.displacement)
+            # the force at the end of the step acts all along
+            first, last = direct_reaction(row, -step.displacement)[0], direct_reaction(row, 0.0)[0]
+            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * step.displacement

@@ -167,7 +167,6 @@ class Explicit:
         return int(step_loop.parts_of.py_func(len(self.moved), threads))
 
     def _context(self, threads: int = 1) -> Array:
-        """Return the packed kernel arguments for so many threads."""
         slots, parts = self.state.slots, self._parts(threads)
         if parts not in self.rows_of_parts:
             rows = remote_rows(slots, self.state.body, parts)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import State
-from thirdbody.engine.upper_plate import direct_energy
+from thirdbody.engine.upper_plate import direct_reaction
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.tables import LOWER, body, body_extra, domain, height_field, patch, record, run_totals
 
@@ -22,7 +22,9 @@ Stored = tuple[float, float, float, float, float]
 
 def stored_energies(state: State) -> Stored:
     """Return the energies [J] at the last observed step: kinetic, elastic normal and tangential, foundation, direct contact."""
-    B, E, P, kinetic, direct = state.B, state.E, state.P, 0.0, direct_energy(state.P)
+    B, E, P, kinetic = state.B, state.E, state.P, 0.0
+    # of direct contact: the integral of the force from the present gap of the plate on
+    direct = sum(direct_reaction(row, 0.0)[0] * float(row[patch.DIRECT_LENGTH]) for row in P[P[:, patch.DIRECT_PREFACTOR] > 0.0])
     if state.inertial:
         kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
         kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))

@@ -257,12 +257,10 @@ class Implicit:
         )  # fmt: skip
 
     def _summed(self) -> Array:
-        """Return the totals summed over all bodies, and those of a common plate."""
         summed = self.totals.sum(axis=0)
         return summed + self.plate.totals if self.plate else summed
 
     def _sum_up(self, time: float, distance: float) -> None:
-        """Update the totals of the run from those of the bodies."""
         A, P, summed, upper = self.state.A, self.state.P, self._summed(), self.state.world.upper
         for column in (*SUMMED, run_totals.NUMERICAL_LOSS, run_totals.STEPS):
             A[column] = summed[column]

@@ -182,6 +182,13 @@ def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     return state.physics.kinds[material[own], other].astype(np.int32)
 
 
+# -- rows of the tables of forces --
+#
+# A row is used again as soon as its force was added, so that the tables stay in the cache. The groups of a part are handled one
+# after the other. The contacts of a group write their forces on bodies of later groups; a group adds what it got after its own
+# contacts, and from then on these rows are free for the next groups. Where contacts of another part act on a group, it adds them
+# late: nobody else uses their rows.
+
 FEW = 2048
 """Remote forces whose rows, 128 KiB, stay in the cache anyway: each has a row of its own, which takes no time to find."""
 

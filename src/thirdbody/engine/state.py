@@ -198,7 +198,7 @@ class State:
             return self.sphere_table
         S = table(self.n_spheres, sphere.WIDTH)
         S[:, sphere.RADIUS], S[:, sphere.MASS] = self.radii, np.repeat(self.B[:, body.MASS], np.diff(self.start))
-        body_pass.place_as_they_are(self.start, self.offsets, S, self.B, self.orientations)
+        body_pass.place_all(False, self.start, self.offsets, S, self.B, self.E, self.orientations)
         return S
 
     @property
@@ -337,7 +337,7 @@ def angular_momentum(B: Array, E: Array, orientations: Array) -> Array:
 
 def refresh_spheres(state: State) -> None:
     """Update positions, arms and velocities of all spheres from the bodies."""
-    body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E, state.orientations)
+    body_pass.place_all(True, state.start, state.offsets, state.S, state.B, state.E, state.orientations)
 
 
 def orientations(state: State) -> Array:

@@ -1,4 +1,4 @@
-"""Arguments of large kernels: all tables and numbers packed into one array, and compiled functions as their addresses.
+"""Arguments of large kernels: all tables and numbers packed into one array, compiled functions as their addresses, scratch.
 
 Compiling a function that passes fifty arguments costs a second; one array of integers costs nothing. The tables must stay alive
 at the same addresses as long as the array may be used. For a function argument numba looks up the address in every call, by
@@ -168,6 +168,11 @@ def table_at(context: Any, builder: Any, kind: Any, data: Any, *lengths: Any) ->
     for name, part in parts.items():
         table = builder.insert_value(table, part, model.get_field_position(name))
     return table
+
+
+# -- arrays of constant size without references to count, for functions that are called per contact: parts and scratch. A slice
+# counts references to its array and has a size that the compiler does not know; `numpy.empty` takes memory from the heap: 60 ns,
+# as long as a law takes for two contacts --
 
 
 def array_part(size: int, array: np.ndarray, first: int) -> np.ndarray:

@@ -112,20 +112,15 @@ def spin_body(b, B, E, orientations):
         B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2] = w
 
 
-@entry(types.void(_I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
-def place_all(start, offsets, S, B, E, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
+@entry(types.void(types.boolean, _I1, _F2, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
+def place_all(spins, start, offsets, S, B, E, orientations):
+    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of bodies, or take them
+    as they are."""
     for b in range(B.shape[0]):
-        spin_body(b, B, E, orientations)
+        if spins:
+            spin_body(b, B, E, orientations)
         if not is_aliased(S):
             place_as_it_is(b, start, offsets, S, B, orientations)
-
-
-@entry(types.void(_I1, _F2, _F2, _F2, _F2), **DIRECT, **NO_COUNTS)
-def place_as_they_are(start, offsets, S, B, orientations):
-    """Place all spheres at the present poses of their bodies, with present velocities and spins; bodies stay as they are."""
-    for b in range(B.shape[0]):
-        place_as_it_is(b, start, offsets, S, B, orientations)
 
 
 @njit(**BARE_CHUNK)

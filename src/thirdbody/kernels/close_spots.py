@@ -1,6 +1,18 @@
-"""Loads of the spots of a body on one plate that lower the plate under each other (`close_spots` has the equations).
+"""Elastic interaction through a plate between the spots of one body (`laws.contract.SpotInteraction`).
 
-Written with the contact radius a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
+A spot with the normal force N_j lowers the plate at the spot i, at the distance r along the plate, by g N_j, g = c/r. So of the
+overlap d_i only d_i - sum_j g_ij N_j presses on the spot itself:
+
+    N_i = K_i (d_i - sum_j g_ij N_j)^(3/2),      K_i = 4/3 E* R_i^(1/2) of Hertz
+
+All spots of a body on a side are solved at once. The energy is the sum of the springs, U_i(d_i - relief_i), and of the pairs,
+1/2 sum_i N_i relief_i, with the relief sum_j g_ij N_j. Its derivative by d_i is N_i, as without interaction, and by g_ij is
+-N_i N_j: where the distance of two spots changes, as the body turns, a force N_i N_j g/r along the plate draws them together. It
+acts on the centres of the spheres. Contacts, laws and history are those of the relieved overlap; arms are those of the whole one.
+
+The equations are those of a minimum of a convex function of the forces. Spots nearer than NEAR of the smaller radius count as at
+that distance: their contact areas touch, if not more, and are no points for each other. With the contact radius
+a = (R (d - relief))^(1/2) of each spot, N = Q a^3, Q = K/R:
 
     a_i^2 + R_i sum_j g_ij Q_j a_j^3 = R_i d_i
 
@@ -44,7 +56,7 @@ SWEEPS = 60
 ACCURACY = 1e-15
 """Change of the relief over the overlap that ends the sweeps."""
 
-# Spots of a body on the plates, in the scratch of `spot_loads`.
+# Spots of a body on the plates, in scratch.
 spot = Table(
     "W",
     "a spot",
@@ -58,7 +70,7 @@ spot = Table(
     sphere_radius=number("m", "radius of its sphere"),
 )
 
-# Two or three spots of a body on one plate, in the scratch of `spot_loads`: a lane of LANES, structure of arrays.
+# Two or three spots of a body on one plate, in scratch: a lane of LANES, structure of arrays.
 lane = Table(
     "L",
     "a group of two or three spots",
@@ -152,21 +164,6 @@ def sweep(first, n, c, W, G, spots):
 
 
 @njit(**BARE)
-def place_group(t, first, n, c, L, W):
-    """Write two or three spots in the rows from `first` on into lane t; the third of two is far off and carries nothing."""
-    L[t + lane.ROW * LANES], L[t + lane.COUNT * LANES], L[t + lane.COMPLIANCE * LANES] = first, n, c
-    for p in range(3):
-        a, at = first + p * spot.WIDTH, t + p * LANES
-        on = p < n
-        L[at + lane.X * LANES] = W[a + spot.X] if on else FAR
-        L[at + lane.Y * LANES] = W[a + spot.Y] if on else FAR
-        L[at + lane.RADIUS * LANES] = W[a + spot.RADIUS] if on else 1.0
-        L[at + lane.SPHERE_RADIUS * LANES] = W[a + spot.SPHERE_RADIUS] if on else 0.0
-        L[at + lane.FACTOR * LANES] = W[a + spot.FACTOR] if on else 0.0
-        L[at + lane.SQUARE * LANES] = W[a + spot.SQUARE] if on else 1.0
-
-
-@njit(**BARE)
 def read_lane(at, L):
     """Return the numbers of the three spots of a lane, the first of them at `at`."""
     return L[at], L[at + LANES], L[at + 2 * LANES]
@@ -239,10 +236,12 @@ def solve_lanes(L):
         f1, f2, f3 = q1 * u1 * u1 * u1, q2 * u2 * u2 * u2, q3 * u3 * u3 * u3
         write_lane(t + lane.FORCE * LANES, L, (f1, f2, f3))
         write_lane(t + lane.RELIEF * LANES, L, (g * f2 + h * f3, g * f1 + k * f3, h * f1 + k * f2))
-        x = -f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x)
-        y = -f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y)
-        write_lane(t + lane.PULL_X * LANES, L, x)
-        write_lane(t + lane.PULL_Y * LANES, L, y)
+        write_lane(
+            t + lane.PULL_X * LANES, L, (-f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x))
+        )
+        write_lane(
+            t + lane.PULL_Y * LANES, L, (-f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y))
+        )
 
 
 @njit(**BARE_CHUNK)
@@ -262,13 +261,23 @@ def finish_lanes(count, L, W, G, spots):
 
 @njit(**BARE)
 def solve_side(count, first, n, c, L, W, G, spots):
-    """Solve n spots in the rows from `first` on, or put them into lane `count`; return the number of lanes in use."""
+    """Solve n spots in the rows from `first` on, or put two or three into lane `count`, with a third of two that is far off and
+    carries nothing; return the number of lanes in use."""
     if n == 1:
         finish(first, lone_force(first, W), 0.0, (0.0, 0.0), W, spots)
     elif n > 3:
         sweep(first, n, c, W, G, spots)
     elif n > 1:
-        place_group(count, first, n, c, L, W)
+        L[count + lane.ROW * LANES], L[count + lane.COUNT * LANES], L[count + lane.COMPLIANCE * LANES] = first, n, c
+        for p in range(3):
+            a, at = first + p * spot.WIDTH, count + p * LANES
+            on = p < n
+            L[at + lane.X * LANES] = W[a + spot.X] if on else FAR
+            L[at + lane.Y * LANES] = W[a + spot.Y] if on else FAR
+            L[at + lane.RADIUS * LANES] = W[a + spot.RADIUS] if on else 1.0
+            L[at + lane.SPHERE_RADIUS * LANES] = W[a + spot.SPHERE_RADIUS] if on else 0.0
+            L[at + lane.FACTOR * LANES] = W[a + spot.FACTOR] if on else 0.0
+            L[at + lane.SQUARE * LANES] = W[a + spot.SQUARE] if on else 1.0
         count += 1
     return count
 
@@ -389,12 +398,3 @@ def add_interaction_energy(n, tile):
     O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         O[q + law_output.STORED_NORMAL * TILE] += 0.5 * G[q + geometry.RELIEF * TILE] * G[q + geometry.SPOT_FORCE * TILE]
-
-
-@njit(**BARE)
-def add_pull(n, tile):
-    """Add the forces along the plate to the forces of n contacts."""
-    G = tile.geometry
-    for q in range(n):
-        G[q + geometry.FORCE * TILE] += G[q + geometry.PULL * TILE]
-        G[q + (geometry.FORCE + 1) * TILE] += G[q + (geometry.PULL + 1) * TILE]

@@ -222,9 +222,8 @@ def transport_frames(n, dt, tile):
         e_x, e_y, e_z = read_vector(G, q + geometry.AXIS * TILE)
         w_x, w_y, w_z = read_vector(G, q + geometry.MID_SPIN * TILE)
         twist = half * (w_x * p_x + w_y * p_y + w_z * p_z)
-        e_x, e_y, e_z = (
-            e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
-        )  # fmt: skip
+        c_x, c_y, c_z = p_y * e_z - p_z * e_y, p_z * e_x - p_x * e_z, p_x * e_y - p_y * e_x
+        e_x, e_y, e_z = e_x + twist * c_x, e_y + twist * c_y, e_z + twist * c_z
         # at first touch any direction that is not parallel to the normal; laws are isotropic
         new = G[q + geometry.PREVIOUS_SLIP * TILE] == 0.0
         steep = abs(n_z) > 0.5
@@ -237,8 +236,8 @@ def transport_frames(n, dt, tile):
         scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
         e_x, e_y, e_z = e_x * scale, e_y * scale, e_z * scale
         write_vector(G, q + geometry.AXIS * TILE, (e_x, e_y, e_z))
-        cross = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
-        write_vector(G, q + geometry.CROSS_AXIS * TILE, cross)
+        c_x, c_y, c_z = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
+        write_vector(G, q + geometry.CROSS_AXIS * TILE, (c_x, c_y, c_z))
 
 
 @njit(**BARE)

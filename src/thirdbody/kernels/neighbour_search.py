@@ -128,22 +128,6 @@ def scan(p, first, end, skin, box, Q, pairs, m):
     return m
 
 
-@njit(**BARE)
-def list_columns(a, b, count, periodic, columns):
-    """List the bottom cells of the columns around (a, b) that follow it in order; return their number.
-
-    So every pair of columns is visited once.
-    """
-    n = np.int64(0)
-    for step in range(9):
-        cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], periodic[0])
-        cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], periodic[1])
-        column = cell_x * count[1] + cell_y
-        columns[n] = column * count[2]
-        n += np.int64((cell_x >= 0) & (cell_y >= 0) & (column > a * count[1] + b))
-    return n
-
-
 @entry(_I(_I, _I, _F, _GRID, _LISTS, _I1, _S2), nogil=True, **DIRECT, **NO_COUNTS)
 def collect(first, last, skin, grid, lists, columns, pairs):
     """List the pairs of spheres of different bodies within `skin` whose first sphere is in cell columns first to last - 1 in
@@ -153,7 +137,12 @@ def collect(first, last, skin, grid, lists, columns, pairs):
     box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y), 0.0)
     for column in range(first, last):
         base, a, b = column * count[2], column // count[1], column % count[1]
-        beside = list_columns(a, b, count, grid.periodic, columns)
+        beside = np.int64(0)  # bottom cells of the columns around that follow it in order: every pair is visited once
+        for step in range(9):
+            cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], grid.periodic[0])
+            cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], grid.periodic[1])
+            columns[beside] = (cell_x * count[1] + cell_y) * count[2]
+            beside += np.int64((cell_x >= 0) & (cell_y >= 0) & (cell_x * count[1] + cell_y > column))
         for c in range(count[2]):
             low, high = max(c - 1, 0), min(c + 1, count[2] - 1) + 1
             for p in range(edges[base + c], edges[base + c + 1]):

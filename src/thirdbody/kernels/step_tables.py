@@ -1,4 +1,4 @@
-"""Tables of the implicit steps."""
+"""Tables of the steps of both integrators: of the implicit ones, then of the explicit ones."""
 
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.kernels.tables import body, body_extra, sphere

@@ -262,7 +262,9 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
         book_dashpots(n, step.dt, context, tile)
     contact_geometry.force_and_torques(n, tile)
     if interacting:
-        close_spots.add_pull(n, tile)
+        for q in range(n):
+            tile.geometry[q + geometry.FORCE * TILE] += tile.geometry[q + geometry.PULL * TILE]
+            tile.geometry[q + (geometry.FORCE + 1) * TILE] += tile.geometry[q + (geometry.PULL + 1) * TILE]
     if flat and plates.is_rough(context):
         contact_geometry.add_gradient_force(n, slots, context, tile)
     if rolling_kinematics.has_moments(context):

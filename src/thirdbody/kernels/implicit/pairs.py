@@ -235,31 +235,6 @@ def add_losses(b, friction, damped, lost, context):
     context.B[b, body.FRICTION_WORK] += BODY_FRACTION * friction
 
 
-@njit(**BARE)
-def accept_closed(q, tile, context, island, scratch, smooth):
-    """Add contact q of a tile to both bodies. `smooth`: see `accept_pairs`."""
-    (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
-    wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
-    (mean_a, mean_b), weight = works_of_old(tile.slots[q], a, b, context, scratch), 0.5 if smooth else 0.0
-    end_a, end_b = works_on(a, b, wrench, scratch)
-    mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
-    part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
-    friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
-    stored = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q]
-    lost = -(mean_a + mean_b) - (stored - books.stored_energy(tile.slots[q], context)) - friction - damped
-    add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
-    add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
-    for c, sign, torque in ((b_i, 1.0, wrench[1]), (b_j, -1.0, wrench[2])):
-        for d in range(3):
-            B[c, body.FORCE + d] += sign * wrench[0][d]
-            B[c, body.TORQUE + d] += torque[d]
-        if context.loss_column >= 0:
-            context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
-        B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
-        T = context.memory[c]
-        T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
-
-
 @njit(**BARE_CHUNK)
 def accept_pairs(context, island, m, motion, scratch):
     """Accept the m contacts between bodies, after the step of the bodies themselves was accepted."""
@@ -284,7 +259,26 @@ def accept_pairs(context, island, m, motion, scratch):
         tile, n = pair_tile(t, m, scratch)
         books.book_at(context.book_contacts)(n, context.initial_overlaps, np.int64(0), smooth, motion.dt, context, tile)
         for q in range(n):
-            accept_closed(q, tile, context, island, scratch, smooth)
+            (_, _, a, b), O, B = ends_of(tile.slots[q], context, island), tile.outputs, context.B  # noqa: E741
+            wrench, b_i, b_j = pair_wrench(q, tile.slots[q], context, tile), body_at(a, island), body_at(b, island)
+            mean_a, mean_b = works_of_old(tile.slots[q], a, b, context, scratch)
+            end_a, end_b = works_on(a, b, wrench, scratch)
+            mean_a, mean_b = weight * mean_a + (1.0 - weight) * end_a, weight * mean_b + (1.0 - weight) * end_b
+            part = abs(mean_a) / max(abs(mean_a) + abs(mean_b), 1e-300)
+            friction, damped = O[law_output.DISSIPATED * TILE + q], O[law_output.DASHPOT_POWER * TILE + q]
+            stored = O[law_output.STORED_NORMAL * TILE + q] + O[law_output.STORED_TANGENTIAL * TILE + q]
+            lost = -(mean_a + mean_b) - (stored - books.stored_energy(tile.slots[q], context)) - friction - damped
+            add_losses(b_i, friction, damped, part * lost + mean_a - end_a, context)
+            add_losses(b_j, friction, damped, (1.0 - part) * lost + mean_b - end_b, context)
+            for c, sign, torque in ((b_i, 1.0, wrench[1]), (b_j, -1.0, wrench[2])):
+                for d in range(3):
+                    B[c, body.FORCE + d] += sign * wrench[0][d]
+                    B[c, body.TORQUE + d] += torque[d]
+                if context.loss_column >= 0:
+                    context.E[c, body_extra.NORMAL_LOSS] += BODY_FRACTION * normal_loss_of(q, context.loss_column, tile)
+                B[c, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
+                T = context.memory[c]
+                T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], books.contact_energy(q, tile))
         books.write_at(context.write_contacts)(n, motion, context, tile)
 
 
