@@ -165,7 +165,6 @@ def sweep(first, n, c, W, G, spots):
 
 @njit(**BARE)
 def read_lane(at, L):
-    """Return the numbers of the three spots of a lane, the first of them at `at`."""
     return L[at], L[at + LANES], L[at + 2 * LANES]
 
 
@@ -284,7 +283,6 @@ def solve_side(count, first, n, c, L, W, G, spots):
 
 @njit(**BARE)
 def tables(rows):
-    """Return lanes and rows in the scratch `rows`."""
     return rows[: lane.WIDTH * LANES], rows[lane.WIDTH * LANES :]
 
 
