@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,17 +33,8 @@ CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
-class PlateStep(NamedTuple):
-    """Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end.
-
-    `rate`: change of the velocity with the rise [1/s]; `error` of the step over the tolerance.
-    """
-
-    displacement: float
-    velocity: float
-    acceleration: float
-    rate: float
-    error: float
+Step = tuple[float, float, float]
+"""Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end."""
 
 
 class CommonPlate:
@@ -99,8 +90,8 @@ class CommonPlate:
             v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             if one.schedule.load:  # at the end of a step that crosses no breakpoint
                 row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(one.schedule.load, time, time + dt)
-            step, converged = self._solve(dt, (v_x, v_y))
-            error = max(step.error, float(ends[:, body_solution.ERROR].max()))
+            step, error, converged = self._solve(dt, (v_x, v_y))
+            error = max(error, float(ends[:, body_solution.ERROR].max()))
             rotation = float(ends[:, body_solution.ROTATION].max())
             if converged and error <= 1.0 and rotation <= MAX_ROTATION:
                 break
@@ -129,7 +120,8 @@ class CommonPlate:
         if whole and kernel.next_breakpoint_after(time, context, math.inf) <= end:
             one.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
-    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
+    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Step, float, bool]:
+        """Return the step of the plate to its equilibrium, its error over the tolerance, and whether it was found."""
         one, T = self.integrator, self.memory
         row, first_iteration, now = one.state.P[-1], True, float(one.state.P[-1, patch.VELOCITY])
         displacement, low, high = now * dt, -math.inf, math.inf
@@ -141,25 +133,25 @@ class CommonPlate:
             speed = (weight * displacement - before * T[step_memory.LAST_COORDINATES + 6]) / dt
             acceleration = (weight * (speed - now) - before * last_change) / dt if one.accuracy.inertia else 0.0
             error = control.error_of_change.py_func(abs(speed - now - ratio * last_change), radius, ratio, one.settings, dt)
-            step = PlateStep(displacement, speed, acceleration, weight / dt, error)
+            step, rate = (displacement, speed, acceleration), weight / dt  # and the change of the speed with the rise [1/s]
             if not one.solutions[:, body_solution.SOLVED].all():
-                return step, False
+                return step, error, False
             push, slope = (float(one.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
             direct, direct_stiffness = direct_reaction(row, displacement)
             push, slope = push + direct, slope - direct_stiffness
-            force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
-            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(step.acceleration)
-            scale += row[patch.DAMPING] * abs(step.velocity)
+            force = push - row[patch.LOAD] - row[patch.DAMPING] * speed - row[patch.MASS] * acceleration
+            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(acceleration)
+            scale += row[patch.DAMPING] * abs(speed)
             if abs(force) <= CONVERGED * scale:
-                return step, True
+                return step, error, True
             low, high = (displacement, high) if force > 0.0 else (low, displacement)
-            slope -= row[patch.DAMPING] * step.rate + float(one.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
+            slope -= row[patch.DAMPING] * rate + float(one.accuracy.inertia) * row[patch.MASS] * rate * rate
             # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             displacement = displacement + change if low < displacement + change < high else 0.5 * (low + high)
             if not math.isfinite(displacement) or high - low <= 1e-15 * abs(displacement):
-                return step, abs(force) <= 1e-5 * scale
-        return step, False
+                return step, error, abs(force) <= 1e-5 * scale
+        return step, error, False
 
     def each_island(self, kernel_of_pieces: Callable[..., None], *step: Any) -> None:
         islands = self.integrator.islands
@@ -183,28 +175,28 @@ class CommonPlate:
         self.memory[step_memory.CONTACT_RADIUS] = radii.min()
         return kernel.common_step_length(self.memory, time, one.packed(), end)
 
-    def _accept(self, dt: float, step: PlateStep, load: float, velocity: tuple[float, float]) -> None:
+    def _accept(self, dt: float, step: Step, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         one = self.integrator
-        T, row = self.memory, one.state.P[-1]
+        T, row, (rise, velocity_after, acceleration) = self.memory, one.state.P[-1], step
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * step.displacement
-        kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(one.accuracy.inertia)
+        mass, work = float(row[patch.MASS]), -carried * rise
+        kinetic = 0.5 * mass * (velocity_after**2 - before**2) * float(one.accuracy.inertia)
         self.totals[run_totals.PLATE_WORK] += work
         self.totals[run_totals.PLATE_WORK_SIZE] += abs(work)
-        dashpot_work = float(row[patch.DAMPING]) * step.displacement**2 / dt
+        dashpot_work = float(row[patch.DAMPING]) * rise**2 / dt
         self.totals[run_totals.DAMPING_WORK] += dashpot_work
-        lost = float(row[patch.DAMPING]) * step.velocity * step.displacement - dashpot_work
-        lost += (float(row[patch.LOAD]) - carried) * step.displacement
-        self.totals[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.displacement - kinetic + lost
-        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.displacement, step.velocity - before
+        lost = float(row[patch.DAMPING]) * velocity_after * rise - dashpot_work
+        lost += (float(row[patch.LOAD]) - carried) * rise
+        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * rise - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = rise, velocity_after - before
         T[step_memory.LAST_DT] = dt
-        row[patch.HEIGHT] += step.displacement
-        row[patch.VELOCITY] = step.velocity
+        row[patch.HEIGHT] += rise
+        row[patch.VELOCITY] = velocity_after
         if row[patch.DIRECT_PREFACTOR] > 0.0:
             kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
             # the force at the end of the step acts all along
-            first, last = direct_reaction(row, -step.displacement)[0], direct_reaction(row, 0.0)[0]
-            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * step.displacement
+            first, last = direct_reaction(row, -rise)[0], direct_reaction(row, 0.0)[0]
+            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * rise

@@ -225,13 +225,10 @@ class Explicit:
         limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
-            "integrator": "explicit",
-            "steps": steps,
-            "sphere_steps": steps * self.state.n_spheres,
-            "searches": self.state.searches,
-            "time_step": self.state.dt,
+            "integrator": "explicit", "steps": steps, "sphere_steps": steps * self.state.n_spheres,
+            "searches": self.state.searches, "time_step": self.state.dt,
             "time_step_limit": {"mechanism": limit.mechanism, "body": limit.body, "smallest": limit.step},
-        }
+        }  # fmt: skip
 
     def label(self) -> np.ndarray:
         """Return state, reason, margins and extras of each body now (columns named by the labeller)."""

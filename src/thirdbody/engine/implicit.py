@@ -307,18 +307,14 @@ class Implicit:
         total = max(float(steps.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == Stop.UNSOLVED)
         return {
-            "integrator": "implicit",
-            "steps": int(steps.sum()),
-            "sphere_steps": int(steps @ np.diff(state.start)),
-            "steps_per_body": float(steps.mean()),
-            "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
+            "integrator": "implicit", "steps": int(steps.sum()), "sphere_steps": int(steps @ np.diff(state.start)),
+            "steps_per_body": float(steps.mean()), "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
             "iterations_per_step": float(T[:, step_memory.ITERATIONS].sum()) / total,
             "cuts_per_step": float(T[:, step_memory.CUTS].sum()) / total,
             "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
-            "steps_limited_by": limits.limited_by(T),
-            "limiting_body": limits.limiting_body(T, state.order),
+            "steps_limited_by": limits.limited_by(T), "limiting_body": limits.limiting_body(T, state.order),
             "unsolved": {int(body): self.explain(int(body)) for body in lost},
-        } | ({"islands": self.meeting.summary()} if self.meeting else {})
+        } | ({"islands": self.meeting.summary()} if self.meeting else {})  # fmt: skip
 
     def explain(self, body: int) -> str:
         """Return what stopped a body, when, and what can be done."""

@@ -143,7 +143,6 @@ class Meeting:
         return own[new], partner[new]
 
     def _keys(self, own: Numbers, partner: Numbers) -> np.ndarray:
-        """Return a number for each pair, in the order of candidates."""
         return own.astype(np.int64) * self.integrator.state.n_spheres + partner
 
     def _repeat(self, own: Numbers, partner: Numbers) -> None:
@@ -184,13 +183,8 @@ class Meeting:
         else:
             patches, contacts = np.zeros(len(state.P), bool), bodies[state.body[state.slots.own]]
             patches[state.patch[bodies]] = True
-            rows = dict.fromkeys(tables, bodies) | {
-                "S": bodies[state.body],
-                "P": patches,
-                "slots_H": contacts,
-                "slots_R": contacts,
-            }
-            rows["slots_Q"] = contacts[: len(state.slots.Q)]
+            rows = dict.fromkeys(tables, bodies) | {"S": bodies[state.body], "P": patches}
+            rows |= {"slots_H": contacts, "slots_R": contacts, "slots_Q": contacts[: len(state.slots.Q)]}
         for name, table in tables.items():
             table[rows[name]] = one.earlier[name][rows[name]]
         self._begin_paths(bodies[state.body])

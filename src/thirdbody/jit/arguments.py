@@ -51,10 +51,7 @@ def function_at(signature: Any) -> Callable[[int], Any]:
 
 
 def first_words(kinds: Kinds) -> dict[str, int]:
-    """Return which word of the packed arguments is the first one of each, by name: the address, of a table.
-
-    A table has one word more than dimensions: its address, then its shape.
-    """
+    """Return which word of the packed arguments is the first one of each, by name: of a table its address; its shape follows."""
     counts = [1 + getattr(kind, "ndim", 0) for kind in kinds.values()]
     return dict(zip(kinds, np.concatenate(([0], np.cumsum(counts)[:-1])).tolist(), strict=True))
 
@@ -179,8 +176,8 @@ def array_part(size: int, array: np.ndarray, first: int) -> np.ndarray:
     """Return `size` elements of a contiguous array (n,) of float64, from element `first` on, as a view of it.
 
     `size`: in compiled functions a literal or a constant of the module. It is the first argument since integers behind an array
-    are indices for `numba_pipeline`, which types calls alike whatever their values. Compiled code does not check that `array`
-    has the elements, and must not use the view longer than it.
+    are indices for `numba_pipeline`, which types calls alike whatever their values. Compiled code does not check that `array` has
+    the elements, and must not use the view longer than it.
     """
     return array[first : first + size]
 

@@ -278,5 +278,4 @@ def make_tables(n_bodies, n_candidates, n_patches):
 
 
 def make_scratch(longest):
-    """Return the scratch of pieces of at most `longest` candidates."""
     return Scratch(np.zeros((law_input.HISTORY + 1) * TILE), np.zeros(8 * TILE), np.empty(longest + 1, np.int32))

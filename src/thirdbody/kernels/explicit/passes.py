@@ -262,7 +262,6 @@ def kick_body(b, context, force, torque, dt):
 
 @njit(**BARE_CHUNK)
 def closing_kick(first, last, context, dt):
-    """Apply the closing half kick to bodies first to last, and update their spins."""
     B = context.B
     for b in range(first, last):
         kick_body(b, context, load(B, b, body.FORCE), load(B, b, body.TORQUE), dt)

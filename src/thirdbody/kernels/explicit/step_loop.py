@@ -236,7 +236,6 @@ def parts_of(groups, threads):
 
 @njit(**BARE)
 def run_part(part, parts, task, step, context, packed, work):
-    """Run one pass of a step over the groups of a part."""
     groups = np.int64(context.lowest.shape[0])
     work(task, part, part * groups // parts, (part + 1) * groups // parts, step, packed)
     count_up(context.team, DONE)

@@ -88,7 +88,6 @@ def symmetric(s, o):
 
 @njit(**BARE)
 def times(v, X):
-    """Return the row v times the matrix of rows X."""
     return broadcast_lane(v, 0) * X[0] + broadcast_lane(v, 1) * X[1] + broadcast_lane(v, 2) * X[2]
 
 

@@ -90,7 +90,6 @@ def vector_at(q, field, G):
 
 @njit(**BARE)
 def frame_of(q, G):
-    """Return normal and both axes of contact q."""
     return vector_at(q, geometry.NORMAL, G), vector_at(q, geometry.AXIS, G), vector_at(q, geometry.CROSS_AXIS, G)
 
 
@@ -199,7 +198,6 @@ def contact_of(q, before, dt, sides, shape, context, tile):
 
 @njit(**BARE)
 def owner_side(q, i, row, scale, S, G):
-    """Return the side of the owner, sphere i, of contact q."""
     return Side(row, -1, scale, three(S, i, sphere.ARM), contact_point(q, i, S, G), G[q + geometry.ARM * TILE])
 
 

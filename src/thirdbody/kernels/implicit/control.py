@@ -108,7 +108,6 @@ def plate_velocity(t, context, dt):
 
 @njit(**BARE)
 def longest_drag(V, T):
-    """Return the longest drag [m] of a step."""
     return min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
 
 

@@ -189,7 +189,6 @@ class Response(NamedTuple):
 
 @njit(**BARE)
 def axis_of(k):
-    """Return the unit vector along coordinate k."""
     return 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
 
 
@@ -201,11 +200,8 @@ def to_surface(s, contact):
     df = scaled_sum(k_n * d, n, xx * s_1 + xy * s_2 + xd * d, e, yx * s_1 + yy * s_2 + yd * d, g)
     dm = scaled_sum(contact.rolling_tangent[4] * d, e, contact.rolling_tangent[5] * d, g, contact.twist_tangent[1] * d, n)
     arm = scaled_sum(0.5 * d, cross(n, contact.force), 0.0, n, 0.0, n)
-    return Response(
-        df,
-        scaled_sum(1.0, cross(contact.owner.point, df), 1.0, arm, 1.0, dm),
-        scaled_sum(-1.0, cross(contact.partner.point, df), 1.0, arm, -1.0, dm),
-    )
+    torque = scaled_sum(1.0, cross(contact.owner.point, df), 1.0, arm, 1.0, dm)
+    return Response(df, torque, scaled_sum(-1.0, cross(contact.partner.point, df), 1.0, arm, -1.0, dm))
 
 
 @njit(**BARE)
@@ -223,11 +219,9 @@ def to_bend(c, contact):
     size, changed = -0.5 * contact.energy, product(contact.gradient_change, c)
     dp = scaled_sum(0.5 * (contact.normal_force * dot(n, c) + size * bent), contact.gradient, size, changed, 0.0, n)
     torque = scaled_sum(1.0, cross(contact.owner.point, df), -contact.owner.arm, arm, 1.0, dm)
-    return Response(
-        scaled_sum(1.0, df, 1.0, dp, 0.0, n),
-        scaled_sum(1.0, torque, 1.0, cross(contact.owner.centre, dp), 0.0, n),
-        scaled_sum(-1.0, cross(contact.partner.point, df), -contact.partner.arm, arm, -1.0, dm),
-    )
+    torque = scaled_sum(1.0, torque, 1.0, cross(contact.owner.centre, dp), 0.0, n)
+    back = scaled_sum(-1.0, cross(contact.partner.point, df), -contact.partner.arm, arm, -1.0, dm)
+    return Response(scaled_sum(1.0, df, 1.0, dp, 0.0, n), torque, back)
 
 
 @njit(**BARE)
@@ -237,33 +231,23 @@ def to_spin(contact):
     _, s_1, s_2 = contact.displacement
     df = scaled_sum(0.5 * (xx * s_2 - xy * s_1), e, 0.5 * (yx * s_2 - yy * s_1), g, 0.5, cross(n, contact.force))
     dm = cross(n, contact.moment)
-    return Response(
-        df,
-        scaled_sum(1.0, cross(contact.owner.point, df), 0.5, dm, 0.0, n),
-        scaled_sum(-1.0, cross(contact.partner.point, df), -0.5, dm, 0.0, n),
-    )
+    torque = scaled_sum(1.0, cross(contact.owner.point, df), 0.5, dm, 0.0, n)
+    return Response(df, torque, scaled_sum(-1.0, cross(contact.partner.point, df), -0.5, dm, 0.0, n))
 
 
 @njit(**BARE)
-def weighted(v, responses):
-    """Return the response to a displacement v from those to displacements along the three axes."""
-    x, y, z = responses
-    return Response(
-        scaled_sum(v[0], x.force, v[1], y.force, v[2], z.force),
-        scaled_sum(v[0], x.torque, v[1], y.torque, v[2], z.torque),
-        scaled_sum(v[0], x.back, v[1], y.back, v[2], z.back),
-    )
+def combined(x, a, y, b, z, c):
+    """Return the response x a + y b + z c."""
+    force, torque = scaled_sum(x, a.force, y, b.force, z, c.force), scaled_sum(x, a.torque, y, b.torque, z, c.torque)
+    return Response(force, torque, scaled_sum(x, a.back, y, b.back, z, c.back))
 
 
 @njit(**BARE)
 def response_to(s, c, turn, responses):
     """Return the response to displacements s and c of surface and centre, and a turn about the normal."""
-    surface, bend, spin = weighted(s, responses[0]), weighted(c, responses[1]), responses[2]
-    return Response(
-        scaled_sum(1.0, surface.force, 1.0, bend.force, turn, spin.force),
-        scaled_sum(1.0, surface.torque, 1.0, bend.torque, turn, spin.torque),
-        scaled_sum(1.0, surface.back, 1.0, bend.back, turn, spin.back),
-    )
+    (x, y, z), (u, v, w), spin = responses
+    surface, bend = combined(s[0], x, s[1], y, s[2], z), combined(c[0], u, c[1], v, c[2], w)
+    return combined(1.0, surface, 1.0, bend, turn, spin)
 
 
 @njit(**BARE)

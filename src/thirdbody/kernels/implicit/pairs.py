@@ -71,7 +71,6 @@ def wrench_of(f, point, partner_point, moment, context):
 
 @njit(**BARE)
 def pair_wrench(q, k, context, tile):
-    """Return the `wrench_of` contact q, candidate k."""
     S, G, moment = context.S, tile.geometry, contact.contact_moment(q, context, tile) if has_moments(context) else NOWHERE
     point, partner = contact_point(q, context.own[k], S, G), partner_point(q, context.partner[k], S, G)
     return wrench_of(contact.contact_force(q, tile), point, partner, moment, context)
@@ -170,7 +169,6 @@ def add_tangents(m, dt, context, island, scratch):
 
 @njit(**BARE)
 def pair_opening_work(k, context, motion):
-    """Return the `books.opening_work` [J] of candidate k."""
     S, j, (overlap, n) = context.S, context.partner[k], pair_overlap(k, context, box_of(context.D))
     s = S[j, sphere.RADIUS]
     u = surface_velocity(j, S, books.STEP_COLUMNS, (s * n[0], s * n[1], s * n[2]))

@@ -221,13 +221,11 @@ class Island(NamedTuple):
 
 @njit(**BARE)
 def unpack(packed, tables, packed_scratch):
-    """Return context, tables of the islands and scratch of a thread."""
     return context_of(packed), islands_of(tables), scratch_of(packed_scratch)
 
 
 @njit(**BARE)
 def island_at(h, islands):
-    """Return island h."""
     low, first = islands.body_edges[h], islands.pair_edges[h]
     n, n_pairs = islands.body_edges[h + 1] - low, islands.pair_edges[h + 1] - first
     return Island(h, low, n, first, n_pairs, FREEDOMS * (islands.widths[h] + 1) - 1, islands)
@@ -240,7 +238,6 @@ def body_at(a, island):
 
 @njit(**BARE)
 def pair_at(e, island):
-    """Return candidate e between bodies of the island."""
     return island.all.pairs[island.first_pair + e]
 
 
