@@ -197,15 +197,6 @@ def weight_of(step):
 
 
 @njit(**BARE)
-def steps_behind(steps):
-    """Return by how many steps the orientations are behind after so many steps of the run; negative: ahead."""
-    weights = 0.0
-    for k in range(steps % STEPS):
-        weights += weight_of(k)
-    return steps % STEPS - weights
-
-
-@njit(**BARE)
 def rotate_sphere(q, w, time):
     """Return the quaternion q after a time [s] of the spin w [rad/s], vectors of four; error r^5/120 of a rotation r."""
     r = broadcast(time) * w

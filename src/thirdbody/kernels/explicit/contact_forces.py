@@ -268,9 +268,7 @@ def evaluate_laws(n, slots, flat, context, step, law, box, tile):
     if flat and plates.is_rough(context):
         contact_geometry.add_gradient_force(n, slots, context, tile)
     if rolling_kinematics.has_moments(context):
-        rolling_kinematics.add_moments(n, context.n_history, tile)
-    if rolling_kinematics.has_twist(context):
-        rolling_kinematics.add_twist_moments(n, context.n_history, tile)
+        rolling_kinematics.add_moments(n, context, tile)
 
 
 @njit(**BARE)

@@ -13,7 +13,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.jit.threads import DISMISSED, DONE, close_pass, count_up, load_word, next_part, open_pass, wait_again
 from thirdbody.kernels.arguments import EARLY, LATE, OBSERVATION, WORK, Step, context_of
-from thirdbody.kernels.bodies import BODIES, largest_displacement, steps_behind, weight_of
+from thirdbody.kernels.bodies import BODIES, STEPS, largest_displacement, weight_of
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import closing_kick
 from thirdbody.kernels.plates import book_direct_contact, direct_force
@@ -141,7 +141,10 @@ def update_ledger(context, step):
     if P[plate, patch.DIRECT_PREFACTOR] != 0.0:
         book_direct_contact(ledgers[0] if ledgers.shape[0] > 0 else A, P, plate, step, 0.5)
     pass_time(A, step.dt, step.v_x, step.v_y)
-    A[run_totals.BEHIND] = step.dt * steps_behind(np.int64(A[run_totals.STEPS]))
+    steps, weights = np.int64(A[run_totals.STEPS]) % STEPS, 0.0
+    for k in range(steps):
+        weights += weight_of(k)
+    A[run_totals.BEHIND] = step.dt * (steps - weights)  # of the orientations of single spheres; negative: ahead
 
 
 @njit(**BARE_CHUNK)
