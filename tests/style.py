@@ -71,7 +71,7 @@ def too_long(path: Path, tree: ast.Module) -> Iterator[str]:
 # -- tables of numbers --
 
 EMBEDDED = {"scratch": {"body", "body_extra"}}
-"""Arrays that begin with the columns of other tables (`explicit.tables.drift_scratch`)."""
+"""Arrays that begin with the columns of other tables (`step_tables.drift_scratch`)."""
 
 
 def declared_tables(tree: ast.Module) -> Iterator[tuple[str, ast.Call]]:

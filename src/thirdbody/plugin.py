@@ -20,7 +20,7 @@ global that is changed after the kernel was compiled: numba has compiled its val
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
 from thirdbody.debris.contract import DebrisKind, PlacedClumps, PlacedDebris, PopulationContext, RandomStreams
 from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
-from thirdbody.jit.memory import stack_array
+from thirdbody.jit.arguments import stack_array
 from thirdbody.kernels.arguments import ContactStep
 from thirdbody.kernels.table import Table, number, skip, vector
 from thirdbody.kernels.tables import CAN_SLIDE, CAN_STICK, DEBRIS, LOWER, NO_FORECAST, UPPER, loaded_contact, observed_body

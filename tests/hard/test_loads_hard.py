@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from theory import builders as make
 
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import run_totals
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause

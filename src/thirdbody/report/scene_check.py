@@ -174,7 +174,8 @@ def memory_of(built: Simulation) -> int:
     Where closed contacts only have rows, these are as many as are expected in a run.
     """
     tables = [_whole(each) for owner in (built.state, built.integrator) for each in _tables(owner)]
-    return sum({id(each): each.nbytes for each in tables}.values()) + built.state.slots.rows.expected_bytes(built.state.n_bodies)
+    expected = getattr(built.state.slots.rows, "expected_bytes", lambda bodies: 0)  # `ClosedRows` have them
+    return sum({id(each): each.nbytes for each in tables}.values()) + expected(built.state.n_bodies)
 
 
 def _tables(owner: object) -> Iterator[np.ndarray]:
