@@ -1,4 +1,4 @@
-"""Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke.
+"""Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke, the steady part.
 
 A path along one line is signed by its first direction. One that is no straight line goes forward everywhere: its steps are
 lengths of the path, and its cycles are those after which it closes on itself.
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_arrays import RunArrays
 from thirdbody.units import parse
 
 BACK = 0.05
@@ -25,7 +25,7 @@ CLOSED = 1e-3
 class Drag:
     """Motion of the upper plate relative to the lower one, by frame; `stored`: summary that the run stored at its end."""
 
-    def __init__(self, run: Run, stored: Mapping[str, Any] | None = None):
+    def __init__(self, run: RunArrays, stored: Mapping[str, Any] | None = None):
         self.run, self.frames, self.stored = run, run.frames, stored or {}
 
     @cached_property
@@ -33,7 +33,7 @@ class Drag:
         """Sliding distance (F,) [m]; zero without drag."""
         return np.nan_to_num(self.run.series.get("distance", np.zeros(self.frames)))
 
-    @property
+    @cached_property
     def dragged(self) -> bool:
         """Whether the plate moved sideways at all."""
         return bool(self.frames and self.distance[-1] > 0.0)
@@ -80,7 +80,13 @@ class Drag:
         recorded = self.run.series.get("displacement")
         if recorded is not None:
             return np.nan_to_num(recorded)
-        return self._displacement_of_corners()
+        # of the corners of the plates: runs of earlier versions lack the series
+        steps = np.diff(self.offset, axis=0, prepend=self.offset[:1])
+        size = np.linalg.norm(steps, axis=1)
+        moved = np.flatnonzero(size > 1e-9 * size.max(initial=0.0))
+        if not len(moved):
+            return np.zeros(self.frames)
+        return np.cumsum(steps @ (steps[moved[0]] / size[moved[0]]))
 
     @cached_property
     def straight(self) -> bool:
@@ -106,15 +112,6 @@ class Drag:
         size = np.linalg.norm(moved, axis=1, keepdims=True)
         return np.divide(moved, size, out=np.zeros_like(moved), where=size > 0.0)
 
-    def _displacement_of_corners(self) -> np.ndarray:
-        """Return the displacement from the corners of the plates: runs of earlier versions lack the series."""
-        steps = np.diff(self.offset, axis=0, prepend=self.offset[:1])
-        size = np.linalg.norm(steps, axis=1)
-        moved = np.flatnonzero(size > 1e-9 * size.max(initial=0.0))
-        if not len(moved):
-            return np.zeros(self.frames)
-        return np.cumsum(steps @ (steps[moved[0]] / size[moved[0]]))
-
     @cached_property
     def steps(self) -> np.ndarray:
         """Change of displacement since the previous frame (F,) [m]; the length of a path that is no straight line."""
@@ -135,7 +132,7 @@ class Drag:
                 best, sign = k, -sign
         return reversals
 
-    @property
+    @cached_property
     def stroke(self) -> bool:
         """Whether the plate moves back and forth; on a path that is no straight line, whether it closes on itself."""
         return bool(self.reversals if self.straight else self.run.header["closed_paths"])
@@ -150,23 +147,18 @@ class Drag:
         if not self.stroke:
             return []
         if not self.straight:
-            return self._closed_cycles()
+            times, cycles = self.run.times, []
+            for begin, until, period in self.run.header["closed_paths"]:
+                first = self.begin + begin
+                number = int((min(self.begin + until, times[-1]) - first) / period + CLOSED)
+                near_ends = [int(np.argmin(np.abs(times - first - k * period))) for k in range(max(number, 0) + 1)]
+                cycles += [slice(low, high + 1) for low, high in pairwise(near_ends) if low < high]
+            return cycles
         u, ends = self.displacement, [self.start, *self.reversals, self.frames - 1]
         near = CLOSED * float(np.ptp(u))
-        first, last = abs(u[ends[0]] - u[ends[2]]) <= near, abs(u[ends[-1]] - u[ends[-3]]) <= near
-        ends = ends[0 if first else 1 : None if last else -1]
-        pairs = [(ends[k - 2], ends[k]) for k in range(len(ends) - 1, 1, -2)]
-        return [slice(first, last + 1) for first, last in reversed(pairs)]
-
-    def _closed_cycles(self) -> list[slice]:
-        """Return the frames of the whole cycles of a path that closes on itself."""
-        times, cycles = self.run.times, []
-        for begin, until, period in self.run.header["closed_paths"]:
-            first = self.begin + begin
-            number = int((min(self.begin + until, times[-1]) - first) / period + CLOSED)
-            ends = [int(np.argmin(np.abs(times - first - k * period))) for k in range(max(number, 0) + 1)]
-            cycles += [slice(low, high + 1) for low, high in pairwise(ends) if low < high]
-        return cycles
+        whole_first, whole_last = abs(u[ends[0]] - u[ends[2]]) <= near, abs(u[ends[-1]] - u[ends[-3]]) <= near
+        ends = ends[0 if whole_first else 1 : None if whole_last else -1]
+        return [slice(ends[k - 2], ends[k] + 1) for k in range(len(ends) - 1, 1, -2)][::-1]
 
     @cached_property
     def second_half(self) -> np.ndarray:
@@ -181,3 +173,20 @@ class Drag:
         if not inside.any():
             inside[np.flatnonzero(moved)[-1:]] = True
         return inside
+
+    @cached_property
+    def averaged(self) -> np.ndarray:
+        """Frames (F,), bool, whose intervals enter the mean of one-way sliding: loaded ones of the second half."""
+        mu = self.run.series.get("friction_coefficient", np.full(self.frames, np.nan))
+        return self.second_half & np.isfinite(mu)
+
+    @cached_property
+    def steady(self) -> np.ndarray:
+        """Frames (F,), bool, of the steady part: those that friction averages, without drag the later half of the rest."""
+        if not self.dragged:
+            late = np.flatnonzero(self.during)
+            return np.arange(self.frames) >= (late[(len(late) - 1) // 2] if len(late) else self.frames - 1)
+        frames = np.zeros(self.frames, bool)
+        for cycle in self.cycles[len(self.cycles) // 2 :]:
+            frames[cycle.start + 1 : cycle.stop] = True
+        return frames if frames.any() else self.averaged

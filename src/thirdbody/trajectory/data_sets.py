@@ -6,20 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.trajectory.names import ARRAY_UNITS
-from thirdbody.trajectory.plate_maps import PLATES as PLATE_NAMES
-from thirdbody.trajectory.schema import BLOCKS, POSITION
+from thirdbody.trajectory.names import ARRAY_UNITS, BLOCKS, POSITION
+from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.run_arrays import RunArrays
 
 if TYPE_CHECKING:
     import pyvista
 
-    from thirdbody.trajectory.reader import Run
-
-PLATES = np.array([4, 0, 1, 2, 3, 4, 4, 5, 6, 7])
+CORNERS = np.array([4, 0, 1, 2, 3, 4, 4, 5, 6, 7])
 """Faces of the lower and the upper plate, each with its number of corners first."""
 
 
-def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
+def multiblock(run: RunArrays, frame: int) -> pyvista.MultiBlock:
     """Return the blocks of one frame. Raises IndexError for a frame outside the run, ImportError without pyvista."""
     try:
         import pyvista
@@ -30,7 +28,7 @@ def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
     blocks = pyvista.MultiBlock({name: _block(name, run.block(name, number), run.header["units"]) for name in BLOCKS})
     for side in run.surfaces:
         blocks[f"{side}_surface"] = _surface(run, side, number)
-    for side in PLATE_NAMES if run.map_units else ():
+    for side in PLATES if run.map_units else ():
         blocks[f"{side}_maps"] = _maps(run, side, number)
     blocks.field_data["time"] = np.array([run.times[number]])
     blocks.field_data["time_units"] = ["s"]
@@ -40,7 +38,7 @@ def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
     return blocks
 
 
-def _surface(run: Run, side: str, frame: int) -> pyvista.StructuredGrid:
+def _surface(run: RunArrays, side: str, frame: int) -> pyvista.StructuredGrid:
     """Return the surface of a plate at its place in a frame, over the domain and one point beyond, with the array `height`."""
     import pyvista
 
@@ -55,7 +53,7 @@ def _surface(run: Run, side: str, frame: int) -> pyvista.StructuredGrid:
     return grid
 
 
-def _maps(run: Run, side: str, frame: int) -> pyvista.ImageData:
+def _maps(run: RunArrays, side: str, frame: int) -> pyvista.ImageData:
     """Return the maps of a plate at its place in a frame, as data of its cells (`Run.maps`)."""
     import pyvista
 
@@ -75,7 +73,7 @@ def _block(name: str, arrays: dict[str, np.ndarray], units: dict[str, str]) -> p
     points = arrays.pop(POSITION)
     block = pyvista.PolyData()
     if len(points):
-        block = pyvista.PolyData(points, faces=PLATES[: 5 * len(points) // 4]) if name == "plates" else pyvista.PolyData(points)
+        block = pyvista.PolyData(points, faces=CORNERS[: 5 * len(points) // 4]) if name == "plates" else pyvista.PolyData(points)
     block.field_data["position_units"] = ["m"]
     for key, values in arrays.items():
         # not by `block[key] = values`, which refuses arrays of no rows
