@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thirdbody.granular_flow import FAST, SLOW, inertia_verdict
-from thirdbody.quantity import MINUS, percent, quantity_text
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.friction import mean_and_error
 from thirdbody.trajectory.names import ACCOMMODATION, BED
+from thirdbody.units import MINUS, percent, quantity_text
 
 STIFF, SOFT = 1e4, 1e3
 """Softness above which bodies count as rigid, and below which friction and solid fraction depend on the pressure."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.engine.energy import Ledger, Stored
+from thirdbody.engine.guards import Ledger, Stored
 from thirdbody.engine.measures import body_amounts, map_densities
 from thirdbody.engine.state import State, orientations
 from thirdbody.kernels.tables import DEBRIS, body, body_extra, patch, record, run_totals, sphere
@@ -86,7 +86,7 @@ class FrameMaker:
     def frame(self, labels: np.ndarray | None, stored: Stored | None = None) -> Frame:
         """Return the present frame, bodies in the order of the scene.
 
-        `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.energy.stored_energies` of now, if known.
+        `labels`: from `Explicit.label`; None without a labeller. `stored`: `engine.guards.stored_energies` of now, if known.
         """
         s = self.state
         self.interval_means = self.means.finish() if self.means else {}

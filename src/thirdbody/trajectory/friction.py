@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
 from thirdbody.trajectory.drag import Drag
 from thirdbody.trajectory.names import CYCLES
 from thirdbody.trajectory.run_arrays import RunArrays
+from thirdbody.units import GLUE, MINUS, percent, quantity_text, with_error
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
 """A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""

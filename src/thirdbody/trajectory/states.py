@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.quantity import GLUE, percent, quantity_text
 from thirdbody.trajectory.names import POSITION, SIDES
 from thirdbody.trajectory.open_file import damage_as_fault
 from thirdbody.trajectory.run_arrays import RunArrays
+from thirdbody.units import GLUE, percent, quantity_text
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""
