@@ -9,7 +9,7 @@ from typing import Any
 
 from thirdbody import units
 from thirdbody.bodies.bounded_read import MAX_ROWS, read_bytes
-from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time
+from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_of
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
@@ -48,8 +48,12 @@ def first_load(scene: Scene) -> float:
     return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
 
 
+def smallest_load(schedule: Schedule) -> float:
+    """Return the smallest load of a run over the first one; 1 if the load does not change."""
+    return min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(schedule.load)), default=1.0)
+
+
 def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
-    """Return the load over the settling load: stage after stage; the last load stays."""
     if not stages:
         return ()
     load = first_load(scene)
@@ -72,7 +76,6 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
 
 
 def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
-    """Return the segments of one axis: stages in succession, then rest if the last one ends."""
     segments: list[Segment] = []
     t, x, v = start, 0.0, 0.0
     for stage in stages:
@@ -89,7 +92,6 @@ def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
 
 
 def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tuple[list[Segment], float, float]:
-    """Return segments, duration and final velocity of a stage from time t, position x, velocity v."""
     if isinstance(stage, Constant):
         length = math.inf if stage.duration is None else stage.duration
         return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity
@@ -161,7 +163,6 @@ def _row(cells: list[str], scales: tuple[float, float], fault: Callable[[str], I
 
 
 def _header(cells: list[str], word: str, dimension: str, fault: Callable[[str], InputError]) -> tuple[float, float]:
-    """Return the scales of the two columns from a header such as `time (us), displacement (um)`."""
     scales = []
     for cell, (name, kind) in zip(cells, (("time", "time"), (word, dimension)), strict=False):
         given, _, unit = cell.strip().partition("(")

@@ -116,7 +116,6 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
 
 @contextmanager
 def _faults_of(scene: Scene, side: str) -> Iterator[None]:
-    """Give the faults of a file their place in the scene: the key that they are about, or the name of the file."""
     try:
         yield
     except InputError as error:

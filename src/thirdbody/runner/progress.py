@@ -109,7 +109,6 @@ def _bar(title: str) -> Iterator[Reporter]:
 
 
 def _clock(seconds: float) -> str:
-    """Return a duration as hours, minutes and seconds; "-:--:--" where it is not known."""
     return "-:--:--" if math.isnan(seconds) else str(timedelta(seconds=round(seconds)))
 
 

@@ -19,12 +19,10 @@ from thirdbody.engine.snapshot import check, restore, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, write_checkpoint
-from thirdbody.runner.measurements import bed_measures, interval_means, profiler_of, selection_of
-from thirdbody.runner.output_schedule import targets
+from thirdbody.runner.measurements import PeakPressure, bed_measures, interval_means, profiler_of, selection_of
 from thirdbody.runner.progress import Progress, Reporter
 from thirdbody.runner.run_folder import RunFolder
-from thirdbody.runner.settling import Settling
-from thirdbody.runner.yield_check import PeakPressure
+from thirdbody.runner.stops import Settling, targets
 from thirdbody.system.freed_memory import keep_freed_memory
 from thirdbody.trajectory.frame import FrameMaker, impulses_of
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -144,7 +142,6 @@ class RunLoop:
         self.cost = self.written - begun
 
     def _checkpoint(self) -> Checkpoint:
-        """Return the present state, without copies."""
         saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         folder = str(self.simulation.scene.beside("").absolute())
         return Checkpoint(
@@ -192,14 +189,12 @@ class RunLoop:
         raise self._interrupted(f"{why} at t = {self.simulation.state.time:.6g} s; {self.writer.frames} frames are kept")
 
     def _interrupted(self, what: str) -> Interrupted:
-        """Return the error whose message explains how to continue."""
         folder = str(self.folder)
         return Interrupted(
             what, python=f"; to go on: thirdbody.resume({folder!r})", command=f"; to go on: thirdbody resume {quote(folder)}"
         )
 
     def _write(self) -> None:
-        """Write a frame of the current state."""
         simulation = self.simulation
         stored = self.ledger.watch(simulation.state)
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None, stored)
@@ -217,7 +212,6 @@ class RunLoop:
             slow.refuse_created_energy()
 
     def _report_progress(self, series: dict[str, Any]) -> None:
-        """Report the progress so far."""
         self.series = series or self.series
         if self.report is not None:
             slow = self._implicit()
