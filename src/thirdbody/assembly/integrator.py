@@ -29,6 +29,54 @@ SLOW, FAST = 0.03, 0.3
 of its square times the load: 1e-3 and 0.1 of the load."""
 
 
+LARGEST_FRICTION = 1e4
+"""Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
+
+Newton's method solves for forces to 1e-9 of the forces that act, and the friction limit of a contact that its dashpot is about to
+open is the normal force times this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential
+force, and steps shrink without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as
+load."""
+
+STEP = 20.0
+"""Processor time of an implicit step of a body over that of an explicit one, the only rate that the choice rests on.
+
+With clumps of the main scene: 19 by the rates of an idle Zen 5 core, 12 measured on a loaded EPYC."""
+
+FASTER = 2.0
+"""Factor by which the implicit integrator is expected to be faster where debris meets, for `auto` to take it.
+
+The expected ratio is right to a factor of about 2, so less could be no gain; and where both take about as long, a small change of
+a scene does not change its integrator.
+"""
+
+FEW = 2e7
+"""Explicit steps of single bodies below which `auto` takes the explicit integrator where debris meets: some seconds, by which the
+implicit one takes longer to compile at the first start."""
+
+EXPLICIT_STEP = 0.9 * RAYLEIGH_FRACTION
+"""Mean explicit time step over the shortest Rayleigh time of a body: contacts shorten it."""
+
+PRESSING, PER_DIAMETER, PER_REVERSAL, BALL = 250.0, 200.0, 30.0, 0.25
+"""Implicit steps of a clump: while it settles and first slides, per diameter of drag, per reversal of a stroke. Fraction of them
+that a single sphere takes: it does not tip."""
+
+INERTIAL_STEPS, INERTIAL = 4.5, 5.0
+"""Implicit steps in a Rayleigh time of the mean body where inertia rules, as in impacts; the inertial number of a body above
+which it does. Below, the number of such steps falls with its power 3/2."""
+
+USUAL_TOLERANCE = 5e-4
+"""Tolerance of a step for which the numbers of steps hold; they grow with the inverse of its cube root."""
+
+DENSE = 0.6
+"""Fraction of the area, covered by the bodies as balls of their volumes, above which `auto` takes the explicit integrator: steps
+of both were not compared there."""
+
+IMPACTS = 0.2
+"""Inertial number of a body (`inertial_number`) above which `auto` takes the explicit integrator: there impacts tell
+when a body rolls or slides. At 0.1 both integrators give the same label for 98.5 % of 2000 bodies that meet, at 0.3 to 1 for 95
+to 97 % of 150, with shares of the labels that agree to 0.5 %, friction to 0.02 % and places to 0.1 % of the drag."""
+
+
 class Inertial(NamedTuple):
     """Largest inertial number, index of its body in the tables, largest sliding speed [m/s]."""
 
@@ -90,55 +138,6 @@ def examine_inertia(scene: Scene, state: State) -> list[str]:
 def shortest_stroke(schedule: Schedule) -> float:
     """Return the shortest stroke, peak to peak [m]; infinite without strokes."""
     return min((abs(s.b) for s in (*schedule.x, *schedule.y) if s.kind != motion.POLYNOMIAL), default=np.inf)
-
-
-LARGEST_FRICTION = 1e4
-"""Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
-
-Newton's method solves for forces to 1e-9 of the forces that act, and the friction limit of a contact that its dashpot is about to
-open is the normal force times this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential
-force, and steps shrink without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as
-load."""
-
-
-STEP = 20.0
-"""Processor time of an implicit step of a body over that of an explicit one, the only rate that the choice rests on.
-
-With clumps of the main scene: 19 by the rates of an idle Zen 5 core, 12 measured on a loaded EPYC."""
-
-FASTER = 2.0
-"""Factor by which the implicit integrator is expected to be faster where debris meets, for `auto` to take it.
-
-The expected ratio is right to a factor of about 2, so less could be no gain; and where both take about as long, a small change of
-a scene does not change its integrator.
-"""
-
-FEW = 2e7
-"""Explicit steps of single bodies below which `auto` takes the explicit integrator where debris meets: some seconds, by which the
-implicit one takes longer to compile at the first start."""
-
-EXPLICIT_STEP = 0.9 * RAYLEIGH_FRACTION
-"""Mean explicit time step over the shortest Rayleigh time of a body: contacts shorten it."""
-
-PRESSING, PER_DIAMETER, PER_REVERSAL, BALL = 250.0, 200.0, 30.0, 0.25
-"""Implicit steps of a clump: while it settles and first slides, per diameter of drag, per reversal of a stroke. Fraction of them
-that a single sphere takes: it does not tip."""
-
-INERTIAL_STEPS, INERTIAL = 4.5, 5.0
-"""Implicit steps in a Rayleigh time of the mean body where inertia rules, as in impacts; the inertial number of a body above
-which it does. Below, the number of such steps falls with its power 3/2."""
-
-USUAL_TOLERANCE = 5e-4
-"""Tolerance of a step for which the numbers of steps hold; they grow with the inverse of its cube root."""
-
-DENSE = 0.6
-"""Fraction of the area, covered by the bodies as balls of their volumes, above which `auto` takes the explicit integrator: steps
-of both were not compared there."""
-
-IMPACTS = 0.2
-"""Inertial number of a body (`assembly.integrator`) above which `auto` takes the explicit integrator: there impacts tell
-when a body rolls or slides. At 0.1 both integrators give the same label for 98.5 % of 2000 bodies that meet, at 0.3 to 1 for 95
-to 97 % of 150, with shares of the labels that agree to 0.5 %, friction to 0.02 % and places to 0.1 % of the drag."""
 
 
 class Steps(NamedTuple):

@@ -20,6 +20,23 @@ from thirdbody.scene.schema_base import key_location
 from thirdbody.surfaces.dilation import dilation
 from thirdbody.surfaces.surface import Surface
 
+UNPLACED = (float("nan"),) * 3
+"""Position of a body before its placement."""
+
+_REFUSED = "solver.initial_overlap = 'refuse' ('relax' pushes bodies apart)"
+
+TINY = 1e-11
+"""Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
+
+CLOSED = 1.01
+"""Largest distance over the sum of radii of balls at the seam of a raft: they are packed to touch, a few per mille apart."""
+
+ABOVE = 1e-6
+"""Height above the first touch over the diameter: more than the error of `dilation`, so that nothing touches at the start."""
+
+ROUNDS = 100
+"""Largest number of rounds that lift neighbours to a common height."""
+
 
 def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
     """Return the context of one population: index, random streams, density, domain, warnings."""
@@ -75,18 +92,6 @@ def _faults_of(scene: Scene, index: int) -> Iterator[None]:
     except InputError as error:
         result = [(key_location(fault.key), fault.message) for fault in error.faults]
         raise InputError(scene.fault(("debris", index, *location), message) for location, message in result) from None
-
-
-UNPLACED = (float("nan"),) * 3
-"""Position of a body before its placement."""
-
-_REFUSED = "solver.initial_overlap = 'refuse' ('relax' pushes bodies apart)"
-
-TINY = 1e-11
-"""Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
-
-CLOSED = 1.01
-"""Largest distance over the sum of radii of balls at the seam of a raft: they are packed to touch, a few per mille apart."""
 
 
 def populate(scene: Scene, warnings: list[str], surfaces: Mapping[str, Surface] | None = None) -> Placed:
@@ -237,13 +242,6 @@ def _outside(scene: Scene, placed: Placed) -> list[Fault]:
     width, depth = (units.pretty(v, "length") for v in scene.domain.size)
     message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
     return [scene.fault(position_key(scene, placed, int(beyond[0])), message)]
-
-
-ABOVE = 1e-6
-"""Height above the first touch over the diameter: more than the error of `dilation`, so that nothing touches at the start."""
-
-ROUNDS = 100
-"""Largest number of rounds that lift neighbours to a common height."""
 
 
 def lift_bodies(scene: Scene, clumps: Sequence[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, lower: Surface) -> None:

@@ -34,6 +34,13 @@ SEED = 1
 """For a mesh file, as for debris of the kind `mesh`."""
 
 
+_ROWS = (
+    ("diameter (of equal volume)", "diameter", "length"), ("spheres per body", "spheres", "dimensionless"),
+    ("volume", "volume", "volume"), ("mass", "mass", "mass"), ("radius of the spheres", "sphere_radius", "length"),
+    ("radius where a plane touches", "contact_radius", "length"), ("  over the equivalent radius", "sharpness", "dimensionless"),
+)  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
 class Population:
     """Bodies of one population: name, kind, material, density [kg/m3], the meshes that they follow in turn, and notes."""
@@ -173,13 +180,6 @@ def shapes_report(result: list[Population], json: bool) -> None:
         if number:
             print()
         _print(entry)
-
-
-_ROWS = (
-    ("diameter (of equal volume)", "diameter", "length"), ("spheres per body", "spheres", "dimensionless"),
-    ("volume", "volume", "volume"), ("mass", "mass", "mass"), ("radius of the spheres", "sphere_radius", "length"),
-    ("radius where a plane touches", "contact_radius", "length"), ("  over the equivalent radius", "sharpness", "dimensionless"),
-)  # fmt: skip
 
 
 def _bodies(count: int) -> str:

@@ -20,6 +20,22 @@ from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.schema import BLOCKS
 
+SCENE_FILE, LOG = "scene.toml", "run.log"
+
+REPLACEMENT = ".replacement"
+
+SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
+
+FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS, LOG)
+"""Files that a run leaves in its folder, in the order in which those of a replacement are renamed."""
+
+PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})\.part",
+                             rf"\.({'|'.join(map(re.escape, FILES))})\.\d+\.part"]))  # fmt: skip
+"""Further files that a killed run may leave: those that were being written."""
+
+NAMED = 5
+"""Largest number of other files that a message names."""
+
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
@@ -44,20 +60,6 @@ def lock_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-SCENE_FILE, LOG = "scene.toml", "run.log"
-REPLACEMENT = ".replacement"
-SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
-FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS, LOG)
-"""Files that a run leaves in its folder, in the order in which those of a replacement are renamed."""
-
-PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})\.part",
-                             rf"\.({'|'.join(map(re.escape, FILES))})\.\d+\.part"]))  # fmt: skip
-"""Further files that a killed run may leave: those that were being written."""
-
-NAMED = 5
-"""Largest number of other files that a message names."""
 
 
 class RunFolder:
