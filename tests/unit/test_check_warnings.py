@@ -23,7 +23,6 @@ from thirdbody.kernels.tables import sphere
 from thirdbody.laws.contract import Material
 from thirdbody.laws.hertz import yield_limit
 from thirdbody.report import scene_check as check
-from thirdbody.report.active_components import parts
 from thirdbody.report.tables import run_report
 from thirdbody.runner.outlook import memory_of, run_warnings
 from thirdbody.runner.simulate import prepare, run
@@ -260,7 +259,7 @@ def three_spot(**settings):
 
 def test_every_installed_effect_is_on_or_off_with_a_reason():
     rolling = three_spot(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit")
-    rows = {row["part"]: row for row in parts(rolling)}
+    rows = {row["part"]: row for row in rolling.parts()}
     assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
     assert not rows["effect: damping"]["on"] and all(row["reason"] for row in rows.values())
     # weight of 1e-13 kg over .1 mN

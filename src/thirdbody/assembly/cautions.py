@@ -1,22 +1,29 @@
-"""What a built scene is warned of: effects that are off and would matter, spots that get hot or wear, dashpots of clumps."""
+"""Effects and components of a built scene, on or off and why; what it is warned of: effects that are off and would matter, spots
+that get hot or wear, dashpots of clumps."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.schedule import why_swings
 from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.state import State
 from thirdbody.kernels.tables import ONLY_LOWER, ONLY_UPPER, body, sphere
-from thirdbody.laws.contract import Material
+from thirdbody.laws.contract import Law, Material
 from thirdbody.laws.damping import HERTZ_DAMPING, damping_number, restitution_of
-from thirdbody.laws.hertz import dundurs_beta
+from thirdbody.laws.hertz import dundurs_beta, e_star, yield_force, yield_limit, yield_speed
+from thirdbody.laws.memory import MEMORY
+from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 from thirdbody.statics.contacts import response
 from thirdbody.units import pretty
+
+Part = tuple[str, bool, str]
+"""Name of an effect or a component, whether it is on, and why."""
 
 MISMATCH = 0.02
 """Dundurs' beta above which decoupling normal and tangential contact gives a warning."""
@@ -253,3 +260,96 @@ def expected_wear(choice: CompiledPhysics, state: State, upper: Upper, end: floa
     area, deepest = math.pi * upper.shared_overlap * radius * radius, loads.index(max(loads))
     depth, pair = WEAR_COEFFICIENT * loads[deepest] / area * path, choice.pairs[deepest]
     return Wear(depth, depth / (upper.shared_overlap * radius), f"{pair.a.name}/{pair.b.name}")
+
+
+def parts(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, end: float) -> list[dict[str, Any]]:
+    """Return every effect and component of a built scene: `part`, `on`, `reason`; `end`: of the run [s]."""
+    rows = [*_laws(scene, choice, state), *_effects(choice, state, upper, end), *_machinery(scene, choice, state, upper)]
+    return [{"part": part, "on": bool(on), "reason": reason} for part, on, reason in rows]
+
+
+def _laws(scene: Scene, choice: CompiledPhysics, state: State) -> list[Part]:
+    rows = [(f"{law.stage}: {law.name}", True, f"of the level {choice.level}") for law in choice.chain.laws]
+    if (memory := choice.memory) is not None:
+        given = scene.contact.options.get(MEMORY.name, MEMORY.default) != MEMORY.default
+        reason = "contact.memory" if given else why_swings(scene) or "no motion or load of a plate turns"
+        rows.append((f"memory: {memory}", True, reason))
+    rows += [(f"adhesion of {pair}", True, text) for pair, text, _ in adhesion_remarks(choice, state)]
+    return rows + [(name, False, "no pair requires it") for name in choice.off]
+
+
+def _effects(choice: CompiledPhysics, state: State, upper: Upper, end: float) -> list[Part]:
+    registry = discover()
+    on = {effect.name for effect in choice.other_effects} | {law.name for law in choice.chain.laws}
+    rows, reasons = [], {True: "the scene names it", False: "the scene does not name it"}
+    for name, effect in registry.effects.items():
+        if isinstance(effect, Law) and name in on:
+            continue  # reported as a law
+        reason = reasons[name in on]
+        if name == "gravity" and name not in on and math.isfinite(weight := weight_over_load(state, upper)):
+            reason = f"weight/load = {weight:.1g}; effects.gravity switches it on"
+        rows.append((f"effect: {name}", name in on, reason))
+    for name in registry.measures:
+        named = name in {measure.name for measure in choice.measures}
+        reason = reasons[named]
+        if name == HEAT and (heat := expected_heat(choice, state, upper)) is not None:
+            reason += f"; a spot of {heat.pair} gets {heat.excess:.1g} K hotter at the top speed"
+        if name == WEAR and (wear := expected_wear(choice, state, upper, end)) is not None:
+            reason += f"; a spot of {wear.pair} that slides all the way wears by some {pretty(wear.depth, 'length')}"
+        rows.append((f"measure: {name}", named, reason))
+    return rows
+
+
+def _machinery(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper) -> list[Part]:
+    plate, meet = state.world.upper, state.world.debris_meets
+    declared = scene.contact.debris_contact == "none"
+    why = "bodies may meet" if meet else "contact.debris_contact = 'none'" if declared else "no two bodies can meet"
+    return [
+        ("motion of bodies and their spheres", True, "always"),
+        ("contact geometry", True, "always"),
+        ("debris-debris contact", meet, why),
+        ("labels", choice.labeller is not None, choice.labeller.name if choice.labeller else "no labeller is installed"),
+        ("foundation", plate is not None and plate.foundation is not None, "plates.upper.support"),
+        ("rolling resistance's moments", state.physics.moments, "a law of the stage rolling"),
+        ("first yield", True, _yield_reason(choice, state, upper)),
+        ("elastic interaction of spots", len(state.physics.interaction) > 0, _spots_reason(choice, state, upper)),
+    ]
+
+
+def _yield_reason(choice: CompiledPhysics, state: State, upper: Upper) -> str:
+    """Return the expected peak pressure of a sphere of median radius, by the pair with the highest, and how yield is treated."""
+    shared, n = upper.shared_overlap, len(choice.pairs)
+    given = [m.name for m in choice.materials if m.yield_strength]
+    source = f"yield strength of {', '.join(given)} from the scene" if given else "yield strengths assumed, E/100"
+    source += ", others assumed" if 0 < len(given) < len(choice.materials) else ""
+    median, expected = float(np.median(state.spheres.radius)), ""
+    if shared > 0.0:
+        radius = np.full(n, median)
+        pressure = float(response(state.physics, shared * radius, radius, np.arange(n)).pressure.max())
+        expected = f"expected peak pressure {pretty(pressure, 'pressure')}; " if pressure > 0.0 else ""
+    how = "contacts flow" if choice.physics.loss == "plastic" else "a warning, no plastic flow"
+    return f"{expected}{source}: {how}; {_onset(choice, median)}"
+
+
+def _onset(choice: CompiledPhysics, radius: float) -> str:
+    onsets = []
+    for pair, row in zip(choice.pairs, choice.rows, strict=True):
+        modulus, limit = e_star(pair.a, pair.b), yield_limit(pair.a, pair.b)
+        pressure = row[0].yield_pressure if choice.physics.loss == "plastic" else limit.pressure
+        softer = pair.a if pair.a.name == limit.material else pair.b
+        speed = yield_speed(modulus, pressure, softer.density)
+        onsets.append((yield_force(radius, modulus, pressure), speed, pressure, modulus, f"{pair.a.name}/{pair.b.name}"))
+    force, speed, pressure, modulus, names = min(onsets)
+    if not pressure < modulus:
+        return "no material is known to yield"
+    where = f"on a sphere of {pretty(radius, 'length')} against a plane, or at {pretty(speed, 'velocity')} in its impact"
+    return f"{names} yields at {pretty(pressure, 'pressure')}: from {pretty(force, 'force')} {where}"
+
+
+def _spots_reason(choice: CompiledPhysics, state: State, upper: Upper) -> str:
+    if choice.interactions:
+        return f"the scene names {choice.interactions[0].name}"
+    fraction, distance = neighbours(state, upper)
+    if fraction == 0.0:
+        return "no two spots of a body are known to touch before the load comes"
+    return f"the nearest are {distance:.1f} contact radii apart: {100.0 * fraction:.1g} % of the overlap is neglected"

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, cast
 from thirdbody.granular_flow import LAYERS, inertia_verdict
 from thirdbody.kernels.tables import patch
 from thirdbody.quantity import duration, file_size
-from thirdbody.report.active_components import parts
 from thirdbody.report.tables import table
 from thirdbody.runner.outlook import memory_of, outlook
 from thirdbody.runner.simulate import check_call, debris_contact, prepare
@@ -104,7 +103,7 @@ def _report_at_start(built: Simulation) -> dict[str, Any]:
             }
             for pair, row in zip(choice.pairs, choice.rows, strict=True)
         ],
-        "parts": parts(built),
+        "parts": built.parts(),
         "effects": {
             "on": [{"effect": effect.name, "source": effect.source} for effect in choice.other_effects],
             "debris_contact": debris_contact(built),
