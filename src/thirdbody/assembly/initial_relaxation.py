@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,10 +58,6 @@ class RelaxedStart:
     overlap_after: float
     expected_overlap: float
     height_gain: float
-
-    def document(self) -> dict[str, Any]:
-        """Return the values by name."""
-        return asdict(self)
 
     def text(self, n_bodies: int) -> str:
         """Describe the change in one line."""

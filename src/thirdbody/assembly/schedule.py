@@ -140,26 +140,22 @@ def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str)
     scales = _header(lines[0][1] if lines else [], word, dimension, fault)
     rows: list[tuple[float, float]] = []
     for number, row in lines[1:]:
-        rows.append(_row(row, scales, lambda message, number=number: fault(f"line {number}: {message}")))  # type: ignore[misc]
-        if dimension == "force" and rows[-1][1] < 0.0:
+        try:
+            t, x = (float(cell) * scale for cell, scale in zip(row, scales, strict=True))
+        except ValueError:
+            raise fault(f"line {number}: expected 2 numbers, got {', '.join(row)}") from None
+        if not (math.isfinite(t) and math.isfinite(x)):
+            raise fault(f"line {number}: not a finite number")
+        if dimension == "force" and x < 0.0:
             raise fault(f"line {number}: a load is never negative")
-        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+        if rows and t <= rows[-1][0]:
             raise fault(f"line {number}: times must grow")
+        rows.append((t, x))
     if len(rows) < 2:
         raise fault("needs at least two rows")
     if rows[0][0] != 0.0 or (dimension == "length" and rows[0][1] != 0.0):
         raise fault("the first row must be time 0" + (f", {word} 0" if dimension == "length" else ""))
     return rows
-
-
-def _row(cells: list[str], scales: tuple[float, float], fault: Callable[[str], InputError]) -> tuple[float, float]:
-    try:
-        t, x = (float(cell) * scale for cell, scale in zip(cells, scales, strict=True))
-    except ValueError:
-        raise fault(f"expected 2 numbers, got {', '.join(cells)}") from None
-    if not (math.isfinite(t) and math.isfinite(x)):
-        raise fault("not a finite number")
-    return t, x
 
 
 def _header(cells: list[str], word: str, dimension: str, fault: Callable[[str], InputError]) -> tuple[float, float]:

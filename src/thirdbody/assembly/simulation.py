@@ -18,14 +18,7 @@ from thirdbody.assembly.integrator import Plan, examine_inertia, implicit, plan,
 from thirdbody.assembly.physics import CompiledPhysics, compile_physics
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.schedule import schedule
-from thirdbody.assembly.surfaces import (
-    SurfaceScales,
-    plate_surfaces,
-    refuse_curvature,
-    surface_notes,
-    surface_scales,
-    with_surfaces,
-)
+from thirdbody.assembly.surfaces import SurfaceScales, plate_surfaces, refuse_curvature, surface_scales, with_surfaces
 from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.placed import in_columns
 from thirdbody.engine.state import State, World, assemble
@@ -183,7 +176,8 @@ def build(
     rough = plate_surfaces(scene)
     choice = compile_physics(scene, registry)
     refuse_curvature(scene, rough, choice.chain.laws)
-    warnings = [*unusual_values(scene), *surface_notes(rough), *similarity_warnings(choice)]
+    notes = (f"{side} plate: {note}" for side, surface in rough.items() for note in surface.notes)
+    warnings = [*unusual_values(scene), *notes, *similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")

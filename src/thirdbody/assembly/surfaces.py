@@ -86,11 +86,6 @@ def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
     )  # fmt: skip
 
 
-def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:
-    """Return what was done to the measured surfaces, in words."""
-    return [f"{side} plate: {note}" for side, surface in surfaces.items() for note in surface.notes]
-
-
 def _surface(scene: Scene, given: SelfAffine | Waves | SurfaceFile, stream: int) -> Surface:
     size = scene.domain.size
     if isinstance(given, SurfaceFile):

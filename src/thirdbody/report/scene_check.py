@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -117,7 +118,7 @@ def _report_at_start(built: Simulation) -> dict[str, Any]:
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.shared_overlap,
-        "initial_overlap": built.relaxed.document() if built.relaxed else None,
+        "initial_overlap": asdict(built.relaxed) if built.relaxed else None,
         "memory": memory_of(built),
     }
 

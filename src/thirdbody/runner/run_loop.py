@@ -113,16 +113,13 @@ class RunLoop:
         for target in islice(targets(simulation), self.reached, None):
             self.settling.advance(target, lambda time, path: integrator.advance_to(time, path, self._watch, self._stop_or_save))
             self.reached += 1
-            if target[2] and self._moved():
+            # one explicit step may pass several outputs
+            if target[2] and simulation.state.time > self.series["time"]:
                 self._write()
             elif integrator.divisible:
                 self._report_progress({})
             self._stop_or_save()
         self.export_state()
-
-    def _moved(self) -> bool:
-        """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
-        return self.simulation.state.time > self.series["time"]
 
     def _begin_drag(self) -> None:
         """Have means over time, and over the output interval, begin with the drag."""
@@ -132,24 +129,21 @@ class RunLoop:
             self.means.finish()
 
     def export_state(self) -> None:
-        """Write a checkpoint."""
+        """Write a checkpoint of the present state, without copies."""
         begun = time.perf_counter()
-        checkpoint = self._checkpoint()
-        self.writer.sync()
-        self.files.check()
-        write_checkpoint(self.files.work_folder, checkpoint, self.folder)
-        self.written = time.perf_counter()
-        self.cost = self.written - begun
-
-    def _checkpoint(self) -> Checkpoint:
         saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         folder = str(self.simulation.scene.beside("").absolute())
-        return Checkpoint(
+        checkpoint = Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.energy_guard.above, np.array(self.maker.impulses), saved, self.means.export_state() if self.means else {},
             self.pressure.export_state(), {name: np.asarray(value).tolist() for name, value in self.series.items()},
             self.maker.interval, self.settling.export_state(),
         )  # fmt: skip
+        self.writer.sync()
+        self.files.check()
+        write_checkpoint(self.files.work_folder, checkpoint, self.folder)
+        self.written = time.perf_counter()
+        self.cost = self.written - begun
 
     def _watch(self) -> None:
         """Check the energy and sample, at instants independent of the wall time since both belong to the result."""

@@ -8,6 +8,7 @@ import threading
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -326,7 +327,7 @@ def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardS
         "frames": frames,
         "bodies": state.n_bodies,
         "spheres": state.n_spheres,
-        **({"initial_overlap": simulation.relaxed.document()} if simulation.relaxed else {}),
+        **({"initial_overlap": asdict(simulation.relaxed)} if simulation.relaxed else {}),
         **integration,
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
