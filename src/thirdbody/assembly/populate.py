@@ -10,13 +10,13 @@ from thirdbody import units
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
 from thirdbody.bodies.clump import Clump, impossible_moments
 from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.debris.contract import UPRIGHT, PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError, UsageError
 from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
-from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext, RandomStreams
-from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import key_location
+from thirdbody.schema.fields import AT_REST
+from thirdbody.schema.parts import key_location
 from thirdbody.surfaces.dilation import dilation
 from thirdbody.surfaces.surface import Surface
 

@@ -27,9 +27,8 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.tables import EVERYTHING
 from thirdbody.laws.contract import Labeller
 from thirdbody.laws.registry import Registry, discover
-from thirdbody.scene.cross_checks import too_long, too_long_message
+from thirdbody.scene.checks import too_long, too_long_message, unusual_values
 from thirdbody.scene.model import Scene
-from thirdbody.scene.plausibility import unusual_values
 from thirdbody.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -177,7 +176,7 @@ def build(
     choice = compile_physics(scene, registry)
     refuse_curvature(scene, rough, choice.chain.laws)
     notes = (f"{side} plate: {note}" for side, surface in rough.items() for note in surface.notes)
-    warnings = [*unusual_values(scene), *notes, *similarity_warnings(choice)]
+    warnings = [*unusual_values(scene.materials, scene.pairs), *notes, *similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")

@@ -14,8 +14,8 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import CAN_SLIDE, NO_FORECAST
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
-from thirdbody.quantity import percent
 from thirdbody.trajectory.reader import Run
+from thirdbody.units import percent
 
 WATCHED = 40.0
 """Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""

@@ -10,7 +10,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import UsageError, nearest
 from thirdbody.laws.contract import Option
 from thirdbody.laws.measures import layout_of
@@ -20,6 +19,7 @@ from thirdbody.scene.keys import Key, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
 from thirdbody.trajectory.names import COUNT, FRACTION, SERIES, TABLES, Name
+from thirdbody.units import DIMENSIONS
 
 KEY_HEADINGS = ("key", "for", "value", "unit", "default", "meaning", "example")
 NAME_HEADINGS = ("name", "unit", "meaning")

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 from thirdbody.granular_flow import LAYERS, inertia_verdict
 from thirdbody.kernels.tables import patch
-from thirdbody.quantity import duration, file_size
 from thirdbody.report.tables import table
 from thirdbody.runner.outlook import memory_of, outlook
 from thirdbody.runner.simulate import check_call, debris_contact, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.scene.toml_writer import toml_text
+from thirdbody.schema.write import toml_text
 from thirdbody.system.terminal import PrintableStream, print_line
-from thirdbody.units import pretty
+from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -15,15 +15,14 @@ from thirdbody.bodies.asperities import summit_radii
 from thirdbody.bodies.clump import matrix_from_quaternion
 from thirdbody.bodies.mesh import SUFFIXES, load_mesh, mass_properties
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
+from thirdbody.debris.mesh import MeshShape, meshes_in
+from thirdbody.debris.registry import DebrisKinds
 from thirdbody.errors import InputError, UsageError, nearest
-from thirdbody.quantity import with_unit
 from thirdbody.report.tables import print_json, table
-from thirdbody.scene.debris.kinds.mesh import MeshShape, meshes_in
-from thirdbody.scene.debris.registry import DebrisKinds
 from thirdbody.scene.keys import table_keys
 from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
-from thirdbody.units import parse, pretty
+from thirdbody.units import parse, pretty, with_unit
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.engine.candidates import AllRows, Candidates
-from thirdbody.engine.energy import Ledger
 from thirdbody.engine.explicit import Explicit
+from thirdbody.engine.guards import Ledger
 from thirdbody.engine.islands import expected_islands
 from thirdbody.engine.neighbours import update_closest_points
 from thirdbody.errors import GuardStop, OutputError
 from thirdbody.kernels.minima import MOVED, MOVED_TOUCHING, update
 from thirdbody.kernels.tables import run_totals, sphere, surface_contact
-from thirdbody.quantity import duration, file_size
 from thirdbody.runner.measurements import PeakPressure, selection_of
 from thirdbody.runner.simulate import run_header
 from thirdbody.runner.stops import planned_frames, settling_frames
@@ -28,7 +27,7 @@ from thirdbody.trajectory.output_selection import CLUMPS, CONTACTS, SPHERES, Sel
 from thirdbody.trajectory.reader import FILE_NAME
 from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
-from thirdbody.units import pretty
+from thirdbody.units import duration, file_size, pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -327,7 +326,8 @@ def memory_of(built: Simulation) -> int:
         while isinstance(each.base, np.ndarray):  # the array whose memory a view shows
             each = each.base
         tables[id(each)] = each.nbytes
-    return sum(tables.values()) + built.state.slots.rows.expected_bytes(built.state.n_bodies)
+    expected = getattr(built.state.slots.rows, "expected_bytes", lambda bodies: 0)  # `ClosedRows` have them
+    return sum(tables.values()) + expected(built.state.n_bodies)
 
 
 def _tables(owner: object) -> Iterator[np.ndarray]:

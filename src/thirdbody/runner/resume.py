@@ -17,7 +17,7 @@ from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
 from thirdbody.runner.simulate import check_call, check_threads, prepare, run_with_warnings
 from thirdbody.runner.stops import targets
 from thirdbody.scene.model import Scene
-from thirdbody.scene.read import read_text
+from thirdbody.schema.read import read_text
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:
