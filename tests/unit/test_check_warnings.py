@@ -14,6 +14,7 @@ import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.api import run
 from thirdbody.assembly.cautions import adhesion_warnings, expected_heat, expected_wear, neighbours
 from thirdbody.assembly.plate_load import refuse_crushing, times
 from thirdbody.assembly.simulation import build
@@ -25,7 +26,7 @@ from thirdbody.laws.hertz import yield_limit
 from thirdbody.report import scene_check as check
 from thirdbody.report.tables import run_report
 from thirdbody.runner.outlook import memory_of, run_warnings
-from thirdbody.runner.simulate import prepare, run
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

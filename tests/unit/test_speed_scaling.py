@@ -9,6 +9,7 @@ import pytest
 from each import each
 from steel import scene_text
 
+from thirdbody.api import resume, run
 from thirdbody.assembly.bed import Bed
 from thirdbody.assembly.schedule import schedule
 from thirdbody.assembly.simulation import build
@@ -16,9 +17,8 @@ from thirdbody.engine.upper_plate import at_time
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.report.scene_check import Check, check_report
 from thirdbody.runner.outlook import speed_report
-from thirdbody.runner.resume import resume
 from thirdbody.runner.run_loop import WallTimes
-from thirdbody.runner.simulate import execute, prepare, run
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.speed import at_speed
 from thirdbody.trajectory.reader import open_run

@@ -14,7 +14,7 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import CAN_SLIDE, NO_FORECAST
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.units import percent
 
 WATCHED = 40.0
@@ -34,7 +34,7 @@ MIN_FRAMES = 8
 ROLLING, SLIDING = "rolling", "sliding"
 
 
-def compare_forecast(run: Run) -> dict[str, Any]:
+def compare_forecast(run: RunFile) -> dict[str, Any]:
     """Compare the forecast at the start of the drag (can the body go on without rolling?) with rolling labels within 40 a.
 
     Keys: `frame` of the forecast, `agree`, `forecast` (number of bodies forecast and watched), `unwatched` (bodies without any
@@ -60,7 +60,7 @@ def compare_forecast(run: Run) -> dict[str, Any]:
     return result | (_explanation(run, start, watched, known) if known.any() else {})
 
 
-def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+def _explanation(run: RunFile, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
     """Return the explanation of an agreement: counts outside the band, with and without neighbours, and the run's conditions.
 
     Keys: `clear` and `alone`, (agree, forecast) of the bodies outside the 2 % band and of those that meanwhile touch no other;
@@ -80,7 +80,7 @@ def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -
     }
 
 
-def forecasts(run: Run) -> Forecasts:
+def forecasts(run: RunFile) -> Forecasts:
     """Return the bodies that have a forecast when the drag starts, for the picture; none without a forecast or a drag."""
     start, known = start_of_drag(run), np.zeros(0, int)
     if start is not None:
@@ -99,16 +99,16 @@ def forecasts(run: Run) -> Forecasts:
 
 def draw_forecast(path: Path, picture: Path) -> None:
     """Draw forecast against observation of the run at `path`. Raises like `draw_forecasts`, InputError without either."""
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(path) as run:
+    with RunFile(path) as run:
         result = forecasts(run)
         if not len(result.body):
             raise InputError(f"{run.path}: nothing to draw: no body has a forecast, or there is no drag")
         draw_forecasts(result, picture, run.header.get("title", ""))
 
 
-def start_of_drag(run: Run) -> int | None:
+def start_of_drag(run: RunFile) -> int | None:
     """Return the frame at which the drag starts; None when the run has no forecast, no contacts or no drag."""
     if not run.has_contacts:
         return None
@@ -117,12 +117,12 @@ def start_of_drag(run: Run) -> int | None:
     return run.drag.start if run.drag.dragged else None
 
 
-def _was(run: Run, state: str, watched: np.ndarray) -> np.ndarray:
+def _was(run: RunFile, state: str, watched: np.ndarray) -> np.ndarray:
     """Return whether each body (B,) was in the state at some time of its first 40 a of drag."""
     return ((run.states == run.state_names.index(state)) & watched).any(axis=0)
 
 
-def rolled_within(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
+def rolled_within(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray:
     """Return whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
 
     A positive rolled distance reveals rolling between frames: a body that tips onto a better seat does so within a micrometre.
@@ -138,7 +138,7 @@ def rolled_within(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
     return rolled
 
 
-def _rotated(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
+def _rotated(run: RunFile, start: int, watched: np.ndarray) -> np.ndarray | None:
     """Return whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
 
     None for a file without orientations.
@@ -158,7 +158,7 @@ def _rotated(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
     return rotated
 
 
-def watched_frames(run: Run, start: int) -> np.ndarray:
+def watched_frames(run: RunFile, start: int) -> np.ndarray:
     """Return the frames (F, B) after the start of the drag within 40 a of each body, over which its forecast is checked."""
     distance, contacts = run.series["distance"], run.contacts(start)
     radius = np.zeros(run.states.shape[1])
@@ -166,7 +166,7 @@ def watched_frames(run: Run, start: int) -> np.ndarray:
     return (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
 
 
-def plate_friction(run: Run) -> np.ndarray:
+def plate_friction(run: RunFile) -> np.ndarray:
     """Return the friction coefficients (2, M) of each material against the lower and the upper plate."""
     scene = tomllib.loads(run.scene_text)
     of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}
@@ -185,7 +185,7 @@ class Condition(NamedTuple):
     satisfied: bool
 
 
-def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
+def conditions(run: RunFile, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
     """Return the assumptions, each evaluated for the run.
 
     `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `report` (B,) the bodies
@@ -209,7 +209,7 @@ def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, fr
     ]  # fmt: skip
 
 
-def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
+def touches_others(run: RunFile, watched: np.ndarray) -> np.ndarray:
     """Return the bodies (B,) that touch another body in a frame in which they are watched."""
     result = np.zeros(watched.shape[1], bool)
     for frame in np.flatnonzero(watched.any(axis=1)):
@@ -220,14 +220,14 @@ def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
     return result
 
 
-def _overlap(run: Run, start: int) -> float:
+def _overlap(run: RunFile, start: int) -> float:
     """Return the median of overlap over radius of curvature of the loaded contacts: a^2 = R overlap, Hertz."""
     contacts = run.contacts(start)
     loaded = contacts["contact_radius"] > 0.0
     return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
 
 
-def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> float:
+def _inertia(run: RunFile, start: int, report: np.ndarray, friction: np.ndarray) -> float:
     """Return the median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
     bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
     load, radius = np.zeros(count), np.zeros(count)
@@ -241,7 +241,7 @@ def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> 
     return float(np.median(ratio))
 
 
-def _reversed_fraction(run: Run, start: int, watched: np.ndarray) -> float:
+def _reversed_fraction(run: RunFile, start: int, watched: np.ndarray) -> float:
     """Return the fraction of the watched drag that is reversed: 0 for one-way sliding."""
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
@@ -253,7 +253,7 @@ def _reversed_fraction(run: Run, start: int, watched: np.ndarray) -> float:
     return reversed_fraction if reversed_fraction > ROUNDED else 0.0
 
 
-def _support(run: Run) -> tuple[str, bool]:
+def _support(run: RunFile) -> tuple[str, bool]:
     """Return the support of the upper plate in words, and whether it yields to each body: else a tipping body wedges."""
     upper = tomllib.loads(run.scene_text).get("plates", {}).get("upper", {})
     support = str(upper.get("support", "rigid")).replace("_", " ")

@@ -25,7 +25,7 @@ from thirdbody.kernels.tables import DEBRIS, UPPER
 from thirdbody.report.forecast import WATCHED, plate_friction, rolled_within, start_of_drag, watched_frames
 from thirdbody.report.tables import print_json, table
 from thirdbody.system.terminal import print_line
-from thirdbody.trajectory.reader import Run, open_run
+from thirdbody.trajectory.run_file import RunFile
 
 IMPOSSIBLE, POSSIBLE, UNDECIDED = 0, 1, 2
 
@@ -135,7 +135,7 @@ class SlopeForecast(NamedTuple):
     supported: np.ndarray
 
 
-def slope_forecast(run: Run, frame: int, drag: np.ndarray) -> SlopeForecast:
+def slope_forecast(run: RunFile, frame: int, drag: np.ndarray) -> SlopeForecast:
     """Return the forecast of all bodies in a frame; `drag` (2,): direction of the upper plate relative to the lower one."""
     bodies, contacts = run.bodies(frame), run.contacts(frame)
     count = len(bodies["position"])
@@ -166,7 +166,7 @@ def slope_forecast(run: Run, frame: int, drag: np.ndarray) -> SlopeForecast:
     return SlopeForecast(stick, slide, supported)
 
 
-def _acceleration(run: Run) -> np.ndarray:
+def _acceleration(run: RunFile) -> np.ndarray:
     """Return the acceleration of gravity (3,) [m/s2] of a run's scene."""
     if "gravity" not in tomllib.loads(run.scene_text).get("effects", {}):
         return np.zeros(3)
@@ -177,7 +177,7 @@ def _acceleration(run: Run) -> np.ndarray:
 
 def slopes_report(path: Path, frame: int | None, json: bool) -> None:
     """Print the forecast of one frame, by default that at which the drag starts. Raises InputError where there is none."""
-    with open_run(path) as run:
+    with RunFile(path) as run:
         start = start_of_drag(run)
         if start is None:
             raise InputError(f"{run.path}: no forecast: it needs labels, contacts and a drag between two plates")
@@ -199,7 +199,7 @@ def slopes_report(path: Path, frame: int | None, json: bool) -> None:
             _print(run, result)
 
 
-def direction(run: Run, frame: int) -> np.ndarray:
+def direction(run: RunFile, frame: int) -> np.ndarray:
     """Return the unit direction (2,) of the upper plate relative to the lower one, from a frame to the next, or to the last."""
     first = min(frame, run.frames - 2)
     now, then = (run.plates(k)["position"] for k in (first, first + 1))
@@ -210,7 +210,7 @@ def direction(run: Run, frame: int) -> np.ndarray:
     return np.asarray(moved / length)
 
 
-def verdicts(run: Run, frame: int, forecast: SlopeForecast) -> dict[str, Any]:
+def verdicts(run: RunFile, frame: int, forecast: SlopeForecast) -> dict[str, Any]:
     """Return, by state at the frame, the numbers of bodies that can, cannot, or are not known to stick and to slide."""
     states = run.states[frame]
     return {
@@ -223,7 +223,7 @@ def verdicts(run: Run, frame: int, forecast: SlopeForecast) -> dict[str, Any]:
     }
 
 
-def outcome(run: Run, start: int, forecast: SlopeForecast) -> dict[str, list[int]]:
+def outcome(run: RunFile, start: int, forecast: SlopeForecast) -> dict[str, list[int]]:
     """Return how many bodies of each verdict on sliding rolled within `WATCHED` contact radii of drag, and how many did not."""
     watched = watched_frames(run, start)
     rolled, visible = rolled_within(run, start, watched), watched.any(axis=0) & forecast.supported
@@ -233,7 +233,7 @@ def outcome(run: Run, start: int, forecast: SlopeForecast) -> dict[str, list[int
     }
 
 
-def _print(run: Run, result: dict[str, Any]) -> None:
+def _print(run: RunFile, result: dict[str, Any]) -> None:
     print_line(
         f"frame {result['frame']}: {result['supported']} of {run.states.shape[1]} bodies are held by both plates and touch no "
         "other; forecast on the slopes of their contacts, by linear programmes"

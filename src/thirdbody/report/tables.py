@@ -16,7 +16,7 @@ from thirdbody.system.terminal import print_line, terminal_of
 from thirdbody.units import duration, percent, pretty, quantity_text
 
 if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+    from thirdbody.trajectory.run_file import RunFile
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -64,9 +64,9 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(folder) as result:
+    with RunFile(folder) as result:
         report = result.summary()
         files = sorted(str(path) for path in folder.iterdir())
         if json:
@@ -84,9 +84,9 @@ def run_report(folder: Path, json: bool) -> None:
         print_warnings(text for text in result.warnings if text not in before)
 
 
-def _rows_before_states(run: Run, report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _rows_before_states(run: RunFile, report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     from thirdbody.runner.verdicts import step_words
-    from thirdbody.trajectory.bed_verdict import bed_rows
+    from thirdbody.trajectory.bed import bed_rows
 
     yield "wall time", f"{report['wall_time']:.1f} s"
     yield "steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"
@@ -106,8 +106,8 @@ def _rows_before_states(run: Run, report: Mapping[str, Any]) -> Iterator[tuple[s
 
 def _rows_after_states(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     from thirdbody.runner.verdicts import yield_words
-    from thirdbody.trajectory.accommodation_fractions import accommodation_text
-    from thirdbody.trajectory.state_groups import fractions_text, informative_groups
+    from thirdbody.trajectory.bed import accommodation_text
+    from thirdbody.trajectory.states import fractions_text, informative_groups
 
     for _, rows in informative_groups({kind: report.get(f"{kind}s", []) for kind in ("population", "material")}):
         for row in rows:
@@ -123,8 +123,8 @@ def _rows_after_states(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"
 
 
-def _print_groups(run: Run, frame: int) -> None:
-    from thirdbody.trajectory.state_groups import informative_groups, states_by_group
+def _print_groups(run: RunFile, frame: int) -> None:
+    from thirdbody.trajectory.states import informative_groups, states_by_group
 
     headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
     for kind, rows in informative_groups(states_by_group(run, frame)):
@@ -143,9 +143,9 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
 
     Raises InputError when the frame or the labels are missing, or the cycles that give a rate.
     """
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import RunFile
 
-    with open_run(path) as run:
+    with RunFile(path) as run:
         if run.frames and "state" not in run.bodies(0):
             raise InputError(f"{run.path}: this run recorded no states: its bodies were not labelled")
         if frame is None:
@@ -154,10 +154,9 @@ def states_report(path: Path, frame: int | None, json: bool, cycles: float | Non
             _states_of_bodies(run, frame, json)
 
 
-def _states_over_frames(run: Run, json: bool, cycles: float | None) -> None:
+def _states_over_frames(run: RunFile, json: bool, cycles: float | None) -> None:
     from thirdbody.report.forecast import compare_forecast
-    from thirdbody.trajectory.run_summary import state_counts
-    from thirdbody.trajectory.state_groups import states_by_group
+    from thirdbody.trajectory.states import state_counts, states_by_group
 
     names = run.state_names
     counts = state_counts(run) if run.frames else {}
@@ -238,12 +237,12 @@ def _of(agree: int, report: int) -> str:
     return f"{agree} of {report}" + (f" ({100.0 * agree / report:.1f} %)" if report else "")
 
 
-def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
+def _states_of_bodies(run: RunFile, frame: int, json: bool) -> None:
     try:
         bodies = run.bodies(frame)
     except IndexError as error:
         raise InputError(f"--frame {frame}: {error}") from None
-    from thirdbody.trajectory.state_groups import code_name
+    from thirdbody.trajectory.states import code_name
 
     margins = [name for name in bodies if name.startswith("margin_")]
     several = "population" in bodies and len(np.unique(bodies["population"])) > 1
@@ -275,12 +274,12 @@ def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reason
     return result
 
 
-def map_report(run: Run, cycles: float | None) -> dict[str, list[dict[str, Any]]]:
+def map_report(run: RunFile, cycles: float | None) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of `Run.map_statistics` by what they are of: the run, and so many cycles; one where there is a rate.
 
     Raises InputError for cycles without a rate, or without maps.
     """
-    from thirdbody.trajectory.map_statistics import NO_MAPS
+    from thirdbody.trajectory.summary import NO_MAPS
 
     if cycles is not None and not run.map_units:
         raise InputError(f"{run.path}: cycles: {NO_MAPS}")

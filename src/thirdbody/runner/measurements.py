@@ -19,13 +19,11 @@ from thirdbody.runner.stops import settling_frames
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.accommodation import accommodation, has_accommodation
 from thirdbody.trajectory.bed_measures import BedMeasures
-from thirdbody.trajectory.frame import FrameMaker
-from thirdbody.trajectory.frame_contacts import FrameContacts
-from thirdbody.trajectory.interval_means import IntervalMeans, Sampler, body_velocities
+from thirdbody.trajectory.contacts import FrameContacts
+from thirdbody.trajectory.frame import ALL, ALWAYS, FrameMaker, Selection
 from thirdbody.trajectory.names import LOWER_PLATE, UPPER_PLATE
-from thirdbody.trajectory.output_selection import ALL, ALWAYS, Selection
 from thirdbody.trajectory.profiles import AXES, Profiler
-from thirdbody.trajectory.sample import sample_of
+from thirdbody.trajectory.sampling import IntervalMeans, Sampler, body_velocities, sample_of
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation

@@ -22,10 +22,9 @@ from thirdbody.kernels.tables import run_totals, sphere, surface_contact
 from thirdbody.runner.measurements import PeakPressure, selection_of
 from thirdbody.runner.simulate import run_header
 from thirdbody.runner.stops import planned_frames, settling_frames
-from thirdbody.trajectory.frame import FrameMaker
-from thirdbody.trajectory.output_selection import CLUMPS, CONTACTS, SPHERES, Selection
-from thirdbody.trajectory.reader import FILE_NAME
-from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.frame import CLUMPS, CONTACTS, SPHERES, FrameMaker, Selection
+from thirdbody.trajectory.names import Frame
+from thirdbody.trajectory.open_file import FILE_NAME
 from thirdbody.trajectory.writer import TrajectoryWriter
 from thirdbody.units import duration, file_size, pretty
 

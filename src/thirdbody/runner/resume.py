@@ -12,13 +12,13 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.tables import run_totals
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.checkpoint import THE_INTEGRATOR, THE_VERSION, Checkpoint, prints_of, read_checkpoint
-from thirdbody.runner.progress import Reporter
 from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
-from thirdbody.runner.simulate import check_call, check_threads, prepare, run_with_warnings
+from thirdbody.runner.simulate import prepare
 from thirdbody.runner.stops import targets
 from thirdbody.scene.model import Scene
 from thirdbody.schema.read import read_text
-from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.run_file import RunFile
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -28,53 +28,6 @@ EVEN = 1.0 + 1e-9
 
 LONGER = ("solver.distance", "solver.duration")
 """Keys that may differ from the first part of the run: its length."""
-
-
-def resume(
-    out: str | Path | Run,
-    threads: int | None = None,
-    progress: bool | Reporter = True,
-    *,
-    settings: Mapping[str, Any] | None = None,
-    plugins: Iterable[str | Path] = (),
-) -> Run:
-    """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
-
-    Parameters
-    ----------
-    out : str, Path or Run
-        Folder of the run, its file run.vtkhdf, or a `Run`, whose open files stay readable.
-    threads, progress
-        As for `run`.
-    settings : dict, optional
-        A longer `solver.distance` or `solver.duration`, with which a finished run goes on. Its old end remains a stop, which ends
-        steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
-    plugins : iterable of str or Path
-        Python files that the run was started with.
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    InputError
-        There is no valid checkpoint, or the scene, a law or an input file has changed.
-    UsageError, OutputError, GuardStop, Interrupted
-        As for `run`.
-
-    Examples
-    --------
-    >>> run = thirdbody.resume("runs/example", progress=False, settings={"solver.distance": "0.2 um"})
-    >>> run.summary()["distance"] > 0.19e-6
-    True
-    """
-    check_call(plugins, progress)
-    path = out.path if isinstance(out, Run) else Path(out)
-    folder = path.parent if path.name == FILE_NAME else path
-    notes = check_threads(threads)
-    simulation, saved = prepare_resume(folder, settings or {}, plugins)
-    return run_with_warnings(simulation, folder, threads, progress, notes, checkpoint=saved)
 
 
 def prepare_resume(
@@ -88,7 +41,7 @@ def prepare_resume(
     plugins = tuple(plugins)
     before, scene = _scenes(folder, saved, settings or {}, plugins)
     if saved.frames:
-        with open_run(folder) as run:
+        with RunFile(folder) as run:
             if run.frames < saved.frames:
                 message = f"has {run.frames} frames, and the checkpoint was written after {saved.frames}"
                 raise InputError(f"{folder / FILE_NAME}: {message}")

@@ -17,8 +17,8 @@ from thirdbody.atomic_files import write_whole
 from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
+from thirdbody.trajectory.names import BLOCKS
 from thirdbody.trajectory.open_file import FILE_NAME
-from thirdbody.trajectory.schema import BLOCKS
 
 SCENE_FILE, LOG = "scene.toml", "run.log"
 

@@ -6,7 +6,7 @@ import os
 import platform
 import threading
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from numbers import Integral
@@ -26,13 +26,14 @@ from thirdbody.laws.registry import discover
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.measurements import measured_summary
 from thirdbody.runner.progress import Progress, Reporter, line_reporter, reporting, until_closed
-from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
+from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder
 from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.runner.verdicts import endings, warnings_at_end
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.names import PROFILES, SERIES
-from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+from thirdbody.trajectory.open_file import FILE_NAME
+from thirdbody.trajectory.run_file import RunFile
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
@@ -43,60 +44,6 @@ MANY = 512
 
 _preparing = threading.Lock()
 """Lock: one thread at a time compiles, since settings of compilation are process-wide (`engine.units`)."""
-
-
-def run(
-    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
-    out: str | Path | None = None,
-    threads: int | None = None,
-    progress: bool | Reporter = True,
-    *,
-    overwrite: bool = False,
-    plugins: tuple[str | Path, ...] = (),
-    force: bool = False,
-) -> Run:
-    """Simulate a scene and return the opened result.
-
-    Parameters
-    ----------
-    scene : Scene, str, Path or dict
-        A scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
-    out : str or Path, optional
-        Folder of the run; None: `runs/<scene name>`.
-    threads : int, optional
-        Number of cores to use; None: all. Results have the same bits for any number.
-    progress : bool or callable
-        True: a bar, False: nothing. A callable gets a `Progress`: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
-    overwrite : bool
-        Replace the run in the folder, once the new one has its first frame.
-    plugins : tuple of str or Path
-        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
-    force : bool
-        Accept a time step above its bound.
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        The call, the scene or a file is wrong; the folder exists or cannot be written.
-    GuardStop, Interrupted
-        The run left its valid range; Ctrl-C in the main thread. The part computed so far can be opened, and `resume` continues
-        an interrupted run. A second Ctrl-C raises KeyboardInterrupt at once, as does one before the first step.
-
-    Examples
-    --------
-    >>> thirdbody.run("example.toml", out="runs/again", progress=False).summary()["finished"]
-    True
-    """
-    check_call(plugins, progress, overwrite=overwrite, force=force)
-    notes = check_threads(threads)
-    scene = Scene.of(scene, plugins)
-    folder = Path(out) if out is not None else default_folder(scene)
-    refuse_existing(folder, overwrite)
-    return run_with_warnings(prepare(scene, plugins, force), folder, threads, progress, notes, overwrite=overwrite)
 
 
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False, before: str = "") -> Simulation:
@@ -159,8 +106,8 @@ def set_threads(threads: int | None) -> None:
 
 def run_with_warnings(
     simulation: Simulation, folder: Path, threads: int | None, progress: bool | Reporter, notes: Iterable[str], **options: Any
-) -> Run:
-    """Integrate a simulation for `run` and `resume`: with Python's warnings before and after it; return the opened run."""
+) -> None:
+    """Integrate a simulation for `run` and `resume` of `api`, with Python's warnings before and after it."""
     _warn([*notes, *simulation.warnings])
     before = set(simulation.warnings)
     with reporting(progress, simulation.scene.title, simulation.announcement) as report, stop_on_ctrl_c() as stop:
@@ -168,12 +115,11 @@ def run_with_warnings(
             execute(simulation, folder, threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as problem:
             if getattr(problem, "advanced", True) and (folder / FILE_NAME).exists():
-                with open_run(folder) as stopped:
+                with RunFile(folder) as stopped:
                     _warn(text for text in stopped.warnings if text not in before)
             raise
-    result = open_run(folder)
-    _warn(text for text in result.warnings if text not in before)
-    return result
+    with RunFile(folder) as result:
+        _warn(text for text in result.warnings if text not in before)
 
 
 def _warn(texts: Iterable[str]) -> None:
@@ -229,7 +175,7 @@ def _execute(simulation: Simulation, loop: RunLoop, checkpoint: Checkpoint | Non
             problem = error
         summary = _summary(simulation, loop, writer.frames, problem)
         writer.finish(summary)
-    with suppress(OSError), open_run(files.work_folder / FILE_NAME) as run:
+    with suppress(OSError), RunFile(files.work_folder / FILE_NAME) as run:
         files.log("finished" if problem is None else f"stopped: {problem.message}")
         for text in run.warnings:
             if text not in simulation.warnings:
@@ -260,7 +206,7 @@ def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint:
         surfaces = loop.simulation.surfaces
         static = loop.selection.static(loop.maker)
         return TrajectoryWriter(files.work_folder / FILE_NAME, header, static, (path, 0), surfaces, loop.selection)
-    with open_run(path) as before:
+    with RunFile(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
