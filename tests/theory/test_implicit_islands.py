@@ -17,7 +17,7 @@ from thirdbody.kernels.arguments import Motion
 from thirdbody.kernels.implicit import common_plate
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import body, patch, record, run_totals
-from thirdbody.runner.prepare import set_threads
+from thirdbody.runner.simulate import set_threads
 from thirdbody.scene import model
 
 R, LOAD, MU = 5e-6, 1e-4, 0.3

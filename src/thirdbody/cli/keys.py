@@ -13,6 +13,6 @@ def keys(
     json: Json = False,
 ) -> None:
     """Look up keys of a scene file, series and arrays of a run: units, limits, defaults, meanings, examples."""
-    from thirdbody.report.key_reference import keys_report
+    from thirdbody.report.reference import keys_report
 
     keys_report(word, plugin or (), json)

@@ -26,14 +26,7 @@ def surface(
 ) -> None:
     """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
     from thirdbody.cli.overrides import override_pairs
-    from thirdbody.report.surface_report import (
-        SCENES,
-        check_targets,
-        describe_plate,
-        describe_scan,
-        draw_described,
-        surface_report,
-    )
+    from thirdbody.report.surface import SCENES, check_targets, describe_plate, describe_scan, draw_described, surface_report
 
     targets = out or []
     check_targets(path, targets, plate, unit or spacing)

@@ -22,6 +22,7 @@ from thirdbody.kernels.labels import observe_bodies
 from thirdbody.kernels.rolling_kinematics import MOMENTS, record_width
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import body, body_extra, contact_state, domain, orientation, patch, run_totals, search_pose, sphere
+from thirdbody.laws.compose import Chain
 from thirdbody.laws.contract import Material
 from thirdbody.laws.measures import Layout
 from thirdbody.rotations import to_body, to_world
@@ -96,24 +97,9 @@ class Measures:
 
 
 @dataclass(frozen=True)
-class Physics:
-    """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none.
+class Physics(Chain):
+    """Compiled laws and effects with their parameters. `kinds[a, b]`: row of `pairs` for two materials, -1 if none."""
 
-    `rolling`: see `kernels.rolling_kinematics`; `field`, `force_columns`, `stored`, `dashpots`, `loss_column`, `loss` ("": none),
-    `jumps`: `Chain`.
-    """
-
-    law: Callable
-    stiffness: Callable | None
-    history: tuple[str, ...]
-    field: tuple[int, int]
-    rolling: int
-    force_columns: tuple[int, int, int]
-    stored: int
-    dashpots: int
-    loss_column: int
-    loss: str
-    jumps: bool
     pairs: Array
     interaction: Array
     kinds: Ints
