@@ -15,7 +15,7 @@ from spot_groups import solved
 
 import thirdbody
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Spheres

@@ -20,7 +20,7 @@ from steel import scene_text
 from theory.plain import plain
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels import books
 from thirdbody.kernels.arguments import Tile
 from thirdbody.kernels.books import pack_triple

@@ -10,7 +10,7 @@ from slow import slow
 from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.kernels.tables import patch, record
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Ramp, Scene
 

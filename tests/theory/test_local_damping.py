@@ -7,7 +7,7 @@ import pytest
 import three_spot_theory as theory
 
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.tables import body, body_extra
 from thirdbody.scene.model import Effects, Solver

@@ -46,9 +46,9 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
 from thirdbody.kernels.table import Column
+from thirdbody.units import DIMENSIONS
 
 if TYPE_CHECKING:
     from thirdbody.laws.measures import Measure
@@ -98,7 +98,7 @@ PAIR_KEYS = ("rolling_friction", "work_of_adhesion")
 class Option:
     """Option of a law or an effect, set in the scene.
 
-    `dimension` is a name of `thirdbody.dimensions.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
+    `dimension` is a name of `thirdbody.units.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
     `default=None` makes it required; values outside [low, high] are rejected. With `words` the value must be one of them; with
     `or_number` it may be a number, too. `pair_key` is the key of [[pairs]] that replaces it for a pair (PAIR_KEYS); where every
     pair has that key, the option may be left out. Raises ValueError for an unknown dimension or key of pairs.

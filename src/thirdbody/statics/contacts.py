@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from thirdbody.kernels.close_spots import NEAR
 from thirdbody.kernels.memory import pieces
-from thirdbody.kernels.spot_loads import NEAR
 from thirdbody.kernels.table import Array
 from thirdbody.kernels.tile import TILE, law_input, law_output, rolling_input, rolling_output
 from thirdbody.laws.compose import compose

@@ -2,7 +2,7 @@
 
 Laws are run through the same composed, compiled tile function as in a simulation; measures, body effects and labellers compiled
 as in a run, and in plain Python; interactions of spots in plain Python: what is solved with their two numbers is the engine's
-(`kernels.spot_loads`), and conservative for any numbers that pass. Tests that do not apply to a part are omitted.
+(`kernels.close_spots`), and conservative for any numbers that pass. Tests that do not apply to a part are omitted.
 """
 
 import math
