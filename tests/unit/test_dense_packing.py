@@ -10,8 +10,8 @@ from steel import scene_text
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump
-from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.irregular_clumps import population
+from thirdbody.bodies.overlap_removal import pack
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 

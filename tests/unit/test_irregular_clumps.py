@@ -1,16 +1,19 @@
 """Irregular clumps and size distributions: reproducible, connected, of the size and shape asked for."""
 
 import math
+import tomllib
 from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
 import pytest
+from steel import scene_text
 
 from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import diameters, irregular, population
 from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
 
@@ -109,18 +112,22 @@ def test_normal_uniform_constant():
 def test_impossible_clumps_and_sizes_are_refused():
     body = irregular(np.random.default_rng(0), 1, [1, 0.5, 0.5], 2.0)
     assert body.radii.tolist() == [1.0] and body.error == 0.0  # one sphere is a sphere
-    for n, aspect, d in ((0, [1, 1, 1], 1.0), (4, [1, 0, 1], 1.0), (4, [1, 1], 1.0), (4, [1, 1, 1], -1.0)):
-        with pytest.raises(InputError):
-            irregular(np.random.default_rng(0), n, aspect, d)
-    with pytest.raises(InputError, match="spheres"):
-        population(1, 0, 1, (5, 4), [1, 1, 1], **SIZE)
-    for size, word in (
-        ({"distribution": "lognormal", "median": 1.0}, "sigma"), ({"distribution": "uniform", "min": 2.0, "max": 1.0}, "min"),
-        ({"distribution": "constant", "value": -1.0}, "value"),
-        ({"distribution": "normal", "mean": 1.0, "sigma": 0.01, "min": 8.0, "max": 9.0}, "nothing between"),
+    with pytest.raises(InputError, match="nothing between"):
+        diameters(np.random.default_rng(0), 1, "normal", mean=1.0, sigma=0.01, min=8.0, max=9.0)
+    # the scene refuses the others
+    sound = {"kind": "irregular", "material": "steel", "count": 1, "size": 1e-5, "spheres": 4, "aspect": [1, 1, 1]}
+    for key, value, word in (
+        ("spheres", 0, "spheres"), ("spheres", [5, 4], "spheres"), ("aspect", [1, 0, 1], "aspect"), ("aspect", [1, 1], "aspect"),
+        ("size", -1e-5, "size"), ("size", {"distribution": "lognormal", "median": 1.0}, "sigma"),
+        ("size", {"distribution": "uniform", "min": 2.0, "max": 1.0}, "min"),
+        ("size", {"distribution": "constant", "value": -1.0}, "value"), ("size", {"distribution": "log"}, "distribution"),
+        ("angularity", -0.1, "angularity"), ("angularity", 1.1, "angularity"), ("angularity", math.nan, "angularity"),
+        ("asperities", {"count": 3}, "radius"), ("asperities", {"count": 0, "radius": "0.1 um"}, "count"),
+        ("asperities", {"radius": 0.6}, "radius"),
     ):  # fmt: skip
-        with pytest.raises(InputError, match=word):
-            diameters(np.random.default_rng(0), 1, **size)
+        with pytest.raises(InputError) as caught:
+            Scene.of(tomllib.loads(scene_text("", '["50 um", "50 um"]')) | {"debris": [sound | {key: value}]})
+        assert word in str(caught.value) and key in caught.value.faults[0].key
 
 
 def test_bodies_made_together_are_each_as_one_alone():

@@ -11,12 +11,13 @@ from steel import STEEL
 from thirdbody.assembly.clumps import shapes_of
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies import mesh_fit_quality, mesh_to_clump
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.mesh import Mesh, checked_mesh, load_mesh, mass_properties
 from thirdbody.bodies.mesh_fit_quality import distance_to_union, distances, local_radii, union_samples
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 from thirdbody.studies.study_setup import save
 

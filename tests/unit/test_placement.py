@@ -15,13 +15,14 @@ from thirdbody.assembly.initial_relaxation import UNLOADED_OVERLAP
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.assembly.simulation import build
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.dense_packing import pack
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import population
-from thirdbody.bodies.layer_packing import overlaps, place_layer, projected_area
+from thirdbody.bodies.overlap_removal import pack
+from thirdbody.bodies.packing import overlaps, place_layer, projected_area
 from thirdbody.bodies.resting_poses import settle
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.laws.registry import discover
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
 COUNT, UM, SIZE = 30, 1e-6, (50e-6, 50e-6)

@@ -6,9 +6,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from thirdbody.bodies.clump import Clump, clump, matrix_from_quaternion
+from thirdbody.bodies.clump import Clump, clump
 from thirdbody.bodies.irregular_clumps import irregular
 from thirdbody.bodies.resting_poses import resting_poses, settle, settle_all
+from thirdbody.rotations import matrix_from_quaternion
 
 
 def height(body, u):

@@ -5,10 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import population
-from thirdbody.bodies.random_sequential import scatter
+from thirdbody.bodies.packing import scatter
 from thirdbody.errors import InputError
+from thirdbody.rotations import matrix_from_quaternion
 
 SIZE, HEIGHT = (60e-6, 50e-6), 70e-6
 

@@ -11,7 +11,7 @@ from thirdbody import units
 from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
 from thirdbody.assembly.rough_start import depth_in_lower, lift_bodies
-from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.bodies.packing import overlaps
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER

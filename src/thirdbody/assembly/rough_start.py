@@ -10,10 +10,9 @@ import numpy as np
 
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.bodies.clump import Clump
-from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.bodies.packing import overlaps
 from thirdbody.scene.model import Scene
-from thirdbody.surfaces.dilation import dilation
-from thirdbody.surfaces.surface import Surface
+from thirdbody.surfaces.surface import Surface, dilation
 
 ABOVE = 1e-6
 """Height above the first touch over the diameter: more than the error of `dilation`, so that nothing touches at the start."""

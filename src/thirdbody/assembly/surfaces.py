@@ -18,12 +18,11 @@ from thirdbody.scene.schema_base import key_location
 from thirdbody.scene.surface_checks import SIDES, spacing_of
 from thirdbody.scene.surfaces import Groove, SelfAffine, Sine, SurfaceFile, Waves
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
-from thirdbody.surfaces.read_scan import read_scan
-from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
+from thirdbody.surfaces.reading import read_scan
+from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
 from thirdbody.units import pretty
 
 Size = tuple[float, float]

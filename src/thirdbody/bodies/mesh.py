@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.bodies.bounded_read import LARGEST, SMALLEST, read_bytes
 from thirdbody.bodies.clump import principal_axes
 from thirdbody.errors import Fault, InputError
+from thirdbody.input_files import LARGEST, SMALLEST, read_bytes
 
 SUFFIXES = (".stl", ".obj", ".ply")
 

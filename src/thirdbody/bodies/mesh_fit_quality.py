@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from thirdbody.bodies.asperities import sphere_points
+from thirdbody.bodies.clump import sphere_points
 from thirdbody.bodies.mesh import Mesh, surface_samples
 
 # Number of points that distances are averaged over, and of those that distances are measured to. The latter, on

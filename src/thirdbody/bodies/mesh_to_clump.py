@@ -10,10 +10,11 @@ from scipy.optimize import least_squares
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from thirdbody.bodies.clump import Clump, quaternion_from_matrix
+from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.mesh import Mesh, mass_properties, surface_samples
 from thirdbody.bodies.mesh_fit_quality import ContactRadii, Distances, contact_radii, distances, nearest_points, union_volume
 from thirdbody.errors import Fault, InputError
+from thirdbody.rotations import quaternion_from_matrix
 
 SPHERES, DEFAULT = (4, 1500), 12
 """Range of the number of spheres: a flake of aspect 30 takes some 1200. By default so many, and more where they miss."""

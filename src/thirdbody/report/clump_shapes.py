@@ -127,7 +127,7 @@ def population_statistics(population: Population) -> dict[str, Any]:
     `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same over the
     body's equivalent radius (1 for a sphere).
     """
-    from thirdbody.bodies.asperities import summit_radii
+    from thirdbody.bodies.clump import summit_radii
 
     clumps, density = population.clumps, population.density
     diameter = np.array([body.diameter for body in clumps])
@@ -266,9 +266,9 @@ def _by_mesh(population: Population) -> list[Population]:
 
 def _group(population: Population) -> Any:
     """Return text and shapes of a population of one mesh or none, for the picture."""
-    from thirdbody.bodies.clump import matrix_from_quaternion
     from thirdbody.quantity import with_unit
     from thirdbody.render.gallery import Group
+    from thirdbody.rotations import matrix_from_quaternion
 
     entry = population_statistics(population)
     diameter, spheres = entry["diameter"], entry["spheres"]

@@ -42,9 +42,8 @@ def check_targets(path: Path, out: Sequence[Path], plate: str | None, unit: str 
 
 def describe_scan(path: Path, unit: str | None, spacing: str | None, out: Sequence[Path]) -> Described:
     """Return a measured surface after subtraction of its plane, and write it where `out` names NPZ files."""
-    from thirdbody.surfaces.levelling import fill_missing, levelled
-    from thirdbody.surfaces.npz_scan import npz_bytes
-    from thirdbody.surfaces.other_formats import read_any_scan
+    from thirdbody.surfaces.reading import npz_bytes, read_any_scan
+    from thirdbody.surfaces.scan import fill_missing, levelled
 
     scan = read_any_scan(path, unit, spacing)
     for target in out:
@@ -66,8 +65,8 @@ def describe_plate(
     """Return the surface of a plate of a scene, and write it where `out` names NPZ files. Raises UsageError for a flat one."""
     from thirdbody.assembly.surfaces import plate_surfaces
     from thirdbody.scene.model import Scene
-    from thirdbody.surfaces.height_map import HeightMap
-    from thirdbody.surfaces.npz_scan import npz_bytes
+    from thirdbody.surfaces.reading import npz_bytes
+    from thirdbody.surfaces.scan import HeightMap
 
     scene = Scene.load(path, plugins)
     surfaces = plate_surfaces(scene.with_settings(settings) if settings else scene)

@@ -12,7 +12,7 @@ from thirdbody.scene.field_types import Choice, Flag, Length, PositiveLength, Qu
 from thirdbody.scene.json_schema import ShortForm
 from thirdbody.scene.schema_base import Part, Wrong, bundle, wrongs_of
 from thirdbody.scene.stages import table_by_leading_key
-from thirdbody.surfaces.height_map import TEXTS
+from thirdbody.surfaces.scan import TEXTS
 
 Direction = Annotated[float | Literal["x", "y"], Quantity(dimension="angle", words=("x", "y"))]
 

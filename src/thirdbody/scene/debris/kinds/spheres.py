@@ -129,7 +129,7 @@ class Spheres(VolumeKeys):
         """Return the bodies, all alike. Raises InputError."""
         import numpy as np
 
-        from thirdbody.bodies.clump import quaternion_product
+        from thirdbody.rotations import quaternion_product
 
         body, frame = self._body(context.index)
         rotation = np.array(UPRIGHT if self.orientation is None else self.orientation)
