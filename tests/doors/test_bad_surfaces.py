@@ -30,9 +30,11 @@ def archive(**members):
 
 def archive_of(shape):
     """Heights of a shape that only their header tells."""
-    stream = io.BytesIO()
-    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
-    return archive(**{"heights.npy": stream.getvalue(), "spacing.npy": b"", "unit.npy": b""})
+    heights, spacing, unit = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.lib.format.write_array_header_1_0(heights, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    np.save(spacing, 1.0)
+    np.save(unit, "um")
+    return archive(**{"heights.npy": heights.getvalue(), "spacing.npy": spacing.getvalue(), "unit.npy": unit.getvalue()})
 
 
 def npz(drop="", **changes):
@@ -119,7 +121,7 @@ def test_a_spoilt_file_gives_one_clear_message(tmp_path):
 
 
 def test_a_member_that_would_fill_the_memory_is_not_unpacked(monkeypatch, tmp_path):
-    (tmp_path / "a.npz").write_bytes(npz())
+    np.savez_compressed(tmp_path / "a.npz", heights=np.zeros((N_Y, N_X)), spacing=1.0, unit="um")
     monkeypatch.setattr(input_files, "MAX_BYTES", 20_000)
     with pytest.raises(InputError, match=r"a\.npz: heights\.npy: has 0\.0241 MB unpacked, at most 0\.02 MB are read"):
         read_scan(tmp_path / "a.npz")

@@ -19,7 +19,7 @@ from thirdbody.bodies.clump import clump
 from thirdbody.bodies.irregular_clumps import population
 from thirdbody.bodies.overlap_removal import pack
 from thirdbody.bodies.packing import overlaps, place_layer, projected_area
-from thirdbody.bodies.resting_poses import settle
+from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.laws.registry import discover
 from thirdbody.rotations import matrix_from_quaternion
@@ -43,7 +43,7 @@ def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 4e-6, "max": 3e-5}
     clumps = population(1, 0, COUNT, (3, 5), [1.0, 0.8, 0.6], **size)
     rng = np.random.default_rng(2)
-    return clumps, np.array([settle(body, rng)[0] for body in clumps])
+    return clumps, settle_all(clumps, rng)[0]
 
 
 def world(clumps, quaternions, xy):

@@ -1,7 +1,7 @@
 """Irregular clumps, their asperities and size distributions: random debris, reproducible body by body."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -123,7 +123,7 @@ def population(
     different = count if shapes is None else min(count, shapes)
     for rngs in _streams(seed, population_index, 0, different):
         n_spheres = np.array([rng.integers(spheres[0], spheres[1] + 1) for rng in rngs])
-        wide = diameters(Streams(rngs), len(rngs), **size)
+        wide = diameters(rngs, **size)
         built: dict[int, Clump] = {}
         for n, members in stacks(n_spheres, _MAX_BLOCK):
             grown = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
@@ -136,7 +136,7 @@ def population(
     originals = bodies[:different]
     for rngs in _streams(seed, population_index, different, count):
         chosen = [int(rng.integers(different)) for rng in rngs]
-        wide = diameters(Streams(rngs), len(rngs), **size)
+        wide = diameters(rngs, **size)
         bodies += [originals[k].resized(diameter) for k, diameter in zip(chosen, wide.tolist(), strict=True)]
     return bodies
 
@@ -148,47 +148,34 @@ def _streams(seed: int, population_index: int, begin: int, end: int) -> Iterator
         yield [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
 
 
-class Streams:
-    """Several random streams that give one number each: bodies are drawn together but independently."""
-
-    def __init__(self, rngs: list[np.random.Generator]) -> None:
-        self.rngs = rngs
-
-    def random(self, count: int) -> np.ndarray:
-        """Return one uniform number in [0, 1) from each stream, (count,); count is the number of streams."""
-        return np.array([rng.random() for rng in self.rngs])
-
-
-def diameters(rng: np.random.Generator | Streams, count: int, distribution: str, **size: float) -> np.ndarray:
-    """Return diameters (count,) [m] from a distribution truncated (not clipped) at min and max.
+def diameters(rngs: Sequence[np.random.Generator], distribution: str, **size: float) -> np.ndarray:
+    """Return a diameter [m] from each random stream, of a distribution truncated (not clipped) at min and max.
 
     lognormal: median [m], sigma (of the logarithm); normal: mean, sigma [m]; uniform: min, max; constant: value. The truncation
     is exact: a uniform number between the cumulative values of the limits is inverted. InputError: nothing between the limits.
     """
     low, high = size.get("min", 0.0), size.get("max", math.inf)
     if distribution == "constant":
-        return np.full(count, size["value"])
+        return np.full(len(rngs), size["value"])
+    levels = np.array([rng.random() for rng in rngs])
     if distribution == "uniform":
-        return low + (high - low) * rng.random(count)
+        return low + (high - low) * levels
     if distribution == "normal":
-        return _cut_normal(rng, count, NormalDist(size["mean"], size["sigma"]), low, high)
+        return _cut_normal(levels, NormalDist(size["mean"], size["sigma"]), low, high)
     low, high = math.log(low) if low > 0.0 else -math.inf, math.log(high)
-    return np.exp(_cut_normal(rng, count, NormalDist(math.log(size["median"]), size["sigma"]), low, high))
+    return np.exp(_cut_normal(levels, NormalDist(math.log(size["median"]), size["sigma"]), low, high))
 
 
-def _cut_normal(rng: np.random.Generator | Streams, count: int, normal: NormalDist, low: float, high: float) -> np.ndarray:
+def _cut_normal(levels: np.ndarray, normal: NormalDist, low: float, high: float) -> np.ndarray:
     # The far tail above the mean loses its digits in 1 - tail: it is mirrored to below the mean.
     if low > normal.mean:
-        mirrored = NormalDist(-normal.mean, normal.stdev)
-        return -_cut_normal(rng, count, mirrored, -high, -low)
+        return -_cut_normal(levels, NormalDist(-normal.mean, normal.stdev), -high, -low)
     first, last = normal.cdf(low), normal.cdf(high)
     if not last - first > 0.0:
         raise InputError(Fault("size", "the distribution has nothing between min and max"))
-    # 1 - random() lies in (0, 1]; the limit itself closes the open end at 1.
-    levels = first + (last - first) * rng.random(count)
-    smallest = np.nextafter(first, 1.0)
-    drawn = [normal.inv_cdf(level) for level in np.maximum(levels, smallest).tolist()]
-    return np.clip(drawn, low, high)  # rounding of the inversion only
+    # The limit itself closes the open end at 0 of the levels.
+    drawn = np.maximum(first + (last - first) * levels, np.nextafter(first, 1.0))
+    return np.clip([normal.inv_cdf(level) for level in drawn.tolist()], low, high)  # rounding of the inversion only
 
 
 def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction: float) -> Clump:

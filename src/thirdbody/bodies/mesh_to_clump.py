@@ -121,20 +121,17 @@ def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]
         there, back = distances(unit, centers, radii, rng)
         reach = (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
         extents = reach / np.ptp(unit.vertices, axis=0)
-        rms, parts = max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
-        if not parts and rms <= RMS and VOLUME[0] <= ratio <= VOLUME[1] and extents.max() <= EXTENT:
+        far, rms, parts = extents.max(), max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
+        if not parts and rms <= RMS and VOLUME[0] <= ratio <= VOLUME[1] and far <= EXTENT:
             break
-        what = (
-            f"have {ratio:.3g} times its volume, reach {extents.max():.3g} times as far and are {100.0 * rms:.2g} % of R off (rms"
-        )
-        what = "do not connect" if parts else f"{what}; {_ALLOWED})"
+        what = f"have {ratio:.3g} times its volume, reach {far:.3g} times as far and are {100.0 * rms:.2g} % of R off"
+        what = "do not connect" if parts else f"{what} (rms; {_ALLOWED})"
         problem = problem or f"{len(radii)} spheres miss this shape: they {what}; "
     else:
         raise InputError(Fault("spheres", problem + _remedy(unit, seed), mesh.name))
     if problem and n_spheres is not None:
-        raise InputError(
-            Fault("spheres", f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)", mesh.name)
-        )
+        message = f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)"
+        raise InputError(Fault("spheres", message, mesh.name))
     contacts = contact_radii(unit, centers, radii, rng)
     contacts = ContactRadii(contacts.spheres, contacts.fraction, contacts.radius * size, contacts.local_radius * size)
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
@@ -216,7 +213,7 @@ def _thin_balls(mesh: Mesh, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _number_along(mesh: Mesh, centers, radii) -> float:
     """Return about how many spheres along a sheet connect: hexagons of the diameter on half the area, and a third more."""
-    return 1.35 * 0.5 * mesh.surface.area * float((1.0 / (2.0 * np.sqrt(3.0) * radii**2)).mean())
+    return 1.35 * 0.5 * mesh.unit.area * mesh.frame[0] ** 2 * float((1.0 / (2.0 * np.sqrt(3.0) * radii**2)).mean())
 
 
 def _farthest_points(centers, radii, n: int) -> np.ndarray:
@@ -320,11 +317,10 @@ def _tree(centers, radii) -> tuple[tuple[np.ndarray, np.ndarray], float]:
 
 
 def _remedy(mesh: Mesh, seed: int) -> str:
-    """Say what would do where no number of spheres follows the mesh."""
     needed = _number_along(mesh, *_thin_balls(mesh, seed))
     if needed < SPHERES[1]:
         return f"nor do other numbers up to {SPHERES[1]}; smooth the mesh, or give its spheres in a table (kind 'file')"
-    message = (
+    return (
         f"small spheres all along it would be some {needed:.2g}, at most {SPHERES[1]} make a body: sheets and needles may be "
+        "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"
     )
-    return message + "up to some thirty times as long as thick; give the mesh a larger thickness, or cut a smaller piece of it"

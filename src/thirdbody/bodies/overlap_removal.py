@@ -15,12 +15,11 @@ import numpy as np
 from numba import njit
 
 from thirdbody.bodies.clump import Clump
-from thirdbody.bodies.packing import refuse_long, scatter
+from thirdbody.bodies.packing import deepest, near_pairs, refuse_long, scatter
 from thirdbody.errors import Fault, InputError
 from thirdbody.jit.options import CHUNK, OPTIONS
 from thirdbody.jit.simd import load, set4, store
-from thirdbody.kernels import neighbour_search
-from thirdbody.kernels.tables import EVERYTHING, sphere
+from thirdbody.kernels.tables import sphere
 from thirdbody.kernels.vectors import matrix, nearest_image, rotate_small
 
 DT, ALPHA, DOWNHILL = 0, 1, 2  # indices into the memory of the relaxation
@@ -260,9 +259,6 @@ class OverlapRemoval:
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
         self.spheres = Spheres(np.empty((len(self.radii), 3)), np.empty((len(self.radii), 4)))
         self.S = self.spheres.S
-        # the search reads the engine's wide table, the relaxation a narrow one that stays in the cache
-        self.wide = np.zeros((len(self.radii), sphere.WIDTH))
-        self.sphere_data = neighbour_search.Spheres(self.body, np.full(len(self.radii), EVERYTHING, np.int8))
 
     def relax(self, size: float, limit: int) -> tuple[Outcome, int]:
         """Remove the overlaps of bodies scaled by `size` in at most `limit` steps; return how it ended, and the steps."""
@@ -290,36 +286,15 @@ class OverlapRemoval:
             rows.append((self.body, np.full(len(r), wall), (r - inside) / r))
         first, second, depth = (np.concatenate(column) for column in zip(*rows, strict=True))
         real = depth > _ROUNDING
-        first, second, depth = first[real], second[real], depth[real]
-        wall = second < 0
-        a, b = np.where(wall, first, np.minimum(first, second)), np.where(wall, second, np.maximum(first, second))
-        order = np.lexsort((b, a, -depth))
-        pairs = np.column_stack((a, b))[order]
-        deepest = np.sort(np.unique(pairs, axis=0, return_index=True)[1])
-        return Overlaps(pairs[deepest, 0], pairs[deepest, 1], depth[order][deepest])
+        return Overlaps(*deepest(first[real], second[real], depth[real]))
 
     def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
         pose(self.X, self.Q, self.shapes, size, self.spheres)
         if not self.meet:
             return (np.empty(0, np.int32),) * 2
-        self.wide[:, :4] = self.S
         low, high, periodic, clearance = self.walls
         skin = _SKIN + 2.0 * clearance * float(self.S[:, 3].max())
-        reach = 2.0 * float(self.S[:, 3].max()) + skin
-        low = np.where(np.isfinite(low), low, self.S[:, :3].min(axis=0))
-        length = np.where(np.isfinite(high), high, self.S[:, :3].max(axis=0)) - low
-        # at most twice the square root of the spheres as cells per axis: bounds the grid of a low bed of small bodies
-        maximum = 2 * math.ceil(math.sqrt(len(self.S)))
-        count = np.clip((length / reach).astype(np.int64), 1, maximum)
-        periods = length[:2].tolist() if periodic else (0.0, 0.0)
-        grid = neighbour_search.Grid(low, np.maximum(length, reach) / count, count, np.array([periodic] * 2), *periods)
-        capacity = 16 * len(self.S)
-        while True:
-            own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-            n = neighbour_search.pair_candidates(self.wide, self.sphere_data, skin, grid, 0, own, partner)
-            if n <= capacity:
-                return own[:n].copy(), partner[:n].copy()
-            capacity = int(1.2 * n)
+        return near_pairs(self.S, self.body, (low, high), periodic, skin)
 
 
 @dataclass(frozen=True)

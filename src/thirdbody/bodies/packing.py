@@ -11,6 +11,8 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.union_moments import union_of_discs
 from thirdbody.errors import Fault, InputError
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, OPTIONS
+from thirdbody.kernels import neighbour_search
+from thirdbody.kernels.tables import EVERYTHING, sphere
 from thirdbody.kernels.vectors import matrix
 from thirdbody.rotations import matrix_from_quaternion
 
@@ -150,41 +152,6 @@ def place_rotated(tries, rel, radii, count, grid, clearance, rotated_spheres):
     return -1
 
 
-@njit(**DIRECT, **NO_COUNTS)
-def overlapping(spheres, body, grid, pairs, depth):
-    """Count overlapping pairs of spheres of different bodies; store the first in pairs and depth.
-
-    spheres (n, 4): x, y, z, radius; body (n,); the grid is empty at first. If the number exceeds the length of pairs (m, 2), call
-    again with larger arrays. In a grid of fewer than three columns a pair may be listed twice.
-    """
-    placed, heads, following, size, periodic = grid
-    nx, ny = heads.shape
-    m = 0
-    for s in range(spheres.shape[0]):
-        x, y, z, r = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
-        enter(x, y, z, r, s, grid)
-    for s in range(spheres.shape[0]):
-        x, y, z, r = placed[s, 0], placed[s, 1], placed[s, 2], placed[s, 3]
-        cx, cy = column(x, size[0], nx), column(y, size[1], ny)
-        for gx in range(cx - 1, cx + 2):
-            for gy in range(cy - 1, cy + 2):
-                if not periodic and (gx < 0 or gy < 0 or gx >= nx or gy >= ny):
-                    continue
-                t = heads[gx % nx, gy % ny]
-                while t >= 0:
-                    if t < s and body[t] != body[s]:
-                        dx = apart(placed[t, 0] - x, size[0], periodic)
-                        dy = apart(placed[t, 1] - y, size[1], periodic)
-                        dz = placed[t, 2] - z
-                        overlap = r + placed[t, 3] - math.sqrt(dx * dx + dy * dy + dz * dz)
-                        if overlap > 0.0:
-                            if m < depth.size:
-                                pairs[m, 0], pairs[m, 1], depth[m] = t, s, overlap
-                            m += 1
-                    t = following[t]
-    return m
-
-
 def _empty_columns(radii: Array, size: Array, periodic: bool) -> Columns:
     """Return empty columns of two largest of the radii (n,), with clearance."""
     width = 2.0 * radii.max() * (1.0 + CLEARANCE)
@@ -257,6 +224,43 @@ def _no_space(order: Array, done: int, fractions: Array, kind: str) -> str:
     return f"no space for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, {reached}"
 
 
+def near_pairs(S: Array, body: Array, corners: tuple[Array, Array], periodic: bool, skin: float) -> tuple[Array, Array]:
+    """Return the pairs of spheres S (n, 4) of different bodies, body (n,), that come within the skin of each other.
+
+    corners: of the domain, (3,) each, infinite where it is open; periodic: whether it is so in x and y.
+    """
+    table = np.zeros((len(S), sphere.WIDTH))  # the search reads that of the engine
+    table[:, :4] = S
+    spheres = neighbour_search.Spheres(body, np.full(len(S), EVERYTHING, np.int8))
+    reach = 2.0 * float(S[:, 3].max()) + skin
+    low = np.where(np.isfinite(corners[0]), corners[0], S[:, :3].min(axis=0))
+    length = np.where(np.isfinite(corners[1]), corners[1], S[:, :3].max(axis=0)) - low
+    # at most twice the square root of the spheres as cells per axis: bounds the grid of a low bed of small bodies
+    count = np.clip((length / reach).astype(np.int64), 1, 2 * math.ceil(math.sqrt(len(S))))
+    periods = length[:2].tolist() if periodic else (0.0, 0.0)
+    grid = neighbour_search.Grid(low, np.maximum(length, reach) / count, count, np.array([periodic] * 2), *periods)
+    capacity = 16 * len(S)
+    while True:
+        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
+        n = neighbour_search.pair_candidates(table, spheres, skin, grid, 0, own, partner)
+        if n <= capacity:
+            return own[:n].copy(), partner[:n].copy()
+        capacity = int(1.2 * n)
+
+
+def deepest(first: Array, second: Array, depth: Array) -> tuple[Array, Array, Array]:
+    """Return the deepest overlap of every pair of bodies, the deepest pair first: bodies (n,), the lesser first, and depth (n,).
+
+    A negative number in second names a wall and stays there.
+    """
+    wall = second < 0
+    a, b = np.where(wall, first, np.minimum(first, second)), np.where(wall, second, np.maximum(first, second))
+    order = np.lexsort((b, a, -depth))
+    pairs = np.column_stack((a, b))[order]
+    rows = np.sort(np.unique(pairs, axis=0, return_index=True)[1])
+    return pairs[rows, 0], pairs[rows, 1], depth[order][rows]
+
+
 def overlaps(
     centers: Array, radii: Array, body: Array, domain_size: tuple[float, float], periodic: bool
 ) -> list[tuple[int, int, float]]:
@@ -265,23 +269,19 @@ def overlaps(
     centers (n, 3), radii (n,), body (n,): the body of each sphere. Spheres of one body are not compared. Periodic in x and y: to
     the nearest image. Touching is no overlap.
     """
-    spheres = np.column_stack((centers, radii)).astype(np.float64)
-    if not len(spheres):
+    if not len(radii):
         return []
-    size = np.array(domain_size, dtype=np.float64)
-    ids = np.ascontiguousarray(body, dtype=np.int64)
-    margin = 1024
-    while True:
-        pairs, depth = np.empty((margin, 2), np.int64), np.empty(margin)
-        result = overlapping(spheres, ids, _empty_columns(spheres[:, 3], size, periodic), pairs, depth)
-        if result <= margin:
-            break
-        margin = result
-    max_overlaps: dict[tuple[int, int], float] = {}
-    for (s, t), overlap in zip(ids[pairs[:result]].tolist(), depth[:result].tolist(), strict=True):
-        pair = (min(s, t), max(s, t))
-        max_overlaps[pair] = max(overlap, max_overlaps.get(pair, 0.0))
-    return sorted(((a, b, overlap) for (a, b), overlap in max_overlaps.items()), key=lambda row: (-row[2], row[:2]))
+    ids, period = np.ascontiguousarray(body, dtype=np.int64), np.array([*domain_size, math.inf])
+    corners = (np.zeros(3), period) if periodic else (np.full(3, -math.inf), np.full(3, math.inf))
+    corners[0][2] = -math.inf
+    own, partner = near_pairs(np.column_stack((centers, radii)), ids, corners, periodic, 0.0)
+    between = centers[own] - centers[partner]
+    if periodic:
+        between[:, :2] -= period[:2] * np.floor(between[:, :2] / period[:2] + 0.5)
+    depth = radii[own] + radii[partner] - np.linalg.norm(between, axis=1)
+    real = depth > 0.0
+    columns = deepest(ids[own][real], ids[partner][real], depth[real])
+    return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def projected_area(spheres: Array) -> float:

@@ -38,14 +38,11 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
     return quaternions[0], heights[0]
 
 
-def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return quaternion (4,) and height [m] of a random resting pose, rotated randomly about z."""
-    quaternions, heights = settle_all([clump], rng)
-    return quaternions[0], float(heights[0])
-
-
 def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """`settle` for one body after the other from one stream: quaternions (n, 4) and heights (n,) [m]."""
+    """Return random resting poses, rotated randomly about z: quaternions (n, 4) and heights (n,) [m].
+
+    Drawn for one body after the other from one stream.
+    """
     drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
     up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
     q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
