@@ -13,18 +13,14 @@ import numpy as np
 
 from thirdbody.errors import Fault, InputError, nearest
 
+# Range of lengths [m] whose 5th and 10th powers are normal numbers: others come from wrong units only.
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Range of lengths [m] whose 5th and 10th powers are normal numbers: others come from wrong units only."""
-
+# Bytes of the largest file: ten million triangles. A larger one is refused before it is read.
 MAX_BYTES = 500_000_000
-"""Bytes of the largest file: ten million triangles. A larger one is refused before it is read."""
-
+# Most spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text.
 MAX_ROWS = 1_000_000
-"""Most spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text."""
-
+# Faults that are listed individually; the others are counted, since a wrong unit or a shifted column spoils every row.
 SHOWN = 10
-"""Faults that are listed individually; the others are counted, since a wrong unit or a shifted column spoils every row."""
-
 # What damage of an archive makes zipfile and numpy raise.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
            zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -136,3 +132,12 @@ def _header(file: str, name: str, stream: io.BytesIO) -> Header:
     if dtype.hasobject:
         raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers or a text", file))
     return Header(shape, dtype)
+
+
+def is_number(text: str) -> bool:
+    """Return whether Python reads the text as a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

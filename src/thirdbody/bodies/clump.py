@@ -101,13 +101,6 @@ def clump(centers, radii) -> Clump:
 def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     """Return the clump of spheres (`clump`) with its principal frame.
 
-    Parameters
-    ----------
-    centers : array_like (k, 3)
-        Centres of the spheres [m].
-    radii : array_like (k,)
-        Radii of the spheres [m].
-
     Returns
     -------
     clump : Clump
@@ -206,10 +199,8 @@ def impossible_moments(inertia) -> tuple[int, str] | None:
     if not len(odd):
         return None
     k = int(odd[0])
-    return (
-        k,
-        f"{large[k]:.3g} is above {small[k]:.3g} + {middle[k]:.3g}, the sum of the other moments of inertia: no body has such",
-    )
+    others = f"{small[k]:.3g} + {middle[k]:.3g}, the sum of the other moments of inertia"
+    return k, f"{large[k]:.3g} is above {others}: no body has such"
 
 
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
@@ -244,7 +235,11 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarr
     bodies = len(r)
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
     tensor, error = np.empty((bodies, 3, 3)), np.zeros((2, bodies))
-    exposed = _not_swallowed(c, r)
+    # spheres inside no other one; of equal ones the first counts
+    arm = c[:, :, None] - c[:, None]
+    inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
+    twin, first = inside & inside.transpose(0, 2, 1), np.tri(r.shape[1], k=-1, dtype=bool)
+    exposed = ~((inside & ~twin) | (twin & first)).any(axis=2)
     saved = exposed.sum(axis=1)
     for m in np.unique(saved):
         rows = np.flatnonzero(saved == m)
@@ -274,15 +269,6 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
     first, whole = np.linalg.norm(errors[:, 1:4], axis=1), np.linalg.norm(errors[:, 4:], axis=1)
     moved = 2.0 * whole + 2.0 * arm * first + arm**2 * errors[:, 0]
     return volume, middle + offset, tensor, np.array([np.maximum(errors[:, 0], _ROUNDING * volume), moved])
-
-
-def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which spheres (b, n) lie inside no other sphere; of equal ones the first counts."""
-    arm = c[:, :, None] - c[:, None]
-    inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
-    twin = inside & inside.transpose(0, 2, 1)
-    first = np.tri(r.shape[1], k=-1, dtype=bool)
-    return ~((inside & ~twin) | (twin & first)).any(axis=2)
 
 
 def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -36,26 +36,6 @@ class Distances:
     maximum: float
 
 
-@dataclass(frozen=True, eq=False)
-class ContactRadii:
-    """Radii of curvature at the points that planes touch, over evenly distributed directions.
-
-    spheres (m,): indices of the m spheres touched; fraction (m,) of all directions; radius (m,) [m]: of the sphere;
-    local_radius (m,) [m]: median over these directions of the radius of the mesh at the point of contact, sqrt(R' R'') of the two
-    principal radii (equivalent radius of an elliptical contact: Johnson 1985, section 4.2), inf where it is flat.
-    """
-
-    spheres: np.ndarray
-    fraction: np.ndarray
-    radius: np.ndarray
-    local_radius: np.ndarray
-
-    @property
-    def ratio(self) -> np.ndarray:
-        """Radius of the sphere over that of the mesh, (m,); 1 is a contact as stiff as that of the mesh."""
-        return self.radius / self.local_radius
-
-
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
     number = count
@@ -106,16 +86,20 @@ def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> ContactRadii:
-    """Compare radii of curvature where planes touch the hulls of mesh and spheres; lengths in units of R."""
+def contact_ratio(mesh: Mesh, centers, radii, rng: np.random.Generator) -> np.ndarray:
+    """Return the radius over that of the mesh, (m,), of the m spheres that planes touch; 1 is a contact as stiff as the mesh's.
+
+    That of the mesh is the median over evenly distributed directions of the radius where a plane touches it, sqrt(R' R'') of
+    the two principal radii (equivalent radius of an elliptical contact: Johnson 1985, section 4.2), inf where it is flat.
+    """
     ups = sphere_points(_DIRECTIONS)
     vertices = np.array([np.argmax(mesh.vertices @ up) for up in ups])
     touched = (ups @ centers.T + radii).argmax(axis=1)
     corners, inverse = np.unique(vertices, return_inverse=True)
     local = local_radii(mesh, corners, rng)[inverse]
-    spheres, fraction = np.unique(touched, return_counts=True)
-    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, fraction, strict=True)])
-    return ContactRadii(spheres, fraction / len(ups), radii[spheres], median)
+    spheres, count = np.unique(touched, return_counts=True)
+    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, count, strict=True)])
+    return radii[spheres] / median
 
 
 def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.mesh import Mesh, mass_properties, surface_samples
-from thirdbody.bodies.mesh_fit_quality import ContactRadii, Distances, contact_radii, distances, nearest_points, union_volume
+from thirdbody.bodies.mesh_fit_quality import Distances, contact_ratio, distances, nearest_points, union_volume
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import quaternion_from_matrix
 
@@ -28,9 +28,8 @@ times as thick, thinner ones hundreds of times. Small spheres along a sheet, whi
 0.6 of it.
 """
 
-MAX_CACHED = 1000
-"""Largest number of cached fits: populations of one scene often share meshes."""
-
+# Largest number of cached fits: populations of one scene often share meshes.
+_MAX_CACHED = 1000
 _ALLOWED = f"allowed: {VOLUME[0]:g} to {VOLUME[1]:g} times, {EXTENT:g} times, {100 * RMS:g} %"
 # Lengths in R, the radius of the sphere of the same volume.
 _SAMPLES = 8000
@@ -60,8 +59,8 @@ class Fit:
     """Accuracy of a clump's fit to its mesh, and the position of the clump's frame in that of the mesh.
 
     size: R [m], radius of the sphere of the mesh's volume; to_spheres, to_mesh: distances from the mesh to the union and back,
-    over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume); contacts:
-    radii of curvature; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
+    over R; volume_ratio, extents (3,) along the principal axes: union over mesh (the clump has the mesh's volume); contact_ratio:
+    radii of curvature, spheres over mesh; mesh point = centroid (3,) [m] + rotate(quaternion (4,), clump point).
     """
 
     size: float
@@ -69,7 +68,7 @@ class Fit:
     to_mesh: Distances
     volume_ratio: float
     extents: np.ndarray
-    contacts: ContactRadii
+    contact_ratio: np.ndarray
     centroid: np.ndarray
     quaternion: np.ndarray
 
@@ -99,15 +98,8 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int | None, seed: int = 0) -> tuple[C
     """
     shape = sha256(mesh.vertices.tobytes()).digest(), sha256(mesh.faces.tobytes()).digest()
     key = (*shape, mesh.name, n_spheres, seed)
-    if key not in _cache:
-        if len(_cache) == MAX_CACHED:
-            _cache.clear()
-        _cache[key] = _clump_of(mesh, n_spheres, seed)
-    return _cache[key]
-
-
-def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]:
-    """`clump_from_mesh` without the cache."""
+    if key in _cache:
+        return _cache[key]
     minimum, maximum = SPHERES
     if n_spheres is not None and not minimum <= n_spheres <= maximum:
         raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that represent a mesh"))
@@ -117,14 +109,14 @@ def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]
     problem = ""
     for centers, radii in _fits(unit, n_spheres or DEFAULT, seed):
         rng = np.random.default_rng(seed)
-        ratio = union_volume(centers, radii) / (4.0 / 3.0 * np.pi)
+        volume = union_volume(centers, radii) / (4.0 / 3.0 * np.pi)
         there, back = distances(unit, centers, radii, rng)
         reach = (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
         extents = reach / np.ptp(unit.vertices, axis=0)
         far, rms, parts = extents.max(), max(there.rms, back.rms), _tree(centers, radii)[1] > 1.0
-        if not parts and rms <= RMS and VOLUME[0] <= ratio <= VOLUME[1] and far <= EXTENT:
+        if not parts and rms <= RMS and VOLUME[0] <= volume <= VOLUME[1] and far <= EXTENT:
             break
-        what = f"have {ratio:.3g} times its volume, reach {far:.3g} times as far and are {100.0 * rms:.2g} % of R off"
+        what = f"have {volume:.3g} times its volume, reach {far:.3g} times as far and are {100.0 * rms:.2g} % of R off"
         what = "do not connect" if parts else f"{what} (rms; {_ALLOWED})"
         problem = problem or f"{len(radii)} spheres miss this shape: they {what}; "
     else:
@@ -132,10 +124,12 @@ def _clump_of(mesh: Mesh, n_spheres: int | None, seed: int) -> tuple[Clump, Fit]
     if problem and n_spheres is not None:
         message = f"{problem}{len(radii)} fit (where no number is given, as many as it needs are taken)"
         raise InputError(Fault("spheres", message, mesh.name))
-    contacts = contact_radii(unit, centers, radii, rng)
-    contacts = ContactRadii(contacts.spheres, contacts.fraction, contacts.radius * size, contacts.local_radius * size)
+    ratio = contact_ratio(unit, centers, radii, rng)
     body = Clump(centers * size, radii * size, mass.volume, mass.inertia, mass.error)
-    return body, Fit(size, there, back, ratio, extents, contacts, mass.centroid, quaternion_from_matrix(mass.axes))
+    if len(_cache) == _MAX_CACHED:
+        _cache.clear()
+    _cache[key] = body, Fit(size, there, back, volume, extents, ratio, mass.centroid, quaternion_from_matrix(mass.axes))
+    return _cache[key]
 
 
 def _fits(mesh: Mesh, n: int, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -280,7 +274,7 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
 
 
 def _unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centers and radii; logarithms keep the radii positive, and a bad trial step finite."""
+    # logarithms keep the radii positive, and a bad trial step finite
     q = p.reshape(-1, 4)
     return q[:, :3], np.exp(np.clip(q[:, 3], -10.0, 10.0))
 

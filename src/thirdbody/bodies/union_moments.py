@@ -211,7 +211,15 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         out = (np.sqrt(ring2) / flat)[:, :, None] * steep
         # A horizontal circle lies at one height as a whole, and no single point of it shows whether it is covered.
         level = np.where(flat < 1e-6, center[:, :, 2], np.nan)
-        foot, side = _triple_points(c, r, axis, along, ring2, center)
+        # midpoints and half differences of the points where three spheres meet
+        (i, _, k), pair = triples(n)
+        arm, one, toward = c[:, k] - c[:, i], axis[:, pair], along[:, pair]
+        v = dot(arm, one)
+        across = arm - v[:, :, None] * one
+        w2 = dot(across, across)
+        t = (r[:, i] ** 2 - r[:, k] ** 2 + v * v + w2 - 2.0 * toward * v) / (2.0 * w2)
+        foot = center[:, pair] + t[:, :, None] * across
+        side = cross(one, across) * np.sqrt(ring2[:, pair] / w2 - t * t)[:, :, None]
         marks = np.concatenate([c - pole, c + pole, center - out, center + out, foot - side, foot + side], axis=1)
         hidden, size = np.empty(marks.shape[:2], np.bool_), max(1, _MEASURED // r.size)
         for first in range(0, marks.shape[1], size):
@@ -224,18 +232,6 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     heights = np.sort(np.concatenate([shown, np.where(np.isfinite(level), level, np.nan)], axis=1), axis=1)
     # One memory layout for the kernel; else numba would compile it a second time.
     return np.ascontiguousarray(heights[:, : int(np.isfinite(heights).sum(axis=1).max())])
-
-
-def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.ndarray]:
-    """Return midpoints and half differences, each (b, m, 3), of the points where three spheres meet; or NaN."""
-    (i, _, k), pair = triples(r.shape[1])
-    arm, axis, along = c[:, k] - c[:, i], axis[:, pair], along[:, pair]
-    v = dot(arm, axis)
-    across = arm - v[:, :, None] * axis
-    w2 = dot(across, across)
-    t = (r[:, i] ** 2 - r[:, k] ** 2 + v * v + w2 - 2.0 * along * v) / (2.0 * w2)
-    foot = center[:, pair] + t[:, :, None] * across
-    return foot, cross(axis, across) * np.sqrt(ring2[:, pair] / w2 - t * t)[:, :, None]
 
 
 @njit(**BARE_CHUNK)

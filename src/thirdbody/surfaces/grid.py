@@ -5,30 +5,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+# Grid points per shortest wavelength. The spline through 8 points per wave differs from a band-limited self-affine surface (H =
+# 0.3 to 1, a decade of wavelengths) by 3e-5 to 8e-5 of the rms height; rms slope and rms curvature differ by 0.05 % and 2 %
+# from those of 32 points.
 POINTS_PER_WAVE = 8
-"""Grid points per shortest wavelength.
-
-The spline through 8 points per wave differs from a band-limited self-affine surface (H = 0.3 to 1, a decade of wavelengths) by
-3e-5 to 8e-5 of the rms height; rms slope and rms curvature differ by 0.05 % and 2 % from those of 32 points.
-"""
-
+# Grid points per wavelength of a single sine, whose curvature is then within 0.4 % of the formula.
 POINTS_PER_SINE = 32
-"""Grid points per wavelength of a single sine, whose curvature is then within 0.4 % of the formula."""
-
+# Grid points per half of a rounded corner of a groove.
 POINTS_PER_CORNER = 4
-"""Grid points per half of a rounded corner of a groove."""
-
+# Largest ratio of the two spacings, so that the cells of a search are not too long.
 ASPECT = 4.0
-"""Largest ratio of the two spacings, so that the cells of a search are not too long."""
-
+# Smallest number of points along a side.
 FEWEST = 16
-"""Smallest number of points along a side."""
-
+# Largest number of points of a surface: 240 MB of coefficients.
 MAX_POINTS = 30_000_000
-"""Largest number of points of a surface: 240 MB of coefficients."""
-
+# Relative deviation of a wave vector below which a wave is taken as the nearest one that fits.
 FIT = 1e-3
-"""Relative deviation of a wave vector below which a wave is taken as the nearest one that fits."""
 
 
 class WholeWaves(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError
-from thirdbody.input_files import Header, member, npz_arrays, opened_archive, read_bytes
+from thirdbody.input_files import Header, is_number, member, npz_arrays, opened_archive, read_bytes
 from thirdbody.surfaces.grid import MAX_POINTS
 from thirdbody.surfaces.scan import TEXTS, HeightMap, checked_map
 
@@ -129,7 +129,7 @@ def _text_map(file: str, data: bytes, unit: float, spacing: tuple[float, float])
         try:
             row = np.array(cells, np.float64)
         except ValueError:
-            words = [(column, cell) for column, cell in enumerate(cells, 1) if not _is_number(cell)]
+            words = [(column, cell) for column, cell in enumerate(cells, 1) if not is_number(cell)]
             if rows or len(words) < len(cells):
                 text = f"'{words[0][1][:40]}' is no number; a comment begins with {', '.join(_COMMENTS)}"
                 faults.append(Fault(f"column {words[0][0]}", text, file, number))
@@ -146,14 +146,6 @@ def _text_map(file: str, data: bytes, unit: float, spacing: tuple[float, float])
     if np.isnan(heights[:, -1]).all():  # a delimiter at the end of each line
         heights = heights[:, :-1]
     return checked_map(heights, spacing, file)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _npz_map(file: str, data: bytes) -> HeightMap:
