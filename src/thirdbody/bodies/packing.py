@@ -1,7 +1,7 @@
 """Placement of bodies: in a layer on the lower plate, or scattered in a volume; and overlaps of given positions."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,9 @@ from thirdbody.rotations import matrix_from_quaternion
 
 # Smallest gap between spheres over the sum of their radii, so that nothing touches at the start.
 CLEARANCE = 1e-3
-# Tries per body. Near the jamming of random addition fewer than one random position in ten thousand is free.
-TRIES = 50_000
+# Tries per body, in batches: most bodies are placed at once; near the jamming of random addition fewer than one random position
+# in ten thousand is free.
+_BATCHES = (32, 128, 512, 2048, 8192, 32768, 6320)
 # Largest number of grid columns along one axis: enough for a million spheres.
 _COLUMNS = 1024
 
@@ -92,13 +93,6 @@ def enter(x, y, z, r, t, grid):
     heads[cx, cy] = t
 
 
-@njit(**OPTIONS)
-def enter_all(spheres, grid):
-    """Enter spheres (n, 4) into the empty grid."""
-    for t in range(spheres.shape[0]):
-        enter(spheres[t, 0], spheres[t, 1], spheres[t, 2], spheres[t, 3], t, grid)
-
-
 @njit(**DIRECT, **NO_COUNTS)
 def place_body(tries, spheres, count, grid, clearance):
     """Place a body at the first free try (x, y), and return its index; -1 if none is free.
@@ -159,15 +153,6 @@ def _empty_columns(radii: Array, size: Array, periodic: bool) -> Columns:
     return Columns(np.empty((len(radii), 4)), np.full((nx, ny), -1, np.int64), np.empty(len(radii), np.int64), size, periodic)
 
 
-def _batches() -> Iterator[int]:
-    """Yield growing sizes of batches of tries: most bodies are placed at once."""
-    batch, left = 32, TRIES
-    while left > 0:
-        yield min(batch, left)
-        left -= batch
-        batch *= 4
-
-
 def place_layer(
     clumps: Sequence[Clump], quaternions: Array, domain_size: tuple[float, float], periodic: bool, rng: np.random.Generator
 ) -> Array:
@@ -203,7 +188,7 @@ def place_layer(
     count = 0
     for done, b in enumerate(order):
         lower_limit, upper_limit = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
-        for batch in _batches():
+        for batch in _BATCHES:
             tries = lower_limit + (upper_limit - lower_limit) * rng.random((batch, 2))
             k = place_body(tries, spheres[starts[b] : starts[b + 1]], count, columns, CLEARANCE)
             if k >= 0:
@@ -221,7 +206,7 @@ def place_layer(
 def _no_space(order: Array, done: int, fractions: Array, kind: str) -> str:
     """Describe a placement that failed after `done` bodies, whose fractions of the area or volume are in the same order."""
     reached = f"{kind} fraction {fractions[:done].sum():.3f} reached of {fractions.sum():.3f} wanted"
-    return f"no space for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, {reached}"
+    return f"no space for body {order[done]} after {sum(_BATCHES)} tries: {done} of {len(order)} bodies placed, {reached}"
 
 
 def near_pairs(S: Array, body: Array, corners: tuple[Array, Array], periodic: bool, skin: float) -> tuple[Array, Array]:
@@ -315,12 +300,12 @@ def scatter(
     old = np.empty((0, 4)) if standing is None else standing
     columns = _empty_columns(np.concatenate([old[:, 3], *(body.radii for body in clumps)]), box, periodic)
     count = len(old)
-    enter_all(old, columns)
+    place_body(np.zeros((1, 2)), old, 0, columns, CLEARANCE)  # where they are
     order = np.argsort([-body.volume for body in clumps], kind="stable")
     for done, b in enumerate(order):
         body = clumps[b]
         spheres = np.empty((len(body.radii), 4))
-        for batch in _batches():
+        for batch in _BATCHES:
             tries = np.concatenate([rng.normal(size=(batch, 4)), rng.random((batch, 3))], axis=1)
             tries[:, :4] /= np.linalg.norm(tries[:, :4], axis=1)[:, None]
             k = place_rotated(tries, body.centers, body.radii, count, columns, CLEARANCE, spheres)
