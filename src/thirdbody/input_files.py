@@ -3,11 +3,10 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,13 +23,6 @@ SHOWN = 10
 # What damage of an archive makes zipfile and numpy raise.
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
            zipfile.BadZipFile, zlib.error)  # fmt: skip
-
-
-class Header(NamedTuple):
-    """What an array in a file claims to be."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype
 
 
 def refuse(faults: Iterable[Fault], total: int | None = None) -> None:
@@ -95,13 +87,10 @@ def member(file: str, archive: zipfile.ZipFile, name: str) -> bytes:
     return archive.read(entry)
 
 
-def npz_arrays(
-    file: str, data: bytes, needed: Sequence[str], optional: Sequence[str], check: Callable[[dict[str, Header]], Iterable[Fault]]
-) -> dict[str, np.ndarray]:
+def npz_arrays(file: str, data: bytes, needed: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the arrays in the bytes of an NPZ file; `file` is its name in messages. Pickles are never loaded.
 
-    `check` returns the faults of what the arrays claim to be; they are allocated only without any. InputError with all faults of
-    the names, else of the headers, else of the lengths.
+    InputError with all faults of the names, else for the first array that is damaged.
     """
     with opened_archive(file, data) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
@@ -111,18 +100,11 @@ def npz_arrays(
         if lacking and not faults:  # an unknown name may be the one that is missing
             faults = [Fault(", ".join(lacking), f"is missing, expected {', '.join(needed)}", file)]
         refuse(faults)
-        streams = {name: io.BytesIO(member(file, archive, f"{name}.npy")) for name in names}
-        headers = {name: _header(file, name, stream) for name, stream in streams.items()}
-        refuse(check(headers))
-        for name, (shape, dtype) in headers.items():
-            if len(streams[name].getbuffer()) - streams[name].tell() != prod(shape) * dtype.itemsize:
-                message = f"is damaged or cut short: {prod(shape)} values were announced; write the file again"
-                raise InputError(Fault(name, message, file))
-            streams[name].seek(0)
-        return {name: np.lib.format.read_array(stream, allow_pickle=False) for name, stream in streams.items()}
+        return {name: _array(file, name, member(file, archive, f"{name}.npy")) for name in names}
 
 
-def _header(file: str, name: str, stream: io.BytesIO) -> Header:
+def _array(file: str, name: str, data: bytes) -> np.ndarray:
+    stream = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)
     except ValueError:
@@ -131,7 +113,11 @@ def _header(file: str, name: str, stream: io.BytesIO) -> Header:
     shape, _, dtype = read(stream)
     if dtype.hasobject:
         raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers or a text", file))
-    return Header(shape, dtype)
+    if len(data) - stream.tell() != prod(shape) * dtype.itemsize:  # before it is allocated
+        message = f"is damaged or cut short: {prod(shape)} values were announced; write the file again"
+        raise InputError(Fault(name, message, file))
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def is_number(text: str) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from thirdbody import units
 from thirdbody.bodies.clump import Clump, clump_with_frame, repeated_spheres
 from thirdbody.errors import Fault, InputError, nearest
-from thirdbody.input_files import LARGEST, MAX_ROWS, SHOWN, SMALLEST, Header, is_number, npz_arrays, read_bytes, refuse
+from thirdbody.input_files import LARGEST, MAX_ROWS, SHOWN, SMALLEST, is_number, npz_arrays, read_bytes, refuse
 from thirdbody.rotations import quaternion_product
 
 SUFFIXES = (".csv", ".npz")
@@ -330,10 +330,23 @@ def _value(column: _Column, cell: str) -> float:
 
 def _read_npz(file: str, data: bytes) -> _Table:
     """InputError with all faults of the names, else of the sizes, else of types, else of shapes, else of the values."""
-    arrays = npz_arrays(file, data, ("center", "radius", "clump"), tuple(_PER_BODY), lambda headers: _claims(file, headers))
-    ids = np.unique(arrays["clump"])
-    wanted = {name: (len(ids), width) for name, width in _PER_BODY.items()}
-    refuse(_shape_faults(file, arrays, wanted, f"clump names {len(ids)} bodies, in the order of rising ids"))
+    arrays = npz_arrays(file, data, ("center", "radius", "clump"), tuple(_PER_BODY))
+    for name, array in arrays.items():
+        if (count := max(array.shape, default=0)) > MAX_ROWS:
+            raise InputError(Fault(name, f"has {count} rows, at most {MAX_ROWS} spheres are read from one file", file))
+    faults = []
+    for name, array in arrays.items():
+        kinds, wanted = ("iu", "whole numbers, the ids of bodies") if name == "clump" else ("fiu", "real numbers")
+        if array.dtype.kind not in kinds:
+            faults.append(Fault(name, f"holds {array.dtype}, expected {wanted}", file))
+    refuse(faults)
+    if len(shape := arrays["clump"].shape) != 1 or not shape[0]:
+        message = "holds no spheres" if shape == (0,) else f"has shape {shape}, expected (n,): one id for each sphere"
+        raise InputError(Fault("clump", message, file))
+    n, ids = shape[0], np.unique(arrays["clump"])
+    _refuse_shapes(file, arrays, {"center": (n, 3), "radius": (n,)}, f"clump names {n} spheres")
+    per_body = {name: (len(ids), width) for name, width in _PER_BODY.items()}
+    _refuse_shapes(file, arrays, per_body, f"clump names {len(ids)} bodies, in the order of rising ids")
     faults, total = [], 0
     for name, array in arrays.items():
         indices = np.argwhere(~np.isfinite(array))
@@ -351,30 +364,9 @@ def _read_npz(file: str, data: bytes) -> _Table:
     return _Table(file, floats.pop("center"), floats.pop("radius"), arrays["clump"], ids, floats)
 
 
-def _claims(file: str, arrays: Mapping[str, Header]) -> list[Fault]:
-    """Return the faults of the sizes, else of the types, else of the shapes of n spheres."""
-    for name, array in arrays.items():
-        if math.prod(array.shape[1:]) > 4:
-            return [Fault(name, f"has shape {array.shape}, expected at most 4 columns", file)]
-    for name, array in arrays.items():
-        if (rows := max(array.shape, default=0)) > MAX_ROWS:
-            return [Fault(name, f"has {rows} rows, at most {MAX_ROWS} spheres are read from one file", file)]
-    faults = []
-    for name, array in arrays.items():
-        kinds, wanted = ("iu", "whole numbers, the ids of bodies") if name == "clump" else ("fiu", "real numbers")
-        if array.dtype.kind not in kinds:
-            faults.append(Fault(name, f"holds {array.dtype}, expected {wanted}", file))
-    shape = arrays["clump"].shape
-    if faults or (len(shape) == 1 and shape[0]):
-        n = math.prod(shape)
-        return faults or _shape_faults(file, arrays, {"center": (n, 3), "radius": (n,)}, f"clump names {n} spheres")
-    message = "holds no spheres" if shape == (0,) else f"has shape {shape}, expected (n,): one id for each sphere"
-    return [Fault("clump", message, file)]
-
-
-def _shape_faults(file: str, arrays: Mapping, wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
-    return [
+def _refuse_shapes(file: str, arrays: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, ...]], why: str) -> None:
+    refuse(
         Fault(name, f"has shape {arrays[name].shape}, expected {shape}: {why}", file)
         for name, shape in wanted.items()
         if name in arrays and arrays[name].shape != shape
-    ]
+    )

@@ -56,13 +56,18 @@ class Outcome(IntEnum):
 
 
 class RigidBodies(NamedTuple):
-    """Shapes of the bodies at full size; `body` of each sphere; `lever`: by which torques of a body are divided."""
+    """Shapes of the bodies at full size, and their spheres in the present poses: arms (n, 3) and S (n, 4: centre, radius).
+
+    body of each sphere; lever: by which torques of a body are divided.
+    """
 
     rel: Array
     radii: Array
     body: Array
     starts: Array
     lever: Array
+    arms: Array
+    S: Array
 
 
 class Motion(NamedTuple):
@@ -83,24 +88,9 @@ class Walls(NamedTuple):
     clearance: float
 
 
-class Spheres(NamedTuple):
-    """Spheres of the bodies in their poses: arms (n, 3) and S (n, 4: centre, radius)."""
-
-    arms: Array
-    S: Array
-
-
-class Pairs(NamedTuple):
-    """Candidates: pairs of spheres that may overlap until one has moved by half the skin."""
-
-    own: Array
-    partner: Array
-    skin: float
-
-
 @njit(**OPTIONS)
-def pose(X, Q, bodies, scale, spheres):
-    rel, starts, arms, S = bodies.rel, bodies.starts, spheres.arms, spheres.S
+def pose(X, Q, bodies, scale):
+    rel, starts, arms, S = bodies.rel, bodies.starts, bodies.arms, bodies.S
     for b in range(X.shape[0]):
         a, e, i, d, f, j, g, h, k = matrix(Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
         for s in range(starts[b], starts[b + 1]):
@@ -121,9 +111,9 @@ def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
 
 
 @njit(**CHUNK)
-def _repulsion(bodies, spheres, pairs, walls, F):
+def _repulsion(bodies, own, partner, walls, F):
     """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return its largest overlap, absolute and over the radii."""
-    S, arms, body, lever, own, partner = spheres.S, spheres.arms, bodies.body, bodies.lever, pairs.own, pairs.partner
+    S, arms, body, lever = bodies.S, bodies.arms, bodies.body, bodies.lever
     low, high, periodic, clearance = walls
     F[:] = 0.0
     max_overlap, worst = 0.0, 0.0
@@ -175,19 +165,20 @@ def _moved_beyond(S, S0, skin):
 
 
 @njit(**OPTIONS)
-def relax(bodies, motion, scale, pairs, walls, spheres, limit):
+def relax(bodies, motion, scale, own, partner, walls, limit):
     """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`Outcome`, steps).
 
-    `limit`: largest number of steps. Lengths are in units of a typical radius. Under an open top a body stops as soon as nothing
-    pushes it: else the uppermost ones would fly off.
+    own, partner: pairs of spheres that may overlap until one has moved by half the skin; limit: largest number of steps. Lengths
+    are in units of a typical radius. Under an open top a body stops as soon as nothing pushes it: else the uppermost ones would
+    fly off.
     """
     X, Q, V, memory = motion
     n, lever, is_open = X.shape[0], bodies.lever, math.isinf(walls.high[2])
     F = np.empty((n, 6))
-    pose(X, Q, bodies, scale, spheres)
-    S0 = spheres.S.copy()
+    pose(X, Q, bodies, scale)
+    S0 = bodies.S.copy()
     for step in range(limit):
-        max_overlap, worst = _repulsion(bodies, spheres, pairs, walls, F)
+        max_overlap, worst = _repulsion(bodies, own, partner, walls, F)
         if worst <= 0.5 * walls.clearance:
             return Outcome.RELAXED, step
         power, speed, force, max_force = 0.0, 0.0, 0.0, 0.0
@@ -220,8 +211,8 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
             for c in range(6):
                 V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
         _advance(X, Q, V, memory[DT], lever, 0.1)
-        pose(X, Q, bodies, scale, spheres)
-        if _moved_beyond(spheres.S, S0, 0.5 * pairs.skin):
+        pose(X, Q, bodies, scale)
+        if _moved_beyond(bodies.S, S0, 0.5 * _SKIN):
             return Outcome.MOVED, step + 1
     return Outcome.SPENT, limit
 
@@ -255,18 +246,16 @@ class OverlapRemoval:
         # lever of the torques: distance of the outermost centre, so that no rotation is stiffer than a displacement
         arms = np.maximum.reduceat(np.linalg.norm(rel, axis=1), starts[:-1])
         lever = np.where(arms > 0.0, arms, 1.0)
-        self.shapes = RigidBodies(rel, self.radii, self.body, starts, lever)
+        self.S = np.empty((len(self.radii), 4))
+        self.shapes = RigidBodies(rel, self.radii, self.body, starts, lever, np.empty((len(self.radii), 3)), self.S)
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
-        self.spheres = Spheres(np.empty((len(self.radii), 3)), np.empty((len(self.radii), 4)))
-        self.S = self.spheres.S
 
     def relax(self, size: float, limit: int) -> tuple[Outcome, int]:
         """Remove the overlaps of bodies scaled by `size` in at most `limit` steps; return how it ended, and the steps."""
         motion = Motion(self.X, self.Q, np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]))
         left = limit
         while left > 0:
-            pairs = Pairs(*self._search(size), _SKIN)
-            code, done = relax(self.shapes, motion, size, pairs, self.walls, self.spheres, left)
+            code, done = relax(self.shapes, motion, size, *self._search(size), self.walls, left)
             left -= done
             if code != Outcome.MOVED:
                 return Outcome(code), limit - left
@@ -289,7 +278,7 @@ class OverlapRemoval:
         return Overlaps(*deepest(first[real], second[real], depth[real]))
 
     def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
-        pose(self.X, self.Q, self.shapes, size, self.spheres)
+        pose(self.X, self.Q, self.shapes, size)
         if not self.meet:
             return (np.empty(0, np.int32),) * 2
         low, high, periodic, clearance = self.walls

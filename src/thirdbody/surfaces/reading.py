@@ -6,7 +6,6 @@ import hashlib
 import io
 import math
 import zipfile
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError
-from thirdbody.input_files import Header, is_number, member, npz_arrays, opened_archive, read_bytes
+from thirdbody.input_files import is_number, member, npz_arrays, opened_archive, read_bytes
 from thirdbody.surfaces.grid import MAX_POINTS
 from thirdbody.surfaces.scan import TEXTS, HeightMap, checked_map
 
@@ -153,24 +152,23 @@ def _npz_map(file: str, data: bytes) -> HeightMap:
 
     `height_unit` is that of the heights where it differs from `unit`.
     """
-
-    def check(headers: Mapping[str, Header]) -> list[Fault]:
-        faults = []
-        for name, (shape, dtype) in headers.items():
-            text, points = name.endswith("unit"), math.prod(shape)
-            if points > MAX_POINTS:
-                return [Fault(name, f"has {points:.3g} points, at most {MAX_POINTS:.3g} are read: crop or thin the map", file)]
-            if dtype.kind not in ("US" if text else "fiu"):
-                faults.append(Fault(name, f"holds {dtype}, expected {'a text' if text else 'real numbers'}", file))
-            elif text and points != 1:
-                faults.append(Fault(name, f"has shape {shape}, expected one text", file))
-            elif name == "heights" and len(shape) != 2:
-                faults.append(Fault(name, f"has shape {shape}, expected (n_y, n_x)", file))
-            elif name == "spacing" and shape not in ((), (1,), (2,)):
-                faults.append(Fault(name, f"has shape {shape}, expected one number, or those along x and y", file))
-        return faults
-
-    arrays = npz_arrays(file, data, ("heights", "spacing", "unit"), ("height_unit",), check)
+    arrays = npz_arrays(file, data, ("heights", "spacing", "unit"), ("height_unit",))
+    faults = []
+    for name, array in arrays.items():
+        shape, text = array.shape, name.endswith("unit")
+        if array.dtype.kind not in ("US" if text else "fiu"):
+            faults.append(Fault(name, f"holds {array.dtype}, expected {'a text' if text else 'real numbers'}", file))
+        elif text and array.size != 1:
+            faults.append(Fault(name, f"has shape {shape}, expected one text", file))
+        elif name == "heights" and len(shape) != 2:
+            faults.append(Fault(name, f"has shape {shape}, expected (n_y, n_x)", file))
+        elif name == "spacing" and shape not in ((), (1,), (2,)):
+            faults.append(Fault(name, f"has shape {shape}, expected one number, or those along x and y", file))
+    if (points := arrays["heights"].size) > MAX_POINTS:
+        message = f"has {points:.3g} points, at most {MAX_POINTS:.3g} are read: crop or thin the map"
+        faults.append(Fault("heights", message, file))
+    if faults:
+        raise InputError(faults)
     lengths = {}
     for name in ("unit", "height_unit"):
         value = arrays.get(name, arrays["unit"]).reshape(-1)[0]
