@@ -97,6 +97,8 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
     InputError: one fault that names the file and a remedy, for a mesh that is not finite, empty, open, of mixed winding, in
     several pieces, flat or inside out, or that cuts through itself.
     """
+    from trimesh.grouping import clusters
+
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if not faces.size:
         raise _fault(name, "holds no triangles: it is empty, cut short, or not of the format its name says")
@@ -105,7 +107,14 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
         raise _fault(name, f"{bad} of {len(vertices)} vertices are not finite numbers; export the surface again")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _fault(name, "a triangle names a vertex that is not there: the file is cut short; export it again")
-    mesh = _merged(vertices, faces, name)
+    # the used vertices, coincident ones merged, without faces that have collapsed to a line
+    points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
+    label = np.arange(len(points))
+    for group in clusters(points, _SAME * float(np.abs(points).max())):
+        label[group] = group.min()
+    faces = label[inverse.reshape(-1, 3)]
+    used, faces = np.unique(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], return_inverse=True)
+    mesh = Mesh(points[used], faces.reshape(-1, 3), name)
     if not mesh.faces.size:
         message = "all triangles are empty: every one has two corners at the same position"
         raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {np.abs(vertices).max():.3g} m)")
@@ -191,19 +200,6 @@ def _odd_vertex(data: bytes) -> str | None:
             shown = line.strip()[:60].decode("ascii", "replace")
             return f"line {number}: '{shown}' is not three finite numbers; export the surface again"
     return None
-
-
-def _merged(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
-    """Return the mesh of the used vertices, coincident ones merged, without faces that have collapsed to a line."""
-    from trimesh.grouping import clusters
-
-    points, inverse = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
-    label = np.arange(len(points))
-    for group in clusters(points, _SAME * float(np.abs(points).max())):
-        label[group] = group.min()
-    faces = label[inverse.reshape(-1, 3)]
-    used, faces = np.unique(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], return_inverse=True)
-    return Mesh(points[used], faces.reshape(-1, 3), name)
 
 
 def _not_closed(mesh: Mesh) -> str:
