@@ -54,70 +54,61 @@ def apart(d, size, periodic):
 
 
 @njit(**BARE_CHUNK)
-def free(px, py, spheres, grid, clearance):
-    """Return whether the spheres, moved by (px, py), clear all spheres in the grid."""
-    placed, heads, following, size, periodic = grid
+def enter_if_free(p_x, p_y, spheres, count, columns, clearance):
+    """Enter the spheres, moved by (p_x, p_y), as those from `count` on, if they clear all others; return whether they do."""
+    placed, heads, following, size, periodic = columns
     nx, ny = heads.shape
-    for s in range(spheres.shape[0]):
-        x, y, z, r = spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3]
-        if periodic:
-            x -= size[0] * math.floor(x / size[0])
-            y -= size[1] * math.floor(y / size[1])
-        cx, cy = column(x, size[0], nx), column(y, size[1], ny)
-        for gx in range(cx - 1, cx + 2):
-            for gy in range(cy - 1, cy + 2):
-                if not periodic and (gx < 0 or gy < 0 or gx >= nx or gy >= ny):
-                    continue
-                t = heads[gx % nx, gy % ny]
-                while t >= 0:
-                    dx = apart(placed[t, 0] - x, size[0], periodic)
-                    dy = apart(placed[t, 1] - y, size[1], periodic)
-                    dz = placed[t, 2] - z
-                    reach = (r + placed[t, 3]) * (1.0 + clearance)
-                    if dx * dx + dy * dy + dz * dz < reach * reach:
-                        return False
-                    t = following[t]
+    for entering in (False, True):
+        for s in range(spheres.shape[0]):
+            x, y, z, r = spheres[s, 0] + p_x, spheres[s, 1] + p_y, spheres[s, 2], spheres[s, 3]
+            if periodic:
+                x -= size[0] * math.floor(x / size[0])
+                y -= size[1] * math.floor(y / size[1])
+            cx, cy = column(x, size[0], nx), column(y, size[1], ny)
+            if entering:
+                t = count + s
+                placed[t, 0], placed[t, 1], placed[t, 2], placed[t, 3] = x, y, z, r
+                following[t] = heads[cx, cy]
+                heads[cx, cy] = t
+                continue
+            for gx in range(cx - 1, cx + 2):
+                for gy in range(cy - 1, cy + 2):
+                    if not periodic and (gx < 0 or gy < 0 or gx >= nx or gy >= ny):
+                        continue
+                    t = heads[gx % nx, gy % ny]
+                    while t >= 0:
+                        dx = apart(placed[t, 0] - x, size[0], periodic)
+                        dy = apart(placed[t, 1] - y, size[1], periodic)
+                        dz = placed[t, 2] - z
+                        reach = (r + placed[t, 3]) * (1.0 + clearance)
+                        if dx * dx + dy * dy + dz * dz < reach * reach:
+                            return False
+                        t = following[t]
     return True
 
 
-@njit(**BARE_CHUNK)
-def enter(x, y, z, r, t, grid):
-    """Enter sphere t into the grid."""
-    placed, heads, following, size, periodic = grid
-    if periodic:
-        x -= size[0] * math.floor(x / size[0])
-        y -= size[1] * math.floor(y / size[1])
-    cx, cy = column(x, size[0], heads.shape[0]), column(y, size[1], heads.shape[1])
-    placed[t, 0], placed[t, 1], placed[t, 2], placed[t, 3] = x, y, z, r
-    following[t] = heads[cx, cy]
-    heads[cx, cy] = t
-
-
 @njit(**DIRECT, **NO_COUNTS)
-def place_body(tries, spheres, count, grid, clearance):
+def place_body(tries, spheres, count, columns, clearance):
     """Place a body at the first free try (x, y), and return its index; -1 if none is free.
 
-    tries (t, 2) [m]; spheres (n, 4) of the body: x, y relative to it, z, radius; count: spheres in the grid. Spheres closer than
-    (1 + clearance) times the sum of radii do not fit.
+    tries (t, 2) [m]; spheres (n, 4) of the body: x, y relative to it, z, radius; count: spheres in the columns. Spheres closer
+    than (1 + clearance) times the sum of radii do not fit.
     """
     for k in range(tries.shape[0]):
-        px, py = tries[k, 0], tries[k, 1]
-        if free(px, py, spheres, grid, clearance):
-            for s in range(spheres.shape[0]):
-                enter(spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3], count + s, grid)
+        if enter_if_free(tries[k, 0], tries[k, 1], spheres, count, columns, clearance):
             return k
     return -1
 
 
 @njit(**OPTIONS)
-def place_rotated(tries, rel, radii, count, grid, clearance, rotated_spheres):
+def place_rotated(tries, rel, radii, count, columns, clearance, rotated_spheres):
     """Place a body in the box at its first free try, and return its index; -1 if none is free.
 
     tries (t, 7): unit quaternion, then x, y, z as fractions 0..1 of the range that the rotated body can take. rotated_spheres (k,
-    4) holds the spheres of the last try at the end. The size of the grid has three components: the box. In a periodic box x and y
-    are arbitrary.
+    4) holds the spheres of the last try at the end. The size of the columns has three components: the box. In a periodic box x
+    and y are arbitrary.
     """
-    k, box, periodic = radii.shape[0], grid.size, grid.periodic
+    k, box, periodic = radii.shape[0], columns.size, columns.periodic
     for t in range(tries.shape[0]):
         a, b, c, d, e, f, g, h, i = matrix(tries[t, 0], tries[t, 1], tries[t, 2], tries[t, 3])
         for s in range(k):
@@ -138,10 +129,7 @@ def place_rotated(tries, rel, radii, count, grid, clearance, rotated_spheres):
             at = low + (high - low) * tries[t, 4 + axis]
             for s in range(k):
                 rotated_spheres[s, axis] += at
-        if fits and free(0.0, 0.0, rotated_spheres, grid, clearance):
-            for s in range(k):
-                x, y, z, r = rotated_spheres[s, 0], rotated_spheres[s, 1], rotated_spheres[s, 2], rotated_spheres[s, 3]
-                enter(x, y, z, r, count + s, grid)
+        if fits and enter_if_free(0.0, 0.0, rotated_spheres, count, columns, clearance):
             return t
     return -1
 
