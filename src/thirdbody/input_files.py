@@ -112,7 +112,7 @@ def _array(file: str, name: str, data: bytes) -> np.ndarray:
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)
     if dtype.hasobject:
-        raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers or a text", file))
+        raise InputError(Fault(name, "holds Python objects (a pickle), which are never loaded", file))
     if len(data) - stream.tell() != prod(shape) * dtype.itemsize:  # before it is allocated
         message = f"is damaged or cut short: {prod(shape)} values were announced; write the file again"
         raise InputError(Fault(name, message, file))

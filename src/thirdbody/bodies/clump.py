@@ -99,7 +99,12 @@ def clump(centers, radii) -> Clump:
 
 
 def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
-    """Return the clump of spheres (`clump`) with its principal frame.
+    """Return the clump of spheres with its principal frame.
+
+    Parameters
+    ----------
+    centers, radii : array_like (k, 3) and (k,)
+        Spheres [m]; refused as by `clump`.
 
     Returns
     -------

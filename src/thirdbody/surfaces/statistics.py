@@ -21,7 +21,7 @@ _WIDE_BAND = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class RadialSpectrum:
     """Wavenumbers q = 2 pi / wavelength [rad/m], and the power C(q) [m4] there, the mean over all directions.
 
     C = |H|^2 / A with the Fourier transform H of the heights over the area A, so that the mean square of the height is the
@@ -49,7 +49,7 @@ class PowerLaw:
         return self.long >= _WIDE_BAND * self.short
 
 
-def radial_spectrum(heights: np.ndarray, spacing: tuple[float, float], periodic: bool) -> Spectrum:
+def radial_spectrum(heights: np.ndarray, spacing: tuple[float, float], periodic: bool) -> RadialSpectrum:
     """Return the spectrum of heights (n_y, n_x) [m]; without a period they are weighted by a Hann window."""
     n_y, n_x = heights.shape
     window = np.ones_like(heights) if periodic else np.hanning(n_y)[:, None] * np.hanning(n_x)[None, :]
@@ -67,15 +67,15 @@ def radial_spectrum(heights: np.ndarray, spacing: tuple[float, float], periodic:
     inside = (q > 0.0) & (q <= np.pi / max(spacing) * (1.0 + 1e-9))
     q, power, weight = q[inside], power[inside], weight[inside]
     if not len(q):
-        return Spectrum(np.zeros(0), np.zeros(0), np.zeros(0))
+        return RadialSpectrum(np.zeros(0), np.zeros(0), np.zeros(0))
     ring = np.floor(_PER_OCTAVE * np.log2(q / q.min()) + 1e-9).astype(int)
     total = np.bincount(ring, weight)
     filled = total > 0
     mean_q, mean_power = (np.bincount(ring, weight * values)[filled] / total[filled] for values in (q, power))
-    return Spectrum(mean_q, mean_power, total[filled])
+    return RadialSpectrum(mean_q, mean_power, total[filled])
 
 
-def power_law(spectrum: Spectrum) -> PowerLaw | None:
+def power_law(spectrum: RadialSpectrum) -> PowerLaw | None:
     """Return the power law that fits best, flat below its long wavelength; None where the spectrum follows none."""
     present = spectrum.power > 1e-12 * spectrum.power.max(initial=0.0)
     count = len(present) if present.all() else int(np.argmin(present))
@@ -117,7 +117,7 @@ class Statistics:
     rms_curvature: float
     crest_curvature: float
     valley_curvature: float
-    spectrum: Spectrum | None = None
+    spectrum: RadialSpectrum | None = None
     law: PowerLaw | None = None
 
     def document(self) -> dict[str, Any]:
