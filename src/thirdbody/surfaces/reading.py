@@ -172,9 +172,9 @@ def _npz_map(file: str, data: bytes) -> HeightMap:
     lengths = {}
     for name in ("unit", "height_unit"):
         value = arrays.get(name, arrays["unit"]).reshape(-1)[0]
-        text = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+        word = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
         try:
-            lengths[name] = units.parse(f"1 {text}", "length")
+            lengths[name] = units.parse(f"1 {word}", "length")
         except ValueError as error:
             raise InputError(Fault(name, str(error), file)) from None
     step_x, step_y = np.broadcast_to(arrays["spacing"].astype(np.float64), 2) * lengths["unit"]
