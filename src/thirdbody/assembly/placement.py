@@ -9,10 +9,9 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.overlap_removal import pack
 from thirdbody.bodies.packing import place_layer, scatter
 from thirdbody.bodies.resting_poses import headed, settle_all
+from thirdbody.debris.contract import CLEARANCE, PopulationContext
 from thirdbody.errors import Fault, InputError
 from thirdbody.rotations import to_world
-from thirdbody.scene.debris.contract import CLEARANCE
-from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene
 
 LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037

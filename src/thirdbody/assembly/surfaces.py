@@ -12,18 +12,16 @@ from thirdbody.engine.state import World
 from thirdbody.errors import Fault, InputError
 from thirdbody.laws.contract import Law
 from thirdbody.laws.hertz import HERTZ
-from thirdbody.quantity import percent
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import key_location
-from thirdbody.scene.surface_checks import SIDES, spacing_of
-from thirdbody.scene.surfaces import Groove, SelfAffine, Sine, SurfaceFile, Waves
+from thirdbody.scene.surfaces import SIDES, Groove, SelfAffine, Sine, SurfaceFile, Waves, spacing_of
+from thirdbody.schema.parts import key_location
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
 from thirdbody.surfaces.reading import read_scan
 from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.units import pretty
+from thirdbody.units import percent, pretty
 
 Size = tuple[float, float]
 

@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.quantity import percent
 from thirdbody.surfaces import grid
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.units import pretty
+from thirdbody.units import percent, pretty
 
 TEXTS = (".csv", ".txt")
 """Suffixes of files of text, which name neither a unit nor the spacing of their points."""
