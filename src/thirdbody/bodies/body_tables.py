@@ -158,7 +158,6 @@ def _read(path: Path) -> _Table:
 
 
 def _refuse_sizes(table: _Table) -> None:
-    """Raise InputError for the first sphere whose numbers cannot be right in any unit, with the number of the others."""
     furthest = np.maximum(table.radius, np.abs(table.center).max(axis=1))
     odd = np.flatnonzero((table.radius < SMALLEST) | (furthest > LARGEST))
     if not len(odd):
@@ -241,7 +240,6 @@ def _text(file: str, data: bytes) -> str:
 
 
 def _header(file: str, line: int, titles: list[str]) -> list[_Column]:
-    """Return the columns. Raises InputError for unknown, missing and repeated ones, and for missing units."""
     if len(titles) == 1 and (separator := next((s for s in ";\t" if s in titles[0]), "")):
         message = f"columns are separated by {separator!r}, expected ',' (and a point as decimal sign), such as {_EXAMPLE}"
         raise InputError(Fault("header", message, file, line))
@@ -291,7 +289,6 @@ def _are_missing(names: list[str]) -> str:
 
 
 def _values(file: str, columns: list[_Column], rows: list[tuple[int, list[str]]]) -> dict[str, np.ndarray]:
-    """Return the values (n,) of every column in SI. Raises InputError with all faulty cells."""
     faults = []
     values: dict[str, list[float]] = {column.name: [] for column in columns}
     for line, cells in rows:
@@ -310,7 +307,6 @@ def _values(file: str, columns: list[_Column], rows: list[tuple[int, list[str]]]
 
 
 def _value(column: _Column, cell: str) -> float:
-    """Return the cell in SI. Raises ValueError."""
     if not cell:
         raise ValueError("the cell is empty")
     shown = f"'{cell[:40]}'"

@@ -142,7 +142,6 @@ def population(
 
 
 def _streams(seed: int, population_index: int, begin: int, end: int) -> Iterator[list[np.random.Generator]]:
-    """Yield the random streams of the bodies `begin` to `end` in blocks."""
     for first in range(begin, end, _BLOCK):
         block = range(first, min(end, first + _BLOCK))
         yield [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]

@@ -203,7 +203,6 @@ def _odd_vertex(data: bytes) -> str | None:
 
 
 def _not_closed(mesh: Mesh) -> str:
-    """Return what is wrong where the surface does not enclose one volume, on its inside."""
     from trimesh.graph import connected_component_labels
 
     singular_values = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)

@@ -283,7 +283,7 @@ def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (..., 3) normal to the given unit vectors and to each other."""
+    """Return two unit vectors (..., 3) normal to the given ones and to each other."""
     x, y, z = np.moveaxis(ups, -1, 0)
     none = np.zeros_like(x)
     a = np.where(np.abs(ups[..., 2:]) < 0.7, np.stack((-y, x, none), axis=-1), np.stack((none, -z, y), axis=-1))

@@ -97,7 +97,6 @@ def read_any_scan(path: Path, unit: str | None = None, spacing: str | None = Non
 
 
 def _unit(path: Path, named: str | None, given: str | None) -> float:
-    """Return the unit of the lengths of a file [m]. Raises UsageError or InputError."""
     if named and given is not None:
         raise UsageError(f"--unit: {path} names its unit, {named}")
     if not named and given is None:
@@ -246,7 +245,6 @@ def _element(main: ElementTree.Element, path: str) -> str:
 
 
 def _grid(file: str, main: ElementTree.Element) -> _Grid:
-    """Raises InputError with all faults."""
     faults: list[Fault] = []
 
     def word(path: str, allowed: str, meaning: str) -> str:

@@ -321,7 +321,6 @@ def _by(lengths: Iterable[float]) -> str:
 
 
 def _notes(part: HeightMap, axes: Sequence[_Axis] = (), size: tuple[float, float] = (0.0, 0.0)) -> list[str]:
-    """Return what was done, in words."""
     notes = list(part.notes)
     if part.missing:
         notes.append(f"{percent(part.missing)} of the points had no height and were filled from their surroundings")
