@@ -11,12 +11,10 @@ from layer import R, hue_share, skip_unless_drawable, write_layer
 
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.palette import STATE_COLORS
-from thirdbody.render.closeup_data import _spots, read_close_up
 from thirdbody.render.coloring import Coloring, Legend
 from thirdbody.render.film import frame_numbers, gif, mp4
-from thirdbody.render.force_tubes import force_tubes, nearest_image
 from thirdbody.render.layout import compute_layout
-from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.picture_data import force_tubes, nearest_image, read_close_up, read_picture_data, read_spots
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 
@@ -73,7 +71,7 @@ def test_an_mp4_and_a_gif_keep_count_order_size_and_rate_and_pyav_may_be_missing
     red = [picture[:, :, 0].mean() for picture in gif_pictures(image)]
     assert red == pytest.approx([100, 120, 140, 160, 180], abs=1)  # five colours fit a palette
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(MissingLibrary, match="pip install av, or name a .gif"):
+    with pytest.raises(MissingLibrary, match=r'pip install "thirdbody\[film\]", or name a .gif'):
         mp4(flat_pictures(1), 10)
 
 
@@ -146,7 +144,7 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force_at_the_nearest_ima
     paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
     one = {"normal": np.array([[0.6, 0.0, 0.8]]), "normal_force": [5.0], "utilisation": [0.0], "contact_radius": [1.0]}
     run = SimpleNamespace(contacts=lambda frame: contacts | {name: np.array(values) for name, values in one.items()})
-    owner, partner = (_spots(run, 0, body, bodies, body, None) for body in (1, 0))
+    owner, partner = (read_spots(run, 0, body, bodies["position"][body], None) for body in (1, 0))
     assert owner.force.tolist() == [[3.0, 0.0, 4.0]] and partner.force.tolist() == [[-3.0, 0.0, -4.0]]
     tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
     assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)

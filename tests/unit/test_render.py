@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -13,10 +12,10 @@ from PIL import Image
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.quantity import with_unit
-from thirdbody.render import render as render_module
+from thirdbody.render import elsewhere
 from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
-from thirdbody.render.force_tubes import TUBE
-from thirdbody.render.picture_data import close_up_window, read_picture_data
+from thirdbody.render.layout import close_up_window
+from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
 
@@ -97,10 +96,10 @@ def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path,
         render(layer, tmp_path / "absent" / "a.png")
     if sys.platform.startswith("linux"):  # only it needs these
         with monkeypatch.context() as patch, pytest.raises(MissingLibrary, match="libegl1.*libosmesa6"):
-            patch.setattr(render_module, "_loads", lambda library: False)
+            patch.setattr(elsewhere, "_loads", lambda library: False)
             render(layer, tmp_path / "a.png")
-    monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
-    monkeypatch.setattr(render_module, "find_spec", lambda name: None)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: [None])
+    monkeypatch.setattr(elsewhere, "find_spec", lambda name: None)
     with pytest.raises(MissingLibrary, match="pip install pyvista"):
         render(layer, tmp_path / "a.png")
 
@@ -108,19 +107,18 @@ def test_options_that_cannot_be_and_missing_libraries_are_named(layer, tmp_path,
 def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_path, monkeypatch):
     tried = []
 
-    def crash(job, kind, report):
+    def crash(module, job, kind, report):
         tried.append(kind)
-        return subprocess.CompletedProcess([], -11, "", "")
+        return -11, ""
 
-    monkeypatch.setattr(render_module, "usable_windows", lambda: ["one", "two"])
-    monkeypatch.setattr(render_module, "_start", crash)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: ["one", "two"])
+    monkeypatch.setattr(elsewhere, "_start", crash)
     with pytest.raises(MissingLibrary, match="two ended with code -11.*libosmesa6"):
         render(layer, tmp_path / "a.png")
     assert tried == ["one", "two"]
     # a fault in the drawing is not blamed on libraries
-    fault = subprocess.CompletedProcess([], 1, "", "Traceback ...\nValueError: x")
-    monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
-    monkeypatch.setattr(render_module, "_start", lambda job, kind, report: fault)
+    monkeypatch.setattr(elsewhere, "usable_windows", lambda: [None])
+    monkeypatch.setattr(elsewhere, "_start", lambda *words: (1, "Traceback ...\nValueError: x"))
     with pytest.raises(RuntimeError, match="ValueError: x"):
         render(layer, tmp_path / "a.png")
 

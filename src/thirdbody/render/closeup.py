@@ -12,12 +12,9 @@ import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
 from thirdbody.quantity import with_unit
-from thirdbody.render.canvas import Canvas
-from thirdbody.render.closeup_data import CloseUpData
-from thirdbody.render.coloring import Legend
-from thirdbody.render.layout import HEADING, add_direction, finish_view, write_title
-from thirdbody.render.legend import draw_legend, legend_height
-from thirdbody.render.overlay import Overlay
+from thirdbody.render.canvas import Canvas, Overlay
+from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, legend_height, write_title
+from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
 
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
@@ -27,6 +24,12 @@ _SLIPPING = 0.999
 _LISTED = 8
 """Largest number of lines of the list of contacts."""
 _CAMERA = (-0.34, -0.90, 0.30)
+_ENTRIES = (
+    ("spot that sticks", STATE_COLORS["sticking"]),
+    ("spot that slips", STATE_COLORS["sliding"]),
+    ("force on the particle, inside the cone of friction", INK),
+)
+"""Of the legend: the list names the particle's state."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ def _plate_height(one: CloseUpData) -> float:
 def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:
     """Draw the picture of one particle."""
     size, overlay = layout.size, Overlay(canvas)
-    legend = _legend(one)
+    legend = replace(one.picture.legend, entries=_ENTRIES, total=0)  # keeps a colour scale of numbers
     foot, head = legend_height(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
     shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
     wide = size[0] >= 1.25 * size[1]
@@ -91,16 +94,6 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     _list_spots(overlay, one, left * size[0], top * size[1] - overlay.px(20))
     write_title(overlay, one.picture.title, one.picture.facts)
     draw_legend(overlay, legend)
-
-
-def _legend(one: CloseUpData) -> Legend:
-    entries = (
-        ("spot that sticks", STATE_COLORS["sticking"]),
-        ("spot that slips", STATE_COLORS["sliding"]),
-        ("force on the particle, inside the cone of friction", INK),
-    )
-    # The list names the particle's state; a colour scale of numbers is needed.
-    return replace(one.picture.legend, entries=entries, total=0)
 
 
 def _color(utilisation: float) -> str:
@@ -161,7 +154,6 @@ def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: Cl
 
 
 def _disc_radius(overlay: Overlay) -> float:
-    """Return the radius of the disc of a contact's number [pixels]."""
     return 15.0 / 22.0 * overlay.text_height(22)
 
 

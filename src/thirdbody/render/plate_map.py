@@ -4,8 +4,6 @@ Coordinates are the plate's own; the upper plate is seen from above, through it.
 at the rate of the whole cycles of the run, without the first one: an extrapolation, and the title says so.
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any
@@ -26,24 +24,31 @@ DARK = 0.15
 """Part of the colour scale that is cut off where nothing lies, so that a faint trace stands out."""
 
 
-def draw_plate_map(run: Run, file: Path, plate: str, options: dict[str, Any]) -> Path:
+def draw_plate_map(run: Run, file: Path, options: Any) -> Path:
     """Write the picture of a map. Raises InputError for a plate or a map that the run does not have, OutputError.
 
-    `options`: `color` (name of the map), `frame`, `size` in pixels, `cycles` (None: the map of the frame).
+    Of the options (`render.PictureOptions`): `plate`, `color` (name of the map), `frame`, `size` in pixels, `cycles` (None: the
+    map of the frame).
     """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
-    if options["color"] == "state" and run.map_units:  # the default, which is no map
-        options["color"] = next(iter(run.map_units))
-    values, words = plate_map(run, plate, options["color"], options["frame"], options["cycles"])
-    size, (wide, tall) = run.header["domain"]["size"], options["size"]
+    # `state`, the default, is no map
+    name = next(iter(run.map_units)) if options.color == "state" and run.map_units else options.color
+    values, words = plate_map(run, options.plate, name, options.frame, options.cycles)
+    size, (wide, tall) = run.header["domain"]["size"], options.size
     figure = Figure(figsize=(wide / DOTS, tall / DOTS), dpi=DOTS, layout="constrained")
     axes = figure.add_subplot()
-    scale, unit = _readable(values.max(initial=0.0), run.map_units[options["color"]])
+    scale, unit = _readable(values.max(initial=0.0), run.map_units[name])
     extent = (0.0, 1e6 * size[0], 0.0, 1e6 * size[1])
-    image = axes.imshow(values * scale, origin="lower", extent=extent, cmap=_colors(), vmin=0.0, interpolation="nearest")
-    figure.colorbar(image, ax=axes, label=f"{options['color'].replace('_', ' ')} [{unit}]", shrink=0.9)
-    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{plate} plate, {words}")
+    colors = colormaps["inferno_r"](np.linspace(DARK, 1.0, 256))
+    colors[0] = (1.0, 1.0, 1.0, 1.0)  # white where nothing lies, then from light to dark
+    image = axes.imshow(
+        values * scale, origin="lower", extent=extent, cmap=ListedColormap(colors), vmin=0.0, interpolation="nearest"
+    )
+    figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
+    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=DOTS)
     try:
@@ -75,13 +80,3 @@ def _readable(largest: float, unit: str) -> tuple[float, str]:
     prefixes = {0: "", 1: "m", 2: "µ", 3: "n", 4: "p", 5: "f", -1: "k", -2: "M"}
     power = int(np.clip(-np.floor(np.log10(largest) / 3.0), -2, 5))
     return 1000.0**power, f"{prefixes[power]}{unit}"
-
-
-def _colors() -> Any:
-    """Return the colours: white where nothing lies, then from light to dark."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    scale = colormaps["inferno_r"](np.linspace(DARK, 1.0, 256))
-    scale[0] = (1.0, 1.0, 1.0, 1.0)
-    return ListedColormap(scale)

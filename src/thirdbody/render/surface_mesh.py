@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.palette import rgb
+from thirdbody.trajectory.names import LOWER_PLATE
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.rebuilt_spheres import rows_of
 
 if TYPE_CHECKING:
     import pyvista
-
-    from thirdbody.trajectory.reader import Run
 
 LOWEST, HIGHEST = "#47536A", "#FFFDF7"
 """Colours of the lowest and highest points: greys, so that the colours of states stand out."""
@@ -80,6 +81,14 @@ def read_plate_surfaces(run: Run, frame: int) -> dict[str, PlateSurface]:
     }  # fmt: skip
 
 
+def read_touching(run: Run, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray) -> Touching:
+    """Return the loaded contacts with the lower plate; `shift` (B, 3) is subtracted to wrap bodies."""
+    contacts = run.block("contacts", frame)
+    chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
+    row = rows_of(bodies, contacts["body"][chosen])
+    return Touching(contacts["position"][chosen] - shift[row], contacts["contact_radius"][chosen], row)
+
+
 def window_mesh(
     surface: PlateSurface, low: np.ndarray, high: np.ndarray, centers: np.ndarray, radii: np.ndarray
 ) -> pyvista.StructuredGrid:
@@ -121,8 +130,7 @@ def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
     top = np.asarray(mesh.points)[edge]
     bottom = top.copy()
     bottom[:, 2] = z
-    n = len(edge)
-    k = np.arange(n)
+    n, k = len(edge), np.arange(len(edge))
     after = (k + 1) % n
     faces = np.stack([np.full(n, 4), k, after, after + n, k + n], axis=1)
     return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())
