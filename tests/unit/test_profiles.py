@@ -16,7 +16,8 @@ from thirdbody.errors import InputError
 from thirdbody.kernels.table import Rows
 from thirdbody.kernels.tables import DEBRIS, LOWER, ONLY_LOWER, UPPER, body, contact_state, patch, record, sphere
 from thirdbody.palette import STATE_COLORS
-from thirdbody.plot import panels_profiles
+from thirdbody.plot import bed_panels
+from thirdbody.plot.summary_page import PANELS
 from thirdbody.scene.model import Scene
 from thirdbody.trajectory.interval_means import SAMPLES, IntervalMeans
 from thirdbody.trajectory.profiles import Profiler
@@ -290,7 +291,7 @@ def test_restored_means_go_on_bit_for_bit_and_others_are_refused():
 
 def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     """Back and forth along y, 2 um in 1 and in 3 us; the bed holds the upper plate back by 1 kPa, drags the lower by 0.8 kPa."""
-    monkeypatch.setattr(panels_profiles, "steady", lambda run: np.array([False, False, True, True]))
+    monkeypatch.setattr(bed_panels, "steady", lambda run: np.array([False, False, True, True]))
     steps = 1e-6 * np.array([0.0, 9.0, 2.0, -2.0])
     side, stress, velocity = np.sign(steps), np.zeros((4, 2, 3, 3)), np.zeros((4, 2, 3))
     stress[..., 2, 2], stress[..., 1, 2], velocity[..., 1] = 3e3, -1e3 * side[:, None], side[:, None] * [0.25, 0.75]
@@ -305,8 +306,8 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate(monkeypatch):
     data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)
-    for one, name in zip(axes, ("velocity", "stress", "states_profile"), strict=True):
-        getattr(panels_profiles, f"draw_{name}")(one, data)
+    for one, name in zip(axes, ("velocity", "stress", "states"), strict=True):
+        PANELS[f"{name}_profile"].draw(one, data)
     drawn = [[*entry.get_xdata(), *entry.get_ydata()] for entry in (*axes[0].lines, *axes[1].lines)]
     wanted = ((0.25, 0.75, 1, 3), (0, 1, 0, 4), (3, 3, 1, 3), (1, 1, 1, 3), (3, 3, 0, 4), (0.8, 1, 0, 4))
     np.testing.assert_allclose(drawn, wanted, atol=1e-9)
