@@ -12,8 +12,7 @@ from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
-from thirdbody.system.standard_streams import guarded_streams
-from thirdbody.system.terminal import print_line, printable_output
+from thirdbody.system.terminal import guarded_streams, print_line, printable_output
 
 app = typer.Typer(
     cls=Group,

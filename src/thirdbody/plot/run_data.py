@@ -71,7 +71,9 @@ class RunData:
         portions = {name: float(values[-1]) for name, values in self.fractions.items() if values[-1] > 0.0}
         if len(portions) == 1:
             return f"{'' if self.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
-        return ", ".join(f"{percent(fraction)} {name}" for name, fraction in sorted(portions.items(), key=lambda entry: -entry[1]))
+        return ", ".join(
+            f"{percent(fraction)} {name}" for name, fraction in sorted(portions.items(), key=lambda entry: -entry[1])
+        )
 
     @cached_property
     def scene(self) -> dict[str, Any]:

@@ -38,33 +38,13 @@ def dask_client(address: str | None, cluster: Path | None) -> Iterator[Any]:
     """
     if address is not None and cluster is not None:
         raise UsageError("give --dask or --cluster, not both")
-    if address is not None:
-        with _connected(address) as client:
-            yield client
-    elif cluster is not None:
+    if cluster is not None:
         with _started(cluster) as client:
             yield client
-    else:
+        return
+    if address is None:
         yield None
-
-
-def is_dask_client(executor: object) -> bool:
-    """Return whether it is a client of Dask, without importing Dask."""
-    return any(kind.__module__ == "distributed.client" and kind.__name__ == "Client" for kind in type(executor).__mro__)
-
-
-def _distributed() -> Any:
-    """Return the module. Raises MissingLibrary."""
-    try:
-        import distributed
-    except ImportError as error:
-        raise MissingLibrary('this needs Dask: pip install "thirdbody[cluster]"') from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # connections that are lost are our own messages
-    return distributed
-
-
-@contextmanager
-def _connected(address: str) -> Iterator[Any]:
+        return
     distributed = _distributed()
     try:
         client = distributed.Client(address, timeout=ANSWER)
@@ -74,15 +54,34 @@ def _connected(address: str) -> Iterator[Any]:
         yield client
 
 
+def is_dask_client(executor: object) -> bool:
+    """Return whether it is a client of Dask, without importing Dask."""
+    return any(kind.__module__ == "distributed.client" and kind.__name__ == "Client" for kind in type(executor).__mro__)
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingLibrary('this needs Dask: pip install "thirdbody[cluster]"') from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # connections that are lost are our own messages
+    return distributed
+
+
 @contextmanager
 def _started(path: Path) -> Iterator[Any]:
-    queue, settings = read_cluster(path)
+    queue, settings = _read_cluster(path)
     distributed = _distributed()
-    kind = _cluster_class(queue)
+    try:
+        import dask_jobqueue
+    except ImportError as error:
+        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
+    kind = getattr(dask_jobqueue, QUEUES[queue])
+    known = _arguments(kind)
     faults = [
-        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, _arguments(kind))}", str(path))
+        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, known)}", str(path))
         for key in settings
-        if key != JOBS and key not in _arguments(kind)
+        if key != JOBS and key not in known
     ]
     if faults:
         raise InputError(faults)
@@ -105,7 +104,7 @@ def _started(path: Path) -> Iterator[Any]:
         yield client
 
 
-def read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
+def _read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
     """Return the queue that a cluster file names, and its settings. Raises InputError with every fault."""
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -124,14 +123,6 @@ def read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(faults)
     ((queue, settings),) = tables.items()
     return queue, dict(settings)
-
-
-def _cluster_class(queue: str) -> Any:
-    try:
-        import dask_jobqueue
-    except ImportError as error:
-        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
-    return getattr(dask_jobqueue, QUEUES[queue])
 
 
 def _arguments(kind: Any) -> set[str]:
