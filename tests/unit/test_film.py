@@ -79,7 +79,7 @@ def test_one_plan_holds_what_all_frames_need(layer):
     with open_run(layer) as run:
         shots = [read_picture_data(run, number, "state") for number in range(run.frames)]
         layout = compute_layout(iter(shots), (320, 240), "iso", None)
-        speeds = [read_picture_data(run, number, "speed").legend.scale for number in range(2)]
+        speeds = [read_picture_data(run, number, "speed").legend for number in range(2)]
     assert np.all([np.all(layout.low <= picture.low) and np.all(layout.high >= picture.high) for picture in shots])
     assert np.allclose(layout.directions, [[1.0, 0.0]])
     # zoom keeps the middle of the domain

@@ -13,7 +13,7 @@ from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
 from thirdbody.quantity import with_unit
 from thirdbody.render import elsewhere
-from thirdbody.render.coloring import Coloring, LegendScale, compute_coloring
+from thirdbody.render.coloring import Coloring, Legend, compute_coloring
 from thirdbody.render.layout import close_up_window
 from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
@@ -145,9 +145,9 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
 def test_fields_reasons_and_counts_in_the_legend(layer):
     with open_run(layer) as run:
         speed, utilisation, reasons = (read_picture_data(run, 0, color) for color in ("speed", "utilisation", "reason"))
-        kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
+        kept = read_picture_data(run, 0, "state_reason", scale=Legend(codes=(0, 1, 2)))
         gap = {"state_reason": np.array([0, 2], np.uint8)}
-        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), LegendScale())
+        gapped = compute_coloring(run, 0, "reason", gap, {}, np.arange(2), Legend())
         states, counts = read_picture_data(run, -1, "state"), np.bincount(run.states[-1], minlength=4)
         lengths, across = np.linalg.norm(run.bodies(0)["velocity"], axis=1), read_picture_data(run, 0, "velocity_y")
         assert across.legend.limits == (run.bodies(0)["velocity"][:, 1].min(), run.bodies(0)["velocity"][:, 1].max())
@@ -159,7 +159,7 @@ def test_fields_reasons_and_counts_in_the_legend(layer):
     ends = Coloring(np.zeros(0), speed.legend).colors(np.array(speed.legend.limits))
     assert ends.tolist() == field_colors(np.array([0.0, 1.0])).tolist()
     with open_run(layer) as run:
-        film = read_picture_data(run, 0, "speed", scale=LegendScale((0.0, 9.0)))
+        film = read_picture_data(run, 0, "speed", scale=Legend(limits=(0.0, 9.0)))
     assert film.legend.limits == (0.0, 9.0)  # common to all frames
     # A body takes the larger of its two contacts; the scale holds for the tubes of both.
     assert utilisation.legend.limits == (0.75, 0.75)

@@ -15,6 +15,7 @@ from thirdbody.errors import OutputError, UsageError, nearest
 
 COMMAND_GROUP = "thirdbody.commands"
 
+# Metavars in help for options that name none; all others have their own name in capitals.
 METAVARS = {
     "TIME": ("budget", "every", "wall_limit"),
     "LENGTH": ("unit",),
@@ -25,8 +26,6 @@ METAVARS = {
     "NUMBER": ("big_h", "half_width", "zoom"),
     "PIXELS": ("height", "width"),
 }
-"""Metavars in help for options that name none; all others have their own name in capitals."""
-
 _METAVAR = {name: metavar for metavar, names in METAVARS.items() for name in names}
 
 SEEDS = (
@@ -34,6 +33,7 @@ SEEDS = (
     "thirdbody sweep SCENE --vary debris.0.seed=1,2,3 (guide: On a cluster)"
 )
 REMOVED_COMMANDS = {"hard": "the cases that break naive codes are run by `python tests/bench/hard_cases.py` of the source tree"}
+# Commands and options that are gone, and what does their job now.
 REMOVED_OPTIONS = {
     ("run", "--parts"): SEEDS,
     ("run", "--dask"): SEEDS,
@@ -44,7 +44,6 @@ REMOVED_OPTIONS = {
     ("cost", "--verify"): "closed forms and orders of convergence are checked by the project's own tests (tests/theory); what "
     "neighbouring spots do to each other is a line of `thirdbody cost SCENE --effects`, close_spots",
 }
-"""Commands and options that are gone, and what does their job now."""
 
 
 class Command(TyperCommand):

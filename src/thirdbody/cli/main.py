@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from thirdbody.cli.command_group import Command, Group
-from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
+from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
 from thirdbody.cli.starter_files import new
 from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
@@ -162,12 +162,11 @@ def render(
     frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
     *,
     image: Image,
-    film: Film,
 ) -> None:
     """Draw the debris between the plates: a picture, a film, or an interactive page for a browser."""
     from thirdbody.render.render import render as draw
 
-    options = vars(image) | vars(film)
+    options = dict(vars(image))
     size = options.pop("width"), options.pop("height")
     print_line(draw(run, out, progress=True, frame=frame, size=size, **options))
 

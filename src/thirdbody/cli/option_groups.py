@@ -91,7 +91,7 @@ class MeshFit:
 
 @dataclass(frozen=True)
 class Image:
-    """What a picture shows, and its size in pixels."""
+    """What a picture or a film shows, and its size in pixels."""
 
     color: Annotated[
         str, typer.Option("--color", help="state, reason, population, material, speed, or an array (velocity_x)")
@@ -104,12 +104,6 @@ class Image:
     zoom: Annotated[float | None, typer.Option("--zoom", help="fraction of the domain that is shown, 0.0001 to 1")] = None
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900
-
-
-@dataclass(frozen=True)
-class Film:
-    """Frames of a film."""
-
     frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None
     fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12
     camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None

@@ -10,8 +10,7 @@ from thirdbody.cli.option_groups import Cluster, Json, Plugins, Quiet, Settings,
 from thirdbody.errors import UsageError
 from thirdbody.system.terminal import print_line
 
-LONGEST = 30 * 86400.0
-"""Longest wall time of a study [s]."""
+LONGEST = 30 * 86400.0  # longest wall time of a study [s]
 
 
 @grouped

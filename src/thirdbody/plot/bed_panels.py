@@ -22,8 +22,8 @@ GROUPS_NOTE = (
     "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"
     " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
 )
+# Largest number of rows; letters of a name; fraction of a row that a text in it needs.
 MAX_ROWS, LETTERS, MIN_TEXT_FRACTION = 12, 26, 0.14
-"""Largest number of rows; letters of a name; fraction of a row that a text in it needs."""
 
 
 def _no_groups(data: RunData) -> str:
@@ -79,8 +79,7 @@ ACCOMMODATION_NOTE = (
 COLORS = {
     "upper_slip": LINES["orange"], "lower_slip": LINES["vermilion"], "rolling": LINES["green"], "shear": LINES["sky"],
 }  # fmt: skip
-VISIBLE = 1e-3
-"""A part is drawn if it exceeds this fraction of the plate's largest speed at some output."""
+VISIBLE = 1e-3  # a part is drawn if it exceeds this fraction of the plate's largest speed at some output
 
 
 def _no_accommodation(data: RunData) -> str:
@@ -116,13 +115,12 @@ def _draw_accommodation(axes: Axes, data: RunData) -> None:
 
 # -- how slowly it is sheared, and how close to equilibrium it is --
 
+# Series drawn: label, colour, style of the line.
 MEASURES = {
     "inertial_number": ("inertial number", LINES["black"], "-"),
     "unbalanced_force": ("unbalanced force", LINES["blue"], "--"),
     "kinetic_energy_ratio": ("kinetic over elastic energy", LINES["orange"], "-."),
 }
-"""Series drawn: label, colour, style of the line."""
-
 BED_NOTE = (
     "Bed: shear is slow where the inertial number, shear rate * diameter * sqrt(density / pressure), is below 0.001, the dotted"
     " line; unbalanced force: mean total force on a body over the mean contact force."
@@ -162,8 +160,7 @@ PLATE: dict[str, Any] = {
     "color": LINES["black"], "linestyle": "none", "marker": "s", "markersize": 4.0, "label": "plates", "clip_on": False,
 }  # fmt: skip
 
-ALONG = 0.5
-"""Cosine of the angle between the drag and the axis across the slabs from which on there is no shear stress to draw."""
+ALONG = 0.5  # cosine of the angle between the drag and the axis across the slabs from which on there is no shear stress to draw
 
 
 def _no_profiles(data: RunData) -> str:
@@ -271,9 +268,7 @@ def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
 
 # -- contacts at one frame: histograms stacked by the state of the body --
 
-LIMIT = 0.999
-"""Utilisation from which a contact counts as slipping."""
-
+LIMIT = 0.999  # utilisation from which a contact counts as slipping
 BINS = 25
 UTILISATION_NOTE = (
     "Utilisation: tangential force of a contact over the most that friction lets it carry; at 1 it slips. Colours: state of the"

@@ -13,9 +13,7 @@ from thirdbody.trajectory.statistics import running_mean
 
 # -- friction --
 
-WINDOW_FRACTION = 0.1
-"""Fraction of the run covered by one running mean."""
-
+WINDOW_FRACTION = 0.1  # fraction of the run covered by one running mean
 MU = "friction coefficient"
 FRICTION_NOTE = (
     "Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over the"
@@ -196,8 +194,7 @@ DEBRIS_LOAD_NOTE = (
     "Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from above and from"
     " below."
 )
-SMALL, NOTHING = 0.01, 1e-5
-"""A change below SMALL of the value is drawn as a change, one below NOTHING counts as none."""
+SMALL, NOTHING = 0.01, 1e-5  # a change below SMALL of the value is drawn as a change, one below NOTHING counts as none
 
 
 def _why_short(data: RunData) -> str:
@@ -276,6 +273,7 @@ ENERGY_NOTE = (
     "Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own, the"
     " residual is the rest."
 )
+# Lines of the ledger: terms, label, colour, style.
 LEDGER: tuple[tuple[str, str, str, str], ...] = (
     ("plate_work", "work of the plates", LINES["black"], "-"),
     ("friction", "lost in friction", LINES["vermilion"], "-"),
@@ -289,8 +287,6 @@ LEDGER: tuple[tuple[str, str, str, str], ...] = (
     ("numerical", "lost by the integrator", LINES["purple"], "-."),
     ("residual", "residual", LINES["grey"], ":"),
 )
-"""Lines of the ledger: terms, label, colour, style."""
-
 ALWAYS_DRAWN = ("lost in friction", "residual")
 ROUNDING = 1e-15
 

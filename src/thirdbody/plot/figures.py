@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".pdf", ".svg")
-DOTS = 180
-"""Per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)."""
+DOTS = 180  # per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)
 
 
 def check_format(path: Path) -> None:

@@ -16,35 +16,23 @@ from thirdbody.plot.figures import check_format, save
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BAND = 0.02
-"""Relative distance of mu from t_min and t_max within which the answer is open."""
-
+BAND = 0.02  # relative distance of mu from t_min and t_max within which the answer is open
+# Margins beyond +-FARTHEST are drawn there; NEVER: position of bodies that no friction lets slide (t_min > t_max).
 FARTHEST, NEVER = 10.0, -28.0
-"""Margins beyond +-FARTHEST are drawn there; NEVER: position of bodies that no friction lets slide (t_min > t_max)."""
-
-MARKERS = {"rolling": ("o", 17.0), "sliding": ("D", 13.0), "sticking": ("s", 14.0)}
-"""Sign of each motion and its size."""
+MARKERS = {"rolling": ("o", 17.0), "sliding": ("D", 13.0), "sticking": ("s", 14.0)}  # sign of each motion and its size
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
 INK = "#222222"
+# Of the figure [inch]: width, least height of one row, height of everything except the rows.
 WIDTH, ROW, MARGIN_HEIGHT = 5.4, 0.4, 2.1
-"""Of the figure [inch]: width, least height of one row, height of everything except the rows."""
-TALLEST = 3.2
-"""Height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable."""
-LETTERS = 52
-"""Largest number of letters in a line of the title, by its width."""
-MIN_ROWS = 3
-"""Number of rows that the axes have room for at least."""
-HALF_WIDTH = 0.4
-"""Largest distance of a point from the middle of its row, whose height is 1."""
+TALLEST = 3.2  # height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable
+LETTERS = 52  # largest number of letters in a line of the title, by its width
+MIN_ROWS = 3  # number of rows that the axes have room for at least
+HALF_WIDTH = 0.4  # largest distance of a point from the middle of its row, whose height is 1
 EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
-STEP = 0.0125
-"""Width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap."""
-PITCH = 0.055
-"""Distance between points of a stack [inch]: they just touch."""
-NAMED = 12
-"""Largest number of ringed and named disagreements; of more, those farthest from the band, half of them on each side."""
-NUMBER = (0.09, 0.16)
-"""Room of a number next to its ring: fraction of the width of the axes, and height [inch]."""
+STEP = 0.0125  # width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap
+PITCH = 0.055  # distance between points of a stack [inch]: they just touch
+NAMED = 12  # largest number of ringed and named disagreements; of more, those farthest from the band, half of them on each side
+NUMBER = (0.09, 0.16)  # room of a number next to its ring: fraction of the width of the axes, and height [inch]
 
 
 class Forecasts(NamedTuple):

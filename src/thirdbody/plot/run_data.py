@@ -14,8 +14,8 @@ from thirdbody.trajectory.friction import averaged
 from thirdbody.trajectory.reader import Run
 
 BETWEEN = "between two bodies"
+# Ticks of an axis from 0 to 100 %.
 PERCENT: dict[str, Any] = {"ticks": [0.0, 0.25, 0.5, 0.75, 1.0], "labels": ["0", "25", "50", "75", "100"]}
-"""Ticks of an axis from 0 to 100 %."""
 
 
 class RunData:

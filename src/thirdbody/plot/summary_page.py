@@ -19,16 +19,11 @@ from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
 from thirdbody.trajectory.reader import Run, open_run
 
 INK, SOFT = "#222222", "#5A626C"
-WIDTH = 8.27
-"""Width of the page [inch]: A4."""
-TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125
-"""Heights of lines of text: title, headline, notes [inch]."""
-LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145
-"""Largest number of letters in such a line, by the width of the page."""
-DECIMALS = 8
-"""Decimals of the positions of axes, as fractions of the page: far below a pixel."""
-EDGE, MARGIN = 0.2, 0.3
-"""Free space above and below, and to the left [inch]."""
+WIDTH = 8.27  # width of the page [inch]: A4
+TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125  # heights of lines of text: title, headline, notes [inch]
+LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145  # largest number of letters in such a line, by the width of the page
+DECIMALS = 8  # decimals of the positions of axes, as fractions of the page: far below a pixel
+EDGE, MARGIN = 0.2, 0.3  # free space above and below, and to the left [inch]
 
 
 NAMES = (

@@ -13,14 +13,9 @@ from thirdbody.plot.figures import save
 from thirdbody.quantity import quantity_text, round_length, unit_for, with_unit
 from thirdbody.surfaces.statistics import Statistics
 
-WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160
-"""Of the picture [inch], and its dots per inch."""
-
-MAX_PIXELS = 2000
-"""Points along the longer side of a drawn map; finer ones are thinned."""
-
-COLORS = "cividis"
-"""Colour map of heights, the same for every kind of colour vision (Nunez, Anderton and Renslow 2018)."""
+WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160  # of the picture [inch], and its dots per inch
+MAX_PIXELS = 2000  # points along the longer side of a drawn map; finer ones are thinned
+COLORS = "cividis"  # colour map of heights, the same for every kind of colour vision (Nunez, Anderton and Renslow 2018)
 
 
 def draw_surface(out: Path, name: str, heights: np.ndarray, spacing: tuple[float, float], statistics: Statistics) -> None:

@@ -21,25 +21,15 @@ from thirdbody.palette import INK, PAPER, rgb
 
 Rectangle = tuple[float, float, float, float]
 
-OVERSAMPLING = 2
-"""Factor by which pictures are drawn larger before averaging, the only antialiasing of ray-cast spheres."""
-
-GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}
-"""Material of debris."""
-
-WIDTH = 1600
-"""Width of a picture for which lengths are given [pixels]."""
-
-_LEGIBLE = 11
-"""Least height of legible text [pixels]."""
-
+OVERSAMPLING = 2  # factor by which pictures are drawn larger before averaging, the only antialiasing of ray-cast spheres
+GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}  # material of debris
+WIDTH = 1600  # width of a picture for which lengths are given [pixels]
+_LEGIBLE = 11  # least height of legible text [pixels]
 _ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
 
 _PAPER, _WORDS = 0, 1
-_LAYERS = (0, 3)
-"""Layers of the background and the text; between them those of the views and of objects seen through bodies."""
-_LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))
-"""Position, in the camera's axes, and intensity."""
+_LAYERS = (0, 3)  # layers of the background and the text; between them those of the views and of objects seen through bodies
+_LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))  # position, in the camera's axes, and intensity
 
 
 class Pane:
@@ -119,12 +109,12 @@ class Canvas:
         window: Any = self._plotter.render_window
         window.SetDPI(72)  # fonts are measured in pixels
         window.SetNumberOfLayers(_LAYERS[1] + 1)
-        self._panes = [Pane(self._plotter, number, size) for number in range(2 + 2 * views)]
+        self.panes = [Pane(self._plotter, number, size) for number in range(2 + 2 * views)]
         for number, layer in zip((_PAPER, _WORDS), _LAYERS, strict=True):
-            self._panes[number].renderer.viewport = (0.0, 0.0, 1.0, 1.0)
-            self._panes[number].renderer.layer = layer
-            self._panes[number].show_pixels()
-        self.paper, self.words = self._panes[_PAPER], self._panes[_WORDS]
+            self.panes[number].renderer.viewport = (0.0, 0.0, 1.0, 1.0)
+            self.panes[number].renderer.layer = layer
+            self.panes[number].show_pixels()
+        self.paper, self.words = self.panes[_PAPER], self.panes[_WORDS]
         self.paper.renderer.background_color = PAPER
         self._used = 2
 
@@ -141,7 +131,7 @@ class Canvas:
 
     def add_view(self, viewport: Rectangle) -> tuple[Pane, Pane]:
         """Add a view in a part of the picture (fractions of its size), and one for objects seen through its bodies."""
-        outer, inner = self._panes[self._used : self._used + 2]
+        outer, inner = self.panes[self._used : self._used + 2]
         self._used += 2
         for layer, pane in enumerate((outer, inner), start=1):
             pane.renderer.viewport = viewport
@@ -177,7 +167,7 @@ class Overlay:
 
     def __init__(self, canvas: Canvas, reference: float = 900.0):
         self.size = canvas.size
-        self._pane, self._unit = canvas.words, min(canvas.size[0] / WIDTH, canvas.size[1] / reference)
+        self.pane, self._unit = canvas.words, min(canvas.size[0] / WIDTH, canvas.size[1] / reference)
 
     def px(self, length: float) -> float:
         """Return the pixels of a length given for a picture of the reference height."""
@@ -191,7 +181,7 @@ class Overlay:
         align = style.pop("align", "left")
         actor = self._actor(words, height, color=color, justification_horizontal=align, **style)
         actor.position = (x * OVERSAMPLING, y * OVERSAMPLING)
-        self._pane.add_actor(actor)
+        self.pane.add_actor(actor)
         width, margin = self._width(actor), self.px(8)
         left = x - _ALIGNED[align] * width
         shift = max(margin - left, 0.0) or min(self.size[0] - margin - (left + width), 0.0)
@@ -210,7 +200,7 @@ class Overlay:
 
     def _width(self, actor: pyvista.Text) -> float:
         box = [0.0] * 4
-        actor.GetBoundingBox(self._pane.renderer, box)
+        actor.GetBoundingBox(self.pane.renderer, box)
         return (box[1] - box[0]) / OVERSAMPLING
 
     def width_of(self, words: str, height: float, bold: bool = False) -> float:
@@ -223,11 +213,7 @@ class Overlay:
 
     def polygon(self, corners: np.ndarray, color: str) -> None:
         """Draw a filled polygon with corners (k, 2)."""
-        self.polygons(np.asarray(corners, np.float64)[None], np.array([rgb(color)], np.uint8))
-
-    def polygons(self, corners: np.ndarray, colors: np.ndarray) -> None:
-        """Draw filled polygons with corners (n, k, 2) and colors (n, 3) uint8."""
-        self._pane.add_polygons(corners, colors)
+        self.pane.add_polygons(np.asarray(corners, np.float64)[None], np.array([rgb(color)], np.uint8))
 
     def disc(self, x: float, y: float, radius: float, color: str) -> None:
         """Draw a filled circle."""
@@ -236,9 +222,8 @@ class Overlay:
 
     def outline(self, corners: np.ndarray, color: str) -> None:
         """Draw the outline of a polygon with corners (k, 2)."""
-        closed = np.pad([*corners, corners[0]], ((0, 0), (0, 1)))
-        line = pyvista.MultipleLines(closed)
-        self._pane.add(line, color=color, lighting=False, line_width=self.px(1.5) * OVERSAMPLING)
+        line = pyvista.MultipleLines(np.pad([*corners, corners[0]], ((0, 0), (0, 1))))
+        self.pane.add(line, color=color, lighting=False, line_width=self.px(1.5) * OVERSAMPLING)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:

@@ -17,19 +17,17 @@ from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_
 from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
 
+# Margin around the particle, longest arrow and smallest visible contact, over the particle's size.
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
-"""Margin around the particle, longest arrow and smallest visible contact, over the particle's size."""
-_SLIPPING = 0.999
-"""A contact slips at this utilisation: the remainder is rounding of the step."""
-_LISTED = 8
-"""Largest number of lines of the list of contacts."""
+_SLIPPING = 0.999  # a contact slips at this utilisation: the remainder is rounding of the step
+_LISTED = 8  # largest number of lines of the list of contacts
 _CAMERA = (-0.34, -0.90, 0.30)
+# Of the legend: the list names the particle's state.
 _ENTRIES = (
     ("spot that sticks", STATE_COLORS["sticking"]),
     ("spot that slips", STATE_COLORS["sliding"]),
     ("force on the particle, inside the cone of friction", INK),
 )
-"""Of the legend: the list names the particle's state."""
 
 
 @dataclass(frozen=True)

@@ -26,36 +26,24 @@ NUMBERED = ("population", "material")
 
 
 @dataclass(frozen=True)
-class LegendScale:
-    """Properties of a legend common to all frames of a film: the limits of the colour scale, or the codes."""
-
-    limits: tuple[float, float] | None = None
-    codes: frozenset[int] = frozenset()
-
-    def __or__(self, other: LegendScale) -> LegendScale:
-        limits = [scale.limits for scale in (self, other) if scale.limits is not None]
-        ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
-        return LegendScale(ends, self.codes | other.codes)
-
-
-@dataclass(frozen=True)
 class Legend:
     """States with their colours and counts, and (when `limits` is set) the limits of a colour scale in `unit`.
 
     `codes` are those of the entries, `total` is the sum of the counts.
     """
 
-    title: str
+    title: str = ""
     entries: tuple[tuple[str, str], ...] = ()
     limits: tuple[float, float] | None = None
     unit: str = ""
     codes: tuple[int, ...] = ()
     total: int = 0
 
-    @property
-    def scale(self) -> LegendScale:
-        """Properties that other frames need for the same legend."""
-        return LegendScale(self.limits, frozenset(self.codes))
+    def __or__(self, other: Legend) -> Legend:
+        """Return what two frames of a film have in common: the limits of the colour scale, the codes."""
+        limits = [legend.limits for legend in (self, other) if legend.limits is not None]
+        ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
+        return Legend(limits=ends, codes=tuple(sorted({*self.codes, *other.codes})))
 
 
 @dataclass(frozen=True)
@@ -80,7 +68,7 @@ class Coloring:
 
 
 def compute_coloring(
-    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: LegendScale
+    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Legend
 ) -> Coloring:
     """Return the colours of one frame; `row` (S,) is the row of each sphere's body, `scale` that of the film or empty.
 
@@ -113,7 +101,7 @@ def compute_coloring(
     return Coloring(values, Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
 
 
-def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: frozenset[int]) -> Coloring:
+def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]) -> Coloring:
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:

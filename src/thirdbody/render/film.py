@@ -20,11 +20,8 @@ GIF_COLORS, SAMPLED, ALMOST_WHITE = 256, 3, 247
 # Range of red, green and blue from which a pixel counts as coloured.
 COLORFUL = 40
 
-FilmReporter = Callable[[int, int], None]
-"""Called with the number of pictures drawn and their total."""
-
-DRAWN = "thirdbody drew picture "
-"""Prefix of the line that the drawing process prints for each picture, before its number."""
+FilmReporter = Callable[[int, int], None]  # called with the number of pictures drawn and their total
+DRAWN = "thirdbody drew picture "  # prefix of the line that the drawing process prints for each picture, before its number
 
 
 @contextmanager

@@ -18,10 +18,8 @@ from thirdbody.quantity import round_length, with_unit
 from thirdbody.render.elsewhere import draw_elsewhere
 from thirdbody.render.render import STILLS, checked_output
 
-BODIES = 12
-"""Largest number of bodies drawn of one group."""
-GROUPS = 8
-"""Largest number of groups: more would make the picture too tall for a graphics card."""
+BODIES = 12  # largest number of bodies drawn of one group
+GROUPS = 8  # largest number of groups: more would make the picture too tall for a graphics card
 
 # Pixels.
 _WIDTH, _MARGIN, _TITLE, _HEADING, _LABEL, _GAP, _LEGEND = 1600, 40, 84, 92, 36, 34, 72

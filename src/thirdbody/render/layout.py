@@ -18,25 +18,17 @@ from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import PictureData, Window
 from thirdbody.render.viewport import ARROW, Viewport
 
-HEADING = 118.0
-"""Height of title and facts in a picture 900 pixels high."""
-
-_SCALE_LABEL = 36.0
-"""Height of the label below a scale bar in such a picture."""
-
+HEADING = 118.0  # height of title and facts in a picture 900 pixels high
+_SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture
+# Of the legend: height of its lowest row, its distance to the left edge, space between its items.
 _LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
-"""Of the legend: height of its lowest row, its distance to the left edge, space between its items."""
 _STRIPS = 128
 
+# Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left.
 _ALONE, _BESIDE, _CLOSE = (-0.42, -0.85, 0.5), (-0.42, -0.80, 0.80), (-0.40, -0.85, 0.60)
-"""Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left."""
-
-_CLOSE_UP_BODIES = 60
-"""Number of bodies, about, that can be distinguished in a close-up."""
-_WITHOUT_CLOSE_UP = 150
-"""Up to this number of bodies the view of the whole is close enough."""
-_WIDEST_SLICE = 0.8
-"""A slice wider than this fraction of the domain, as one of a deep bed, would show the whole again."""
+_CLOSE_UP_BODIES = 60  # number of bodies, about, that can be distinguished in a close-up
+_WITHOUT_CLOSE_UP = 150  # up to this number of bodies the view of the whole is close enough
+_WIDEST_SLICE = 0.8  # a slice wider than this fraction of the domain, as one of a deep bed, would show the whole again
 
 
 @dataclass(frozen=True)
@@ -271,7 +263,7 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
         left, tall, middle = x + before, overlay.px(12), y + overlay.px(10)
         edges = np.linspace(left, left + wide, _STRIPS + 1)
         strips = np.array([rectangle(a, middle - tall, b, middle + tall) for a, b in zip(edges, edges[1:], strict=False)])
-        overlay.polygons(strips, field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS))
+        overlay.pane.add_polygons(strips, field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS))
         for value in ticks(low * factor, high * factor):
             fraction = (value - low * factor) / ((high - low) * factor) if high > low else 0.5
             x, foot, half = left + fraction * wide, middle - tall, overlay.px(1.2)

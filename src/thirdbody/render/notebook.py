@@ -11,8 +11,7 @@ from thirdbody.quantity import percent, quantity_text
 from thirdbody.render import render
 from thirdbody.trajectory.reader import Run
 
-SIZE = (960, 540)
-"""Size of the picture [pixels]."""
+SIZE = (960, 540)  # size of the picture [pixels]
 
 
 def run_html(run: Run) -> str:

@@ -12,25 +12,18 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, pale, rgb
 from thirdbody.quantity import quantity_text, with_unit
-from thirdbody.render.coloring import Arrays, Coloring, Legend, LegendScale, compute_coloring
-from thirdbody.render.surface_mesh import PlateSurface, Touching, read_plate_surfaces, read_touching
+from thirdbody.render.coloring import Arrays, Coloring, Legend, compute_coloring
+from thirdbody.render.surfaces import PlateSurface, Touching, read_plate_surfaces, read_touching
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.rebuilt_spheres import rows_of
 from thirdbody.trajectory.sample import ELSEWHERE
 from thirdbody.trajectory.state_groups import code_name
 
-Window = tuple[np.ndarray, np.ndarray]
-"""Lowest and highest corner (2,) of a part of the domain [m]."""
-
-MAX_COORDINATE = 1e6
-"""Largest coordinate, or radius, of any drawn object [m]."""
-
-FREE_SCALE = LegendScale()
-"""Scale of a single picture: its colour scale follows from its frame."""
-
+Window = tuple[np.ndarray, np.ndarray]  # lowest and highest corner (2,) of a part of the domain [m]
+MAX_COORDINATE = 1e6  # largest coordinate, or radius, of any drawn object [m]
+FREE_SCALE = Legend()  # scale of a single picture: its colour scale follows from its frame
+# Colour of tubes (darker ones show no roundness), and the percentage of forces that are thinner than the thickest tube.
 TUBE, COMMON = "#3C424B", 99.0
-"""Colour of tubes (darker ones show no roundness), and the percentage of forces that are thinner than the thickest tube."""
-
 UNLABELLED = "#5A626C"
 
 
@@ -103,7 +96,7 @@ class PictureData:
         return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
 
 
-def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
+def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: Legend = FREE_SCALE) -> PictureData:
     """Return the data of the picture of one frame, optionally with contact forces; `scale` is that of its film.
 
     Raises IndexError for the frame, InputError for an unknown array.
@@ -299,7 +292,7 @@ class CloseUpData:
     color: str
 
 
-def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScale = FREE_SCALE) -> CloseUpData:
+def read_close_up(run: Run, frame: int, body: int, color: str, scale: Legend = FREE_SCALE) -> CloseUpData:
     """Return the close-up of the body with this id. Raises InputError when it, or recorded contacts, are missing."""
     bodies = run.bodies(frame)
     ids = bodies.get("id", np.arange(len(bodies["position"])))

@@ -17,10 +17,8 @@ from thirdbody.render.film import DRAWN, FilmReporter, film_reporter, frame_numb
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
 CAMERAS, VIEWS = ("fixed", "follow"), ("iso", "side", "front", "top")
 FASTEST = 60
-SIDES = (200, 8192)
-"""Smallest and largest width and height of a picture [pixels]."""
-CLOSEST = 1e-4
-"""Smallest `zoom`: of a domain of a hundred million bodies it shows one."""
+SIDES = (200, 8192)  # smallest and largest width and height of a picture [pixels]
+CLOSEST = 1e-4  # smallest `zoom`: of a domain of a hundred million bodies it shows one
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     _check_options(output.suffix.lower(), chosen)
     with open_run(run_path) as run:
         if chosen.plate is not None:
-            from thirdbody.render.plate_map import draw_plate_map
+            from thirdbody.render.surfaces import draw_plate_map
 
             return draw_plate_map(run, output, chosen)
         try:
@@ -177,7 +175,7 @@ def _draw_pictures(run: Any, job: dict[str, Any], canvas: Any) -> Iterator[Any]:
     from thirdbody.render.picture_data import read_close_up, read_picture_data
 
     numbers, color = job["frames"], job["color"]
-    scale = reduce(or_, (read_picture_data(run, number, color).legend.scale for number in numbers))
+    scale = reduce(or_, (read_picture_data(run, number, color).legend for number in numbers))
     if job["body"] is None:
         read: Callable[[int], Any] = partial(read_picture_data, run, color=color, forces=job["forces"], scale=scale)
         layout = compute_layout(map(read, numbers), canvas.size, job["view"], job["zoom"])

@@ -9,30 +9,21 @@ from thirdbody.palette import INK, pale
 from thirdbody.quantity import round_length, with_unit
 from thirdbody.render.canvas import OVERSAMPLING, WIDTH, Canvas, Rectangle
 from thirdbody.render.picture_data import PictureData
-from thirdbody.render.surface_mesh import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
+from thirdbody.render.surfaces import CONTACT, SMALLEST_CONTACT, skirt, window_mesh
 
 _PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
 _GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
 _SHADOW = "#A9B0BA"
 ARROW = "#B0303C"
 
+# Direction to the camera; `iso` is in perspective, the others in parallel projection, so that lengths hold everywhere.
 _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
-"""Direction to the camera; `iso` is in perspective, the others in parallel projection, so that lengths hold everywhere."""
-
-_ALONG = 0.9
-"""Cosine above which an arrow points along the line of sight."""
-
+_ALONG = 0.9  # cosine above which an arrow points along the line of sight
+# Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable.
 _PALE, _PALE_NUMBERS = 0.45, 0.2
-"""Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable."""
-
-THICKEST, _SIDES = 0.17, 8
-"""Radius of the thickest tube over the mean radius of the bodies, and the number of its sides."""
-
-SMALLEST_DRAWN = 0.7
-"""Mean diameter of the spheres in pixels below which their mean colours are drawn instead."""
-
-_ANGLE = 24.0
-"""Vertical angle of view [degrees]."""
+THICKEST, _SIDES = 0.17, 8  # radius of the thickest tube over the mean radius of the bodies, and the number of its sides
+SMALLEST_DRAWN = 0.7  # mean diameter of the spheres in pixels below which their mean colours are drawn instead
+_ANGLE = 24.0  # vertical angle of view [degrees]
 
 
 class Viewport:

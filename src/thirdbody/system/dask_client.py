@@ -14,20 +14,15 @@ from typing import Any
 
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError, nearest
 
-ANSWER = 4.0
-"""Longest wait [s] for a scheduler to answer."""
-
+ANSWER = 4.0  # longest wait [s] for a scheduler to answer
+# Classes of dask-jobqueue by the name of their table in a cluster file.
 QUEUES = {
     "slurm": "SLURMCluster", "pbs": "PBSCluster", "sge": "SGECluster", "lsf": "LSFCluster", "moab": "MoabCluster",
     "oar": "OARCluster", "htcondor": "HTCondorCluster",
 }  # fmt: skip
-"""Classes of dask-jobqueue by the name of their table in a cluster file."""
-
-JOBS = "jobs"
-"""Key of the number of jobs; all other keys are arguments of the class."""
-
+JOBS = "jobs"  # key of the number of jobs; all other keys are arguments of the class
+# Arguments of the cluster itself, not of its jobs.
 OF_CLUSTER = ("host", "interface", "protocol", "scheduler_options", "silence_logs", "shared_temp_directory")
-"""Arguments of the cluster itself, not of its jobs."""
 
 
 @contextmanager

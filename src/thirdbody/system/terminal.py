@@ -22,8 +22,7 @@ from typing import Any, TextIO
 from thirdbody.errors import OutputError, printable
 
 MINUS = "\u2212"
-ESCAPED = "thirdbody_escaped"
-"""Name under which `_escape` is registered as a codec error handler."""
+ESCAPED = "thirdbody_escaped"  # name under which `_escape` is registered as a codec error handler
 
 
 class PrintableStream:

@@ -1,31 +1,35 @@
-"""Surfaces of rough plates as meshes: heights of a window, coloured by height, darker under spheres."""
+"""Plates in pictures: surfaces of rough ones as meshes, and maps of what a measure has left on them."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import InputError, OutputError, nearest
 from thirdbody.palette import rgb
+from thirdbody.quantity import GLUE, prefix_for, quantity_text
+from thirdbody.trajectory.map_statistics import NO_MAPS, maps_of_cycles
 from thirdbody.trajectory.names import LOWER_PLATE
+from thirdbody.trajectory.plate_maps import PLATES
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.rebuilt_spheres import rows_of
 
 if TYPE_CHECKING:
     import pyvista
 
+# Colours of the lowest and highest points: greys, so that the colours of states stand out.
 LOWEST, HIGHEST = "#47536A", "#FFFDF7"
-"""Colours of the lowest and highest points: greys, so that the colours of states stand out."""
-
-FINEST = 700
-"""Largest number of points along the longer side of a mesh."""
-
-SHADE = 0.30
-"""Fraction of black under a sphere."""
-
+FINEST = 700  # largest number of points along the longer side of a mesh
+SHADE = 0.30  # fraction of black under a sphere
+# Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres.
 CONTACT, SMALLEST_CONTACT = "#1D1F23", 0.05
-"""Colour of contacts on a rough plate, and the smallest radius at which they are drawn, over the mean radius of spheres."""
+DOTS = 100.0  # pixels per inch
+DARK = 0.15  # part of the colour scale that is cut off where nothing lies, so that a faint trace stands out
 
 
 class Touching(NamedTuple):
@@ -134,3 +138,57 @@ def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
     after = (k + 1) % n
     faces = np.stack([np.full(n, 4), k, after, after + n, k + n], axis=1)
     return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())
+
+
+def draw_plate_map(run: Run, file: Path, options: Any) -> Path:
+    """Write the picture of a map along the plate's normal; the upper plate is seen from above, through it.
+
+    Coordinates are the plate's own. With `cycles` the map is that of so many cycles at the rate of the whole cycles of the run,
+    without the first one: an extrapolation, and the title says so. Raises InputError for a plate or a map that the run does not
+    have, OutputError.
+
+    Of the options (`render.PictureOptions`): `plate`, `color` (name of the map), `frame`, `size` in pixels, `cycles` (None: the
+    map of the frame).
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+    # `state`, the default, is no map
+    name = next(iter(run.map_units)) if options.color == "state" and run.map_units else options.color
+    values, words = plate_map(run, options.plate, name, options.frame, options.cycles)
+    size, (wide, tall) = run.header["domain"]["size"], options.size
+    figure = Figure(figsize=(wide / DOTS, tall / DOTS), dpi=DOTS, layout="constrained")
+    axes = figure.add_subplot()
+    unit = run.map_units[name]
+    scale, unit = prefix_for(float(values.max(initial=0.0)), unit) if unit in ("m", "J/m2") else (1.0, unit)
+    extent = (0.0, 1e6 * size[0], 0.0, 1e6 * size[1])
+    colors = colormaps["inferno_r"](np.linspace(DARK, 1.0, 256))
+    colors[0] = (1.0, 1.0, 1.0, 1.0)  # white where nothing lies, then from light to dark
+    image = axes.imshow(
+        values * scale, origin="lower", extent=extent, cmap=ListedColormap(colors), vmin=0.0, interpolation="nearest"
+    )
+    figure.colorbar(image, ax=axes, label=f"{name.replace('_', ' ')} [{unit}]", shrink=0.9)
+    axes.set(xlabel="x of the plate [µm]", ylabel="y of the plate [µm]", title=f"{options.plate} plate, {words}")
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=DOTS)
+    try:
+        write_whole(file, content.getvalue())
+    except OSError as problem:
+        raise OutputError(f"{file}: cannot be written ({problem.strerror})") from problem
+    return file
+
+
+def plate_map(run: Run, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
+    """Return a map (n_y, n_x) and what it shows. Raises InputError for a plate, map or cycles that the run does not have."""
+    if plate not in PLATES:
+        raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
+    if not run.map_units:
+        raise InputError(f"{run.path}: {NO_MAPS}")
+    if name not in run.map_units:
+        raise InputError(f"color: no map '{name}'; {nearest(name, run.map_units)}")
+    if cycles is None:
+        number = run.frame_number(-1 if frame is None else frame)
+        return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
+    values = maps_of_cycles(run, plate, cycles)[name]
+    return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
