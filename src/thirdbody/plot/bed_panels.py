@@ -18,10 +18,6 @@ from thirdbody.trajectory.state_groups import POPULATION, fractions_text, inform
 
 # -- states by group --
 
-GROUPS_NOTE = (
-    "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"
-    " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
-)
 # Largest number of rows; letters of a name; fraction of a row that a text in it needs.
 MAX_ROWS, LETTERS, MIN_TEXT_FRACTION = 12, 26, 0.14
 
@@ -72,10 +68,6 @@ def _short(name: str) -> str:
 
 # -- velocity accommodation --
 
-ACCOMMODATION_NOTE = (
-    "Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of what the rotation"
-    " of the bodies adds between them, and of shear inside the bed; weighted by the load that passes from plate to plate."
-)
 COLORS = {
     "upper_slip": LINES["orange"], "lower_slip": LINES["vermilion"], "rolling": LINES["green"], "shear": LINES["sky"],
 }  # fmt: skip
@@ -121,10 +113,6 @@ MEASURES = {
     "unbalanced_force": ("unbalanced force", LINES["blue"], "--"),
     "kinetic_energy_ratio": ("kinetic over elastic energy", LINES["orange"], "-."),
 }
-BED_NOTE = (
-    "Bed: shear is slow where the inertial number, shear rate * diameter * sqrt(density / pressure), is below 0.001, the dotted"
-    " line; unbalanced force: mean total force on a body over the mean contact force."
-)
 
 
 def _no_bed(data: RunData) -> str:
@@ -152,10 +140,6 @@ def _draw_bed(axes: Axes, data: RunData) -> None:
 
 # -- profiles between the plates, means over part of the drag --
 
-PROFILES_NOTE = (
-    "Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along the motion of"
-    " the plate). Stress: of contact forces and of velocities together; of the plates: their forces over the area."
-)
 PLATE: dict[str, Any] = {
     "color": LINES["black"], "linestyle": "none", "marker": "s", "markersize": 4.0, "label": "plates", "clip_on": False,
 }  # fmt: skip
@@ -270,10 +254,6 @@ def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
 
 LIMIT = 0.999  # utilisation from which a contact counts as slipping
 BINS = 25
-UTILISATION_NOTE = (
-    "Utilisation: tangential force of a contact over the most that friction lets it carry; at 1 it slips. Colours: state of the"
-    " body."
-)
 
 
 def _no_contacts(name: str, data: RunData) -> str:
@@ -321,15 +301,27 @@ def _draw_stacked(axes: Axes, data: RunData, values: np.ndarray, edges: np.ndarr
 
 
 PANELS = (
-    Panel("groups", _no_groups, _groups_title, _draw_groups, 1.9, note=GROUPS_NOTE),
-    Panel("accommodation", _no_accommodation, _accommodation_title, _draw_accommodation, 1.9, note=ACCOMMODATION_NOTE),
-    Panel("bed", _no_bed, _bed_title, _draw_bed, 1.7, note=BED_NOTE),
-    Panel("velocity_profile", _no_profiles, lambda data: "Velocity along the drag", _draw_velocity, 2.4, True, PROFILES_NOTE),
+    Panel("groups", _no_groups, _groups_title, _draw_groups, 1.9,
+          note="Groups: states of the bodies at the last frame by population, by material where populations share one, and in "
+               "size classes of equal number (volume-equivalent diameter); on the right the number of bodies and their share "
+               "of the normal force."),
+    Panel("accommodation", _no_accommodation, _accommodation_title, _draw_accommodation, 1.9,
+          note="Velocity accommodation: the speed of the upper plate as the sum of slip at the contacts of both plates, of "
+               "what the rotation of the bodies adds between them, and of shear inside the bed; weighted by the load that "
+               "passes from plate to plate."),
+    Panel("bed", _no_bed, _bed_title, _draw_bed, 1.7,
+          note="Bed: shear is slow where the inertial number, shear rate * diameter * sqrt(density / pressure), is below "
+               "0.001, the dotted line; unbalanced force: mean total force on a body over the mean contact force."),
+    Panel("velocity_profile", _no_profiles, lambda data: "Velocity along the drag", _draw_velocity, 2.4, True,
+          note="Profiles: means in slabs between the plates, over the second half of the sliding or of the cycles (there along"
+               " the motion of the plate). Stress: of contact forces and of velocities together; of the plates: their forces "
+               "over the area."),
     Panel("solid_profile", _no_profiles, _solid_title, _draw_solid, 2.4, True),
     Panel("stress_profile", _no_profiles, _stress_title, _draw_stress, 2.4, True),
     Panel("states_profile", lambda data: _no_profiles(data) or no_labels(data), lambda data: "States, by volume",
           _draw_states_profile, 2.4, True),
     Panel("utilisation", partial(_no_contacts, "utilisation"), _utilisation_title, _draw_utilisation, 2.0, True,
-          UTILISATION_NOTE),
+          note="Utilisation: tangential force of a contact over the most that friction lets it carry; at 1 it slips. Colours: "
+               "state of the body."),
     Panel("normal_force", partial(_no_contacts, "normal_force"), _normal_force_title, _draw_normal_force, 2.0, True),
 )  # fmt: skip

@@ -15,14 +15,6 @@ from thirdbody.trajectory.statistics import running_mean
 
 WINDOW_FRACTION = 0.1  # fraction of the run covered by one running mean
 MU = "friction coefficient"
-FRICTION_NOTE = (
-    "Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over the"
-    " output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."
-)
-LOOP_NOTE = (
-    "Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the upper plate;"
-    " the area times the load is the work of one cycle. On a path along both axes each has a loop, and their areas add up."
-)
 
 
 def _no_friction(data: RunData) -> str:
@@ -159,11 +151,6 @@ def _draw_loop(axes: Axes, data: RunData) -> None:
 
 # -- states --
 
-STATES_NOTE = (
-    "States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts with one"
-    " plate slip; rolling, turns as the plate moves on."
-)
-
 
 def _states_title(data: RunData) -> str:
     bodies = data.summary.get("bodies", 0)
@@ -190,10 +177,6 @@ def _draw_states(axes: Axes, data: RunData) -> None:
 
 # -- gap and load --
 
-DEBRIS_LOAD_NOTE = (
-    "Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from above and from"
-    " below."
-)
 SMALL, NOTHING = 0.01, 1e-5  # a change below SMALL of the value is drawn as a change, one below NOTHING counts as none
 
 
@@ -269,10 +252,6 @@ def _changes(values: np.ndarray) -> bool:
 
 # -- energy --
 
-ENERGY_NOTE = (
-    "Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its own, the"
-    " residual is the rest."
-)
 # Lines of the ledger: terms, label, colour, style.
 LEDGER: tuple[tuple[str, str, str, str], ...] = (
     ("plate_work", "work of the plates", LINES["black"], "-"),
@@ -334,11 +313,22 @@ def _draw_energy(axes: Axes, data: RunData) -> None:
 
 
 PANELS = (
-    Panel("friction", _no_friction, _friction_title, _draw_friction, 2.1, note=FRICTION_NOTE),
-    Panel("loop", _no_loop, _loop_title, _draw_loop, 2.3, note=LOOP_NOTE),
-    Panel("states", no_labels, _states_title, _draw_states, 1.7, note=STATES_NOTE),
+    Panel("friction", _no_friction, _friction_title, _draw_friction, 2.1,
+          note="Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means "
+               "over the output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."),
+    Panel("loop", _no_loop, _loop_title, _draw_loop, 2.3,
+          note="Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the"
+               " upper plate; the area times the load is the work of one cycle. On a path along both axes each has a loop, and"
+               " their areas add up."),
+    Panel("states", no_labels, _states_title, _draw_states, 1.7,
+          note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its "
+               "contacts with one plate slip; rolling, turns as the plate moves on."),
     Panel("gap", _no_gap, _gap_title, lambda axes, data: _draw_line(axes, data, data.name("gap"), "m", "gap"), 1.4),
     Panel("load", _no_load, _load_title, lambda axes, data: _draw_line(axes, data, _load(data), "N", "load", whole=True), 1.4),
-    Panel("debris_load", _no_debris_load, _debris_load_title, _draw_debris_load, 1.7, note=DEBRIS_LOAD_NOTE),
-    Panel("energy", _no_energy, _energy_title, _draw_energy, 2.1, note=ENERGY_NOTE),
-)
+    Panel("debris_load", _no_debris_load, _debris_load_title, _draw_debris_load, 1.7,
+          note="Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from "
+               "above and from below."),
+    Panel("energy", _no_energy, _energy_title, _draw_energy, 2.1,
+          note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its "
+               "own, the residual is the rest."),
+)  # fmt: skip

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -189,8 +190,7 @@ def write_title(overlay: Overlay, title: str, facts: str) -> None:
     overlay.text(facts, left, tall - overlay.px(88), overlay.fitting(facts, 26, width), SOFT_INK)
 
 
-@dataclass(frozen=True)
-class _Item:
+class _Item(NamedTuple):
     """Item of the legend: its width, and its drawing function at a position, all in pixels."""
 
     wide: float

@@ -67,7 +67,8 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
 
             return draw_plate_map(run, output, chosen)
         try:
-            numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(_last(chosen.frame))]
+            last = -1 if chosen.frame is None else chosen.frame
+            numbers = frame_numbers(chosen.frames, run.frames) if film else [run.frame_number(last)]
         except IndexError as error:
             raise InputError(str(error)) from error
         for number in numbers[:-1]:
@@ -89,10 +90,6 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     with film_reporter(film and progress, output.name) as report:
         draw_elsewhere(__name__, job, report)
     return output
-
-
-def _last(frame: int | None) -> int:
-    return -1 if frame is None else frame
 
 
 def _check_options(suffix: str, o: PictureOptions) -> None:
