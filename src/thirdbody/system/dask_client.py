@@ -14,15 +14,20 @@ from typing import Any
 
 from thirdbody.errors import Fault, InputError, MissingLibrary, UsageError, nearest
 
-ANSWER = 4.0  # longest wait [s] for a scheduler to answer
-# Classes of dask-jobqueue by the name of their table in a cluster file.
+ANSWER = 4.0
+"""Longest wait [s] for a scheduler to answer."""
+
 QUEUES = {
     "slurm": "SLURMCluster", "pbs": "PBSCluster", "sge": "SGECluster", "lsf": "LSFCluster", "moab": "MoabCluster",
     "oar": "OARCluster", "htcondor": "HTCondorCluster",
 }  # fmt: skip
-JOBS = "jobs"  # key of the number of jobs; all other keys are arguments of the class
-# Arguments of the cluster itself, not of its jobs.
+"""Classes of dask-jobqueue by the name of their table in a cluster file."""
+
+JOBS = "jobs"
+"""Key of the number of jobs; all other keys are arguments of the class."""
+
 OF_CLUSTER = ("host", "interface", "protocol", "scheduler_options", "silence_logs", "shared_temp_directory")
+"""Arguments of the cluster itself, not of its jobs."""
 
 
 @contextmanager
@@ -33,20 +38,14 @@ def dask_client(address: str | None, cluster: Path | None) -> Iterator[Any]:
     """
     if address is not None and cluster is not None:
         raise UsageError("give --dask or --cluster, not both")
-    if cluster is not None:
+    if address is not None:
+        with _connected(address) as client:
+            yield client
+    elif cluster is not None:
         with _started(cluster) as client:
             yield client
-        return
-    if address is None:
+    else:
         yield None
-        return
-    distributed = _distributed()
-    try:
-        client = distributed.Client(address, timeout=ANSWER)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(f"--dask {address}: no scheduler answers there ({error})") from error
-    with client:
-        yield client
 
 
 def is_dask_client(executor: object) -> bool:
@@ -55,6 +54,7 @@ def is_dask_client(executor: object) -> bool:
 
 
 def _distributed() -> Any:
+    """Return the module. Raises MissingLibrary."""
     try:
         import distributed
     except ImportError as error:
@@ -64,19 +64,25 @@ def _distributed() -> Any:
 
 
 @contextmanager
-def _started(path: Path) -> Iterator[Any]:
-    queue, settings = _read_cluster(path)
+def _connected(address: str) -> Iterator[Any]:
     distributed = _distributed()
     try:
-        import dask_jobqueue
-    except ImportError as error:
-        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
-    kind = getattr(dask_jobqueue, QUEUES[queue])
-    known = _arguments(kind)
+        client = distributed.Client(address, timeout=ANSWER)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(f"--dask {address}: no scheduler answers there ({error})") from error
+    with client:
+        yield client
+
+
+@contextmanager
+def _started(path: Path) -> Iterator[Any]:
+    queue, settings = read_cluster(path)
+    distributed = _distributed()
+    kind = _cluster_class(queue)
     faults = [
-        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, known)}", str(path))
+        Fault(f"{queue}.{key}", f"is no argument of {kind.__name__}, {nearest(key, _arguments(kind))}", str(path))
         for key in settings
-        if key != JOBS and key not in known
+        if key != JOBS and key not in _arguments(kind)
     ]
     if faults:
         raise InputError(faults)
@@ -99,7 +105,7 @@ def _started(path: Path) -> Iterator[Any]:
         yield client
 
 
-def _read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
+def read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
     """Return the queue that a cluster file names, and its settings. Raises InputError with every fault."""
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -118,6 +124,14 @@ def _read_cluster(path: Path) -> tuple[str, dict[str, Any]]:
         raise InputError(faults)
     ((queue, settings),) = tables.items()
     return queue, dict(settings)
+
+
+def _cluster_class(queue: str) -> Any:
+    try:
+        import dask_jobqueue
+    except ImportError as error:
+        raise MissingLibrary('a cluster file needs dask-jobqueue: pip install "thirdbody[cluster]"') from error
+    return getattr(dask_jobqueue, QUEUES[queue])
 
 
 def _arguments(kind: Any) -> set[str]:
