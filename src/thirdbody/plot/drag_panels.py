@@ -1,5 +1,6 @@
 """Panels over the drag: friction, states, gap, load, energy; and the loop of a stroke."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -180,12 +181,9 @@ def _draw_states(axes: Axes, data: RunData) -> None:
 SMALL, NOTHING = 0.01, 1e-5  # a change below SMALL of the value is drawn as a change, one below NOTHING counts as none
 
 
-def _why_short(data: RunData) -> str:
-    return "" if data.extended else "fewer than two frames"
-
-
-def _no_gap(data: RunData) -> str:
-    return _why_short(data) or ("" if np.isfinite(data.name("gap")).any() else "no upper plate")
+def _needs(condition: Callable[[RunData], Any], otherwise: str) -> Callable[[RunData], str]:
+    """Return the function that tells why a panel over the drag is missing: without two frames, or `otherwise`."""
+    return lambda data: "fewer than two frames" if not data.extended else "" if condition(data) else otherwise
 
 
 def _gap_title(data: RunData) -> str:
@@ -195,10 +193,6 @@ def _gap_title(data: RunData) -> str:
         return f"Gap between the plates: {quantity_text(gap[-1], 'm')}, unchanged"
     word = "opened" if change > 0.0 else "closed"
     return f"Gap between the plates: {quantity_text(gap[-1], 'm')} at the end, {word} by {quantity_text(abs(change), 'm', 2)}"
-
-
-def _no_load(data: RunData) -> str:
-    return _why_short(data) or ("" if np.nan_to_num(_load(data)).any() else "no load on a plate")
 
 
 def _load(data: RunData) -> np.ndarray:
@@ -212,10 +206,6 @@ def _load(data: RunData) -> np.ndarray:
 def _load_title(data: RunData) -> str:
     values = _load(data)
     return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
-
-
-def _no_debris_load(data: RunData) -> str:
-    return _why_short(data) or ("" if "load_share_debris" in data.series else "its plates have no contact with each other")
 
 
 def _debris_load_title(data: RunData) -> str:
@@ -270,10 +260,6 @@ ALWAYS_DRAWN = ("lost in friction", "residual")
 ROUNDING = 1e-15
 
 
-def _no_energy(data: RunData) -> str:
-    return _why_short(data) or ("" if "energy_plate_work" in data.series else "no energy ledger")
-
-
 def ledger(data: RunData) -> dict[str, np.ndarray]:
     """Return the lines of the ledger by label [J] since the start of the drag; below rounding only friction and residual."""
     lines = {}
@@ -323,12 +309,15 @@ PANELS = (
     Panel("states", no_labels, _states_title, _draw_states, 1.7,
           note="States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its "
                "contacts with one plate slip; rolling, turns as the plate moves on."),
-    Panel("gap", _no_gap, _gap_title, lambda axes, data: _draw_line(axes, data, data.name("gap"), "m", "gap"), 1.4),
-    Panel("load", _no_load, _load_title, lambda axes, data: _draw_line(axes, data, _load(data), "N", "load", whole=True), 1.4),
-    Panel("debris_load", _no_debris_load, _debris_load_title, _draw_debris_load, 1.7,
+    Panel("gap", _needs(lambda data: np.isfinite(data.name("gap")).any(), "no upper plate"), _gap_title,
+          lambda axes, data: _draw_line(axes, data, data.name("gap"), "m", "gap"), 1.4),
+    Panel("load", _needs(lambda data: np.nan_to_num(_load(data)).any(), "no load on a plate"), _load_title,
+          lambda axes, data: _draw_line(axes, data, _load(data), "N", "load", whole=True), 1.4),
+    Panel("debris_load", _needs(lambda data: "load_share_debris" in data.series, "its plates have no contact with each other"),
+          _debris_load_title, _draw_debris_load, 1.7,
           note="Load: debris and direct contact of the plates, asperity on asperity, carry it together. Active: pressed from "
                "above and from below."),
-    Panel("energy", _no_energy, _energy_title, _draw_energy, 2.1,
+    Panel("energy", _needs(lambda data: "energy_plate_work" in data.series, "no energy ledger"), _energy_title, _draw_energy, 2.1,
           note="Energy: work of the plates since the start of the pressing, and where it went; each line is computed on its "
                "own, the residual is the rest."),
 )  # fmt: skip
