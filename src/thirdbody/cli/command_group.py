@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -114,16 +115,19 @@ class PluginCommand(Command):
 class Group(TyperGroup):
     """Built-in commands and those of installed plug-ins."""
 
+    @cached_property
+    def plugged(self) -> dict[str, EntryPoint]:
+        """Commands of plug-ins by name; each search reads the metadata of all installed packages."""
+        return {point.name: point for point in entry_points(group=COMMAND_GROUP)}
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names, those of plug-ins last."""
-        return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
+        return [*super().list_commands(ctx), *sorted(self.plugged)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by its name, None without."""
         own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
-        return next((PluginCommand(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
+        return PluginCommand(self.plugged[cmd_name]) if own is None and cmd_name in self.plugged else own
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command of the first word. Raises UsageError, for one that is gone or with the existing commands."""

@@ -1,7 +1,6 @@
 """Starter files, and the command that writes them: the scenes and the plug-in template installed with the program."""
 
 import os
-import tomllib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -45,7 +44,7 @@ def new(
     elif source is not None:
         name = source.removesuffix(".toml")
         written = copy_scene(name, path or Path(f"{Path(name).name}.toml"))
-        is_sweep = "sweep" in tomllib.loads(written[0].read_text(encoding="utf-8"))
+        is_sweep = "sweep" in _document(written[0])
         then = "balance" if name.startswith("balance/") else "sweep --dry-run" if is_sweep else "check"
     else:
         from thirdbody.scene.template import TEMPLATE as SCENE
@@ -121,10 +120,16 @@ def _folder(package: str) -> Path:
     raise MissingLibrary(f"{package} is not installed with this copy of thirdbody; install it again, such as by pip install .")
 
 
+def _document(file: Path) -> dict[str, Any]:
+    import tomllib  # not at the start of every command
+
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
 def _named(source: Path) -> dict[str, Path]:
     """Return the files that a scene or a sweep names, and those that its scene names, by their names there."""
     files: dict[str, Path] = {}
-    for word in _words(tomllib.loads(source.read_text(encoding="utf-8"))):
+    for word in _words(_document(source)):
         if (file := source.parent / word).is_file():
             files |= {word: file} | (_named(file) if file.suffix == ".toml" else {})
     return files
