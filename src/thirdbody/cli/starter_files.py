@@ -136,7 +136,6 @@ def _named(source: Path) -> dict[str, Path]:
 
 
 def _words(value: Any) -> Iterator[str]:
-    """Yield every text among the values of a document."""
     if isinstance(value, str):
         yield value
     for entry in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():

@@ -36,7 +36,6 @@ def _groups_title(data: RunData) -> str:
 
 
 def _draw_groups(axes: Axes, data: RunData) -> None:
-    """Draw a stacked bar for each group, the states written in it, with its name and load on the right."""
     rows = [row for _, row in _rows(data)]
     for y, row in enumerate(rows):
         left = 0.0
@@ -154,7 +153,6 @@ def _no_profiles(data: RunData) -> str:
 
 
 def _draw_velocity(axes: Axes, data: RunData) -> None:
-    """Draw the velocity along the drag, and those of the plates."""
     durations = np.where(data.drag.durations > 0.0, data.drag.durations, np.nan)
     speed = np.array([0.0, _mean(data, np.abs(data.drag.steps) / durations)])
     values = _along(data, data.run.profiles["velocity"])
@@ -181,7 +179,6 @@ def _stress_title(data: RunData) -> str:
 
 
 def _draw_stress(axes: Axes, data: RunData) -> None:
-    """Draw normal and shear stress across the slabs, and the forces of the plates over their area."""
     k = "xyz".index(_axis(data))
     lines = [("normal", _mean(data, _stress(data)[..., k]), LINES["blue"])]
     if np.abs(data.drag.headings[steady(data.run), k]).max() < ALONG:
@@ -199,7 +196,6 @@ def _draw_stress(axes: Axes, data: RunData) -> None:
 
 
 def _draw_states_profile(axes: Axes, data: RunData) -> None:
-    """Draw the fractions of the states beside each other in every slab."""
     position, ends, label = _slabs(data)
     left, height = np.zeros(len(position)), float(ends[1]) / len(position)
     for name in data.fractions:

@@ -139,7 +139,6 @@ def _compose(data: RunData, panels: list[Panel]) -> Figure:
 
 
 def _fill(subfigure: SubFigure, data: RunData, panels: list[Panel]) -> None:
-    """Draw wide panels below each other, or half ones in pairs."""
     columns = 2 if panels[0].half and len(panels) > 1 else 1
     rows = -(-len(panels) // columns)
     heights = [panel.height for panel in panels[::columns]]
@@ -192,7 +191,6 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
 
 
 def _draw(axes: Axes, data: RunData, panel: Panel) -> None:
-    """Draw the panel with the elements that all panels share."""
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)
     panel.draw(axes, data)

@@ -112,30 +112,24 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
         disc = pyvista.Cylinder(center=point, direction=normal, radius=radius, height=0.25 * radius, resolution=40)
         view.inner.add(disc, color=color, ambient=0.4)
         if spots.limit[k] > 0.0 and height > 2.0 * radius:
-            _add_cone(view, point, normal * height, float(spots.limit[k]) * per_newton, color)
-        _add_arrow(view, point, spots.force[k] * per_newton, 0.28 * smallest * view.scale)
-
-
-def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float, color: str) -> None:
-    """Draw a translucent cone with its tip at a point, and the rim of its base; `axis` (3,) leads from tip to base."""
-    # The direction of a pyvista cone leads from base to tip, and its centre lies half way.
-    height = float(np.linalg.norm(axis))
-    cone = pyvista.Cone(center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60)
-    view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
-    rim = pyvista.Polygon(center=point + axis, radius=radius, normal=axis, n_sides=60, fill=False)
-    view.inner.add(rim, color=color, lighting=False, line_width=3.5)
-
-
-def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: float) -> None:
-    """Draw an arrow along a vector with a constant shaft radius; none where it would be a head only."""
-    length, head = float(np.linalg.norm(vector)), 5.0 * shaft
-    if length < 1.2 * head:
-        return
-    arrow = pyvista.Arrow(
-        start=point, direction=vector, tip_length=head / length, tip_radius=2.4 * shaft / length, tip_resolution=30,
-        shaft_radius=shaft / length, shaft_resolution=30, scale=length,
-    )  # fmt: skip
-    view.inner.add(arrow, color=INK, ambient=0.4)
+            # The direction of a pyvista cone leads from base to tip, and its centre lies half way.
+            axis, base = normal * height, float(spots.limit[k]) * per_newton
+            cone = pyvista.Cone(
+                center=point + 0.5 * axis, direction=-axis, height=float(np.linalg.norm(axis)), radius=base, capping=False,
+                resolution=60,
+            )  # fmt: skip
+            view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
+            rim = pyvista.Polygon(center=point + axis, radius=base, normal=axis, n_sides=60, fill=False)
+            view.inner.add(rim, color=color, lighting=False, line_width=3.5)
+        # an arrow of constant shaft; none where it would be a head only
+        force, shaft = spots.force[k] * per_newton, 0.28 * smallest * view.scale
+        length, head = float(np.linalg.norm(force)), 5.0 * shaft
+        if length >= 1.2 * head:
+            arrow = pyvista.Arrow(
+                start=point, direction=force, tip_length=head / length, tip_radius=2.4 * shaft / length, tip_resolution=30,
+                shaft_radius=shaft / length, shaft_resolution=30, scale=length,
+            )  # fmt: skip
+            view.inner.add(arrow, color=INK, ambient=0.4)
 
 
 def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
@@ -161,7 +155,6 @@ def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float)
 
 
 def _list_spots(overlay: Overlay, one: CloseUpData, x: float, y: float) -> None:
-    """List the particle's state and its contacts."""
     overlay.text(one.name, x, y - overlay.px(20), 30, bold=True)
     overlay.disc(x + overlay.px(12), y - overlay.px(68), overlay.px(12), one.color)
     overlay.text(one.label or "no label", x + overlay.px(34), y - overlay.px(68), 26)

@@ -68,7 +68,6 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
 
 
 def _all_alike(clumps: Sequence[Clump]) -> bool:
-    """Return whether all bodies have one shape, in one size or in several."""
     first = clumps[0]
     return all(
         body is first

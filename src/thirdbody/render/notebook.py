@@ -23,7 +23,6 @@ def run_html(run: Run) -> str:
 
 
 def _rows(run: Run) -> list[tuple[str, str]]:
-    """Return names and values, the values as HTML."""
     figures = run.summary()
     end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
     rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]

@@ -178,7 +178,6 @@ def _period(run: Run) -> np.ndarray | None:
 
 
 def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
-    """Return the lowest and highest corner of the space between the plates."""
     size, radius = _domain(run), spheres["radius"][:, None]
     if len(radius):
         low, high = (spheres["position"] - radius).min(axis=0), (spheres["position"] + radius).max(axis=0)
