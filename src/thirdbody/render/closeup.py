@@ -13,7 +13,7 @@ import pyvista
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
 from thirdbody.quantity import with_unit
 from thirdbody.render.canvas import Canvas, Overlay
-from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, legend_height, write_title
+from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, write_title
 from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
 
@@ -79,7 +79,7 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     """Draw the picture of one particle."""
     size, overlay = layout.size, Overlay(canvas)
     legend = replace(one.picture.legend, entries=_ENTRIES, total=0)  # keeps a colour scale of numbers
-    foot, head = legend_height(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
+    foot, head = draw_legend(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
     shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
     wide = size[0] >= 1.25 * size[1]
     area = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
@@ -91,7 +91,6 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     left, top = (0.69, head) if wide else (0.03, foot + 0.31 * (head - foot))
     _list_spots(overlay, one, left * size[0], top * size[1] - overlay.px(20))
     write_title(overlay, one.picture.title, one.picture.facts)
-    draw_legend(overlay, legend)
 
 
 def _color(utilisation: float) -> str:

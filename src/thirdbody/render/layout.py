@@ -119,7 +119,7 @@ def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
 def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     """Draw the whole picture of a frame."""
     size, overlay = layout.size, Overlay(canvas)
-    foot = legend_height(overlay, data.legend, layout.full_scale) / size[1]
+    foot = draw_legend(overlay, data.legend, layout.full_scale) / size[1]
     head = 1.0 - overlay.px(HEADING) / size[1]
     areas = _viewports(layout, foot, head, overlay.px(_SCALE_LABEL) / size[1])
     view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
@@ -135,7 +135,6 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
         close.add_tubes(layout.full_scale)
         finish_view(close, overlay, _CLOSE)
     write_title(overlay, data.title, data.facts)
-    draw_legend(overlay, data.legend, layout.full_scale)
 
 
 def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[Rectangle]:
@@ -197,26 +196,20 @@ class _Item(NamedTuple):
     draw: Callable[[float, float], None]
 
 
-def legend_height(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
-    """Return the height of the legend [pixels], including its distance to the lower edge."""
-    return overlay.px(_LOWEST + _pitch(legend) * (len(_rows(overlay, legend, full_scale)) - 1) + 44.0)
-
-
-def _pitch(legend: Legend) -> float:
-    """Return the distance of two rows; a colour scale has numbers below it."""
-    return 44.0 if legend.limits is None else 62.0
-
-
-def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> None:
+def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
     """Draw along the lower edge states and their colours or a colour scale, and the key of the forces.
 
-    `full_scale` [N] is the force of the thickest tube, 0 without tubes.
+    `full_scale` [N] is the force of the thickest tube, 0 without tubes. Return its height, including its distance to the edge
+    [pixels].
     """
-    for number, row in enumerate(reversed(_rows(overlay, legend, full_scale))):
-        x, y = overlay.px(_LEFT), overlay.px(_LOWEST + _pitch(legend) * number)
+    rows = _rows(overlay, legend, full_scale)
+    pitch = 44.0 if legend.limits is None else 62.0  # a colour scale has numbers below it
+    for number, row in enumerate(reversed(rows)):
+        x, y = overlay.px(_LEFT), overlay.px(_LOWEST + pitch * number)
         for item in row:
             item.draw(x, y)
             x += item.wide + overlay.px(_SPACE)
+    return overlay.px(_LOWEST + pitch * (len(rows) - 1) + 44.0)
 
 
 def _rows(overlay: Overlay, legend: Legend, full_scale: float) -> list[list[_Item]]:
