@@ -184,12 +184,13 @@ def _mark_disagreements(axes: Axes, forecasts: Forecasts, points: np.ndarray, po
         dark: str | None = f"other than forecast ({len(wrong)})"
         for name in sorted(set(forecasts.fact[wrong])):
             here = wrong[forecasts.fact[wrong] == name]
-            axes.scatter(*points[here].T, s=20.0, marker=MARKERS[name][0], color=STATE_COLORS[name], edgecolors=INK,
-                         linewidths=0.9, zorder=4, label=dark)  # fmt: skip
+            axes.scatter(points[here, 0], points[here, 1], s=20.0, marker=MARKERS[name][0], color=STATE_COLORS[name],
+                         edgecolors=INK, linewidths=0.9, zorder=4, label=dark)  # fmt: skip
             dark = None
         ringed = _farthest(forecasts, wrong, positions)
         label = f"the {len(ringed)} of these farthest from the band"
-    axes.scatter(*points[ringed].T, s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
+    x, y = points[ringed].T
+    axes.scatter(x, y, s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
     for k in ringed:  # the number to the right of its ring, or to the left where another ring is
         ahead, above = (positions[ringed] - positions[k]).T
         occupied = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()

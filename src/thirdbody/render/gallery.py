@@ -184,7 +184,7 @@ def _draw_block(pane: Any, overlay: Any, block: _Block, limits: tuple[float, flo
             ratio = 2.0 * spheres[:, 3] / block.diameters[cell.body]
             colors = field_colors((ratio - limits[0]) / (limits[1] - limits[0]))
             pane.add_spheres(on_screen(spheres[:, :3]) * block.scale + shift, spheres[:, 3] * block.scale, colors)
-        if cell.mesh:
+        if cell.mesh and block.vertices is not None and block.faces is not None:
             mesh = pyvista.PolyData.from_regular_faces(block.vertices * block.scale + shift, block.faces)
             smooth = mesh.compute_normals(feature_angle=30.0, split_vertices=True, cell_normals=False)
             pane.add(smooth, color=_STEEL, opacity=0.45 if cell.spheres else 1.0, culling="back", **GLOSSY)
