@@ -11,13 +11,13 @@ from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
-from thirdbody.quantity import with_unit
 from thirdbody.render import elsewhere
 from thirdbody.render.coloring import Coloring, Legend, compute_coloring
 from thirdbody.render.layout import close_up_window
 from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
 from thirdbody.trajectory.reader import open_run
+from thirdbody.units import with_unit
 
 
 @pytest.fixture(scope="module")

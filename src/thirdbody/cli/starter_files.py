@@ -47,7 +47,7 @@ def new(
         is_sweep = "sweep" in _document(written[0])
         then = "balance" if name.startswith("balance/") else "sweep --dry-run" if is_sweep else "check"
     else:
-        from thirdbody.scene.template import TEMPLATE as SCENE
+        from thirdbody.scene.keys import TEMPLATE as SCENE
 
         written, then = write_new({path or Path("scene.toml"): SCENE.encode()}), "check"
     print_line(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")

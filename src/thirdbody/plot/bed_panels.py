@@ -11,10 +11,9 @@ from thirdbody.granular_flow import SLOW
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import SPARE_COLORS
 from thirdbody.plot.run_data import BETWEEN, PERCENT, Panel, RunData, label_axis, no_labels
-from thirdbody.quantity import percent, quantity_text, scale_values, unit_for
-from thirdbody.trajectory.accommodation_fractions import WORDS, accommodation_fractions, short_accommodation_text
-from thirdbody.trajectory.bed_verdict import steady
-from thirdbody.trajectory.state_groups import POPULATION, fractions_text, informative_groups, states_by_group
+from thirdbody.trajectory.bed import WORDS, accommodation_fractions, short_accommodation_text
+from thirdbody.trajectory.states import POPULATION, fractions_text, informative_groups, states_by_group
+from thirdbody.units import percent, quantity_text, scale_values, unit_for
 
 # -- states by group --
 
@@ -83,7 +82,7 @@ def _no_accommodation(data: RunData) -> str:
 
 
 def _accommodation_title(data: RunData) -> str:
-    fractions = accommodation_fractions(data.run)
+    fractions = accommodation_fractions(data.run.drag)
     return "Velocity accommodation" + (f": {short_accommodation_text(fractions)}" if fractions else "")
 
 
@@ -181,7 +180,7 @@ def _stress_title(data: RunData) -> str:
 def _draw_stress(axes: Axes, data: RunData) -> None:
     k = "xyz".index(_axis(data))
     lines = [("normal", _mean(data, _stress(data)[..., k]), LINES["blue"])]
-    if np.abs(data.drag.headings[steady(data.run), k]).max() < ALONG:
+    if np.abs(data.drag.headings[data.drag.steady, k]).max() < ALONG:
         lines.append(("shear", -_along(data, _stress(data)), LINES["vermilion"]))
     factor, unit = unit_for(np.concatenate([values for _, values, _ in lines]), "Pa")
     for name, values, color in lines:
@@ -241,7 +240,7 @@ def _along(data: RunData, vectors: np.ndarray) -> np.ndarray:
 
 def _mean(data: RunData, values: np.ndarray) -> np.ndarray:
     """Return the mean over the intervals that count, by time."""
-    chosen = steady(data.run)
+    chosen = data.drag.steady
     weights = data.drag.durations[chosen]
     return np.tensordot(weights, values[chosen], 1) / weights.sum()
 

@@ -8,9 +8,8 @@ from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import PERCENT, Panel, RunData, label_axis, no_labels
-from thirdbody.quantity import percent, quantity_text, scale_values, unit_for
-from thirdbody.trajectory.friction import force_on_plate
-from thirdbody.trajectory.statistics import running_mean
+from thirdbody.trajectory.friction import force_on_plate, running_mean
+from thirdbody.units import percent, quantity_text, scale_values, unit_for
 
 # -- friction --
 

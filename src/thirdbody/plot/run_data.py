@@ -9,9 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from thirdbody.palette import state_colors
-from thirdbody.quantity import percent, unit_for
-from thirdbody.trajectory.friction import averaged
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.units import percent, unit_for
 
 BETWEEN = "between two bodies"
 # Ticks of an axis from 0 to 100 %.
@@ -21,7 +20,7 @@ PERCENT: dict[str, Any] = {"ticks": [0.0, 0.25, 0.5, 0.75, 1.0], "labels": ["0",
 class RunData:
     """Data of one run for its plots; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
 
-    def __init__(self, run: Run, frame: int = -1):
+    def __init__(self, run: RunFile, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
         self.series, self.frames, self.drag = run.series, run.frames, run.drag
         self.dragged, self.stroke, self.start = self.drag.dragged, self.drag.stroke, self.drag.start
@@ -57,7 +56,7 @@ class RunData:
     @cached_property
     def averaged(self) -> np.ndarray:
         """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
-        return averaged(self.run)
+        return self.run.drag.averaged
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:

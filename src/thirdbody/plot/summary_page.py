@@ -15,8 +15,8 @@ from thirdbody.errors import InputError, UsageError
 from thirdbody.plot import bed_panels, drag_panels
 from thirdbody.plot.figures import checked_path, save
 from thirdbody.plot.run_data import Panel, RunData
-from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
-from thirdbody.trajectory.reader import Run, open_run
+from thirdbody.trajectory.run_file import RunFile, open_run
+from thirdbody.units import GLUE, MINUS, quantity_text, unit_for
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27  # width of the page [inch]: A4
@@ -55,7 +55,7 @@ def check_names(names: Sequence[str] | None) -> None:
             raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}")
 
 
-def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
+def page(run: RunFile, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
     """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
     check_names(panels)
     if not run.frames:

@@ -10,8 +10,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
 from thirdbody.plot.figures import save
-from thirdbody.quantity import quantity_text, round_length, unit_for, with_unit
 from thirdbody.surfaces.statistics import Statistics
+from thirdbody.units import quantity_text, round_length, unit_for, with_unit
 
 WIDTH, HEIGHT, DOTS = 10.0, 4.6, 160  # of the picture [inch], and its dots per inch
 MAX_PIXELS = 2000  # points along the longer side of a drawn map; finer ones are thinned

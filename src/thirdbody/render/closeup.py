@@ -11,11 +11,11 @@ import numpy as np
 import pyvista
 
 from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
-from thirdbody.quantity import with_unit
 from thirdbody.render.canvas import Canvas, Overlay
 from thirdbody.render.layout import HEADING, add_direction, draw_legend, finish_view, write_title
 from thirdbody.render.picture_data import CloseUpData
 from thirdbody.render.viewport import Viewport
+from thirdbody.units import with_unit
 
 # Margin around the particle, longest arrow and smallest visible contact, over the particle's size.
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035

@@ -12,9 +12,9 @@ import numpy as np
 from thirdbody.errors import InputError, nearest
 from thirdbody.palette import category_colors, field_colors, rgb, state_colors
 from thirdbody.trajectory.names import ARRAY_UNITS
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.state_groups import code_name
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.states import code_name
 
 Arrays = dict[str, np.ndarray]
 
@@ -68,7 +68,7 @@ class Coloring:
 
 
 def compute_coloring(
-    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Legend
+    run: RunFile, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Legend
 ) -> Coloring:
     """Return the colours of one frame; `row` (S,) is the row of each sphere's body, `scale` that of the film or empty.
 
@@ -101,7 +101,7 @@ def compute_coloring(
     return Coloring(values, Legend(color.replace("_", " "), limits=limits, unit=unit.replace("1", "")), tubes=tubes)
 
 
-def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]) -> Coloring:
+def _categories(run: RunFile, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: tuple[int, ...]) -> Coloring:
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:

@@ -14,9 +14,9 @@ import numpy as np
 
 from thirdbody.bodies.clump import Clump
 from thirdbody.palette import INK, SOFT_INK, field_colors
-from thirdbody.quantity import round_length, with_unit
 from thirdbody.render.elsewhere import draw_elsewhere
 from thirdbody.render.render import STILLS, checked_output
+from thirdbody.units import round_length, with_unit
 
 BODIES = 12  # largest number of bodies drawn of one group
 GROUPS = 8  # largest number of groups: more would make the picture too tall for a graphics card

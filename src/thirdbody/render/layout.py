@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.palette import INK, PANEL, SOFT_INK, field_colors, rgb
-from thirdbody.quantity import prefix_for, ticks, with_unit
 from thirdbody.render.canvas import Canvas, Overlay, Rectangle, rectangle
 from thirdbody.render.coloring import Legend
 from thirdbody.render.picture_data import PictureData, Window
 from thirdbody.render.viewport import ARROW, Viewport
+from thirdbody.units import prefix_for, ticks, with_unit
 
 HEADING = 118.0  # height of title and facts in a picture 900 pixels high
 _SCALE_LABEL = 36.0  # height of the label below a scale bar in such a picture

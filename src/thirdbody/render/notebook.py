@@ -7,14 +7,14 @@ from pathlib import Path
 
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
-from thirdbody.quantity import percent, quantity_text
 from thirdbody.render import render
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.units import percent, quantity_text
 
 SIZE = (960, 540)  # size of the picture [pixels]
 
 
-def run_html(run: Run) -> str:
+def run_html(run: RunFile) -> str:
     """Return table and picture as self-contained HTML; where drawing fails one sentence gives the reason."""
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
@@ -22,7 +22,7 @@ def run_html(run: Run) -> str:
     return f"<div><b>{title}</b><table>{rows}</table>{_picture(run) if run.frames else ''}</div>"
 
 
-def _rows(run: Run) -> list[tuple[str, str]]:
+def _rows(run: RunFile) -> list[tuple[str, str]]:
     figures = run.summary()
     end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
     rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]
@@ -44,7 +44,7 @@ def _rows(run: Run) -> list[tuple[str, str]]:
     return rows + [("warning", escape(text)) for text in figures["warnings"]]
 
 
-def _picture(run: Run) -> str:
+def _picture(run: RunFile) -> str:
     with tempfile.TemporaryDirectory() as folder:
         try:
             content = render.render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()

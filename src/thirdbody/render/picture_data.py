@@ -11,13 +11,13 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.palette import STATE_COLORS, pale, rgb
-from thirdbody.quantity import quantity_text, with_unit
 from thirdbody.render.coloring import Arrays, Coloring, Legend, compute_coloring
 from thirdbody.render.surfaces import PlateSurface, Touching, read_plate_surfaces, read_touching
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.rebuilt_spheres import rows_of
-from thirdbody.trajectory.sample import ELSEWHERE
-from thirdbody.trajectory.state_groups import code_name
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.sampling import ELSEWHERE
+from thirdbody.trajectory.states import code_name
+from thirdbody.units import quantity_text, with_unit
 
 Window = tuple[np.ndarray, np.ndarray]  # lowest and highest corner (2,) of a part of the domain [m]
 MAX_COORDINATE = 1e6  # largest coordinate, or radius, of any drawn object [m]
@@ -96,7 +96,7 @@ class PictureData:
         return np.asarray(points[:, 2] + (upper.heights(points[:, 0], points[:, 1]) if upper else 0.0))
 
 
-def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: Legend = FREE_SCALE) -> PictureData:
+def read_picture_data(run: RunFile, frame: int, color: str, forces: bool = False, scale: Legend = FREE_SCALE) -> PictureData:
     """Return the data of the picture of one frame, optionally with contact forces; `scale` is that of its film.
 
     Raises IndexError for the frame, InputError for an unknown array.
@@ -135,7 +135,7 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
     )
 
 
-def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
+def refuse_lost(run: RunFile, frame: int, bodies: Arrays, spheres: Arrays) -> None:
     """Raise InputError for a frame with a body without a valid position, as a damaged file may hold it."""
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
         lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # includes NaN
@@ -146,7 +146,7 @@ def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
         raise InputError(f"{run.path}: frame {frame} cannot be drawn: sphere {int(np.argmin(spheres['radius']))} has no radius")
 
 
-def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
+def _labels(run: RunFile, bodies: Arrays) -> tuple[str, ...]:
     """Return state, reason and, if there are several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
@@ -160,7 +160,7 @@ def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _domain(run: Run) -> np.ndarray | None:
+def _domain(run: RunFile) -> np.ndarray | None:
     """Return the size (2,) of the domain [m], None without."""
     domain = run.header.get("domain")
     if not domain:
@@ -171,13 +171,13 @@ def _domain(run: Run) -> np.ndarray | None:
         raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
 
 
-def _period(run: Run) -> np.ndarray | None:
+def _period(run: RunFile) -> np.ndarray | None:
     """Return the size (2,) of a periodic domain [m], None without."""
     size = _domain(run)
     return size if size is not None and run.header["domain"].get("periodic", True) else None
 
 
-def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
+def _bounds(run: RunFile, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
     size, radius = _domain(run), spheres["radius"][:, None]
     if len(radius):
         low, high = (spheres["position"] - radius).min(axis=0), (spheres["position"] + radius).max(axis=0)
@@ -196,7 +196,7 @@ def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Wi
     return low, high
 
 
-def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
+def _drag(run: RunFile, frame: int, plates: np.ndarray) -> np.ndarray:
     """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
     if len(plates) < 8 or run.frames < 2:
@@ -209,7 +209,7 @@ def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
     return step / length if length > 1e-12 * extent else np.zeros(2)
 
 
-def _facts(run: Run, frame: int, count: int) -> str:
+def _facts(run: RunFile, frame: int, count: int) -> str:
     number = run.frame_number(frame)
     facts = [f"time {with_unit(run.times[number], 's')}"]
     if "distance" in run.series:
@@ -291,7 +291,7 @@ class CloseUpData:
     color: str
 
 
-def read_close_up(run: Run, frame: int, body: int, color: str, scale: Legend = FREE_SCALE) -> CloseUpData:
+def read_close_up(run: RunFile, frame: int, body: int, color: str, scale: Legend = FREE_SCALE) -> CloseUpData:
     """Return the close-up of the body with this id. Raises InputError when it, or recorded contacts, are missing."""
     bodies = run.bodies(frame)
     ids = bodies.get("id", np.arange(len(bodies["position"])))
@@ -316,7 +316,7 @@ def read_close_up(run: Run, frame: int, body: int, color: str, scale: Legend = F
     return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, state_color)
 
 
-def read_spots(run: Run, frame: int, body: int, center: np.ndarray, period: np.ndarray | None) -> Spots:
+def read_spots(run: RunFile, frame: int, body: int, center: np.ndarray, period: np.ndarray | None) -> Spots:
     """Return the contacts of a body with positions relative to its centre (3,). Raises InputError where one is not recorded."""
     contacts = run.contacts(frame)
     missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)

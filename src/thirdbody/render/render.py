@@ -56,7 +56,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
     cannot be written.
     """
     from thirdbody.render.picture_data import read_close_up, read_picture_data, refuse_lost
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import open_run
 
     output, chosen = checked_output(output), PictureOptions(**options)
     film = output.suffix.lower() in FILMS
@@ -134,7 +134,7 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
 def draw(job: dict[str, Any]) -> None:
     """Draw the frames of a job, as `render` checked it, in the second process. Raises OSError when the file cannot be written."""
     from thirdbody.render.canvas import Canvas, save_png
-    from thirdbody.trajectory.reader import open_run
+    from thirdbody.trajectory.run_file import open_run
 
     file = Path(job["file"])
     with open_run(job["run"]) as run, Canvas(tuple(job["size"])) as canvas:

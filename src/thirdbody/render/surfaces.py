@@ -12,12 +12,12 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, nearest
 from thirdbody.palette import rgb
-from thirdbody.quantity import GLUE, prefix_for, quantity_text
-from thirdbody.trajectory.map_statistics import NO_MAPS, maps_of_cycles
 from thirdbody.trajectory.names import LOWER_PLATE
-from thirdbody.trajectory.plate_maps import PLATES
-from thirdbody.trajectory.reader import Run
-from thirdbody.trajectory.rebuilt_spheres import rows_of
+from thirdbody.trajectory.plates import PLATES
+from thirdbody.trajectory.read_blocks import rows_of
+from thirdbody.trajectory.run_file import RunFile
+from thirdbody.trajectory.summary import NO_MAPS, maps_of_cycles
+from thirdbody.units import GLUE, prefix_for, quantity_text
 
 if TYPE_CHECKING:
     import pyvista
@@ -74,7 +74,7 @@ class PlateSurface:
         return (1.0 - fraction) * np.array(rgb(LOWEST)) + fraction * np.array(rgb(HIGHEST))
 
 
-def read_plate_surfaces(run: Run, frame: int) -> dict[str, PlateSurface]:
+def read_plate_surfaces(run: RunFile, frame: int) -> dict[str, PlateSurface]:
     """Return the surfaces of the rough plates at their places in a frame."""
     return {
         side: PlateSurface(
@@ -85,7 +85,7 @@ def read_plate_surfaces(run: Run, frame: int) -> dict[str, PlateSurface]:
     }  # fmt: skip
 
 
-def read_touching(run: Run, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray) -> Touching:
+def read_touching(run: RunFile, frame: int, bodies: dict[str, np.ndarray], shift: np.ndarray) -> Touching:
     """Return the loaded contacts with the lower plate; `shift` (B, 3) is subtracted to wrap bodies."""
     contacts = run.block("contacts", frame)
     chosen = (contacts["partner"] == LOWER_PLATE) & (contacts["normal_force"] > 0.0)
@@ -140,7 +140,7 @@ def skirt(mesh: pyvista.StructuredGrid, z: float) -> pyvista.PolyData:
     return pyvista.PolyData(np.concatenate([top, bottom]), faces=faces.ravel())
 
 
-def draw_plate_map(run: Run, file: Path, options: Any) -> Path:
+def draw_plate_map(run: RunFile, file: Path, options: Any) -> Path:
     """Write the picture of a map along the plate's normal; the upper plate is seen from above, through it.
 
     Coordinates are the plate's own. With `cycles` the map is that of so many cycles at the rate of the whole cycles of the run,
@@ -179,7 +179,7 @@ def draw_plate_map(run: Run, file: Path, options: Any) -> Path:
     return file
 
 
-def plate_map(run: Run, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
+def plate_map(run: RunFile, plate: str, name: str, frame: int | None, cycles: float | None) -> tuple[np.ndarray, str]:
     """Return a map (n_y, n_x) and what it shows. Raises InputError for a plate, map or cycles that the run does not have."""
     if plate not in PLATES:
         raise InputError(f"plate: no plate '{plate}'; {nearest(plate, PLATES)}")
@@ -190,5 +190,5 @@ def plate_map(run: Run, plate: str, name: str, frame: int | None, cycles: float 
     if cycles is None:
         number = run.frame_number(-1 if frame is None else frame)
         return run.maps(plate, number)[name], f"after {quantity_text(run.times[number], 's').replace(GLUE, ' ')}"
-    values = maps_of_cycles(run, plate, cycles)[name]
+    values = maps_of_cycles(run.drag, plate, cycles)[name]
     return values, f"{cycles:g} cycles by the rate of cycles 2 to {len(run.cycles['end_time'])}"
