@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.assembly.populate import population_context, shapes_of
-from thirdbody.bodies.clump import matrix_from_quaternion, summit_radii
+from thirdbody.bodies.clump import summit_radii
 from thirdbody.bodies.mesh import SUFFIXES, load_mesh, mass_properties
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.debris.mesh import MeshShape, meshes_in
