@@ -178,7 +178,7 @@ class Candidates:
 
     @property
     def sides(self) -> Ints:
-        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`columns.sides`)."""
+        """Partner (n,) of each candidate: LOWER, UPPER or DEBRIS (`kernels.tables`)."""
         return sides_of(self.partner)
 
     @property
@@ -203,7 +203,7 @@ class Candidates:
 
 
 def sides_of(partner: Numbers) -> Ints:
-    """Return LOWER, UPPER or DEBRIS (`columns.sides`) for each partner code (`kernels.plates`)."""
+    """Return LOWER, UPPER or DEBRIS (`kernels.tables`) for each partner code (`kernels.plates`)."""
     return np.where(partner >= 0, DEBRIS, np.where(partner < -BASINS, UPPER, LOWER))
 
 

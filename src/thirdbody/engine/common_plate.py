@@ -178,25 +178,25 @@ class CommonPlate:
     def _accept(self, dt: float, step: Step, load: float, velocity: tuple[float, float]) -> None:
         """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
         one = self.integrator
-        T, row, (rise, velocity_after, acceleration) = self.memory, one.state.P[-1], step
+        T, row, (displacement, velocity_after, acceleration) = self.memory, one.state.P[-1], step
         before = float(row[patch.VELOCITY])
         old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * rise
+        mass, work = float(row[patch.MASS]), -carried * displacement
         kinetic = 0.5 * mass * (velocity_after**2 - before**2) * float(one.accuracy.inertia)
         self.totals[run_totals.PLATE_WORK] += work
         self.totals[run_totals.PLATE_WORK_SIZE] += abs(work)
-        dashpot_work = float(row[patch.DAMPING]) * rise**2 / dt
+        dashpot_work = float(row[patch.DAMPING]) * displacement**2 / dt
         self.totals[run_totals.DAMPING_WORK] += dashpot_work
-        lost = float(row[patch.DAMPING]) * velocity_after * rise - dashpot_work
-        lost += (float(row[patch.LOAD]) - carried) * rise
-        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * rise - kinetic + lost
-        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = rise, velocity_after - before
+        lost = float(row[patch.DAMPING]) * velocity_after * displacement - dashpot_work
+        lost += (float(row[patch.LOAD]) - carried) * displacement
+        self.totals[run_totals.NUMERICAL_LOSS] += mass * acceleration * displacement - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = displacement, velocity_after - before
         T[step_memory.LAST_DT] = dt
-        row[patch.HEIGHT] += rise
+        row[patch.HEIGHT] += displacement
         row[patch.VELOCITY] = velocity_after
         if row[patch.DIRECT_PREFACTOR] > 0.0:
             kernel.book_direct(self.totals, one.state.P, dt, *velocity, old)
             # the force at the end of the step acts all along
-            first, last = direct_reaction(row, -rise)[0], direct_reaction(row, 0.0)[0]
-            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * rise
+            first, last = direct_reaction(row, -displacement)[0], direct_reaction(row, 0.0)[0]
+            self.totals[run_totals.NUMERICAL_LOSS] += (first - last) * float(row[patch.DIRECT_LENGTH]) - last * displacement

@@ -50,7 +50,7 @@ class Placed:
         )  # fmt: skip
 
     def sides(self) -> Ints:
-        """Return which plates and debris each sphere can touch (`columns.sides`)."""
+        """Return which plates and debris each sphere can touch (`kernels.tables`)."""
         given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
         return np.concatenate(given)
 

@@ -146,7 +146,7 @@ class State:
     """Tables at one synchronised instant; columns are declared in `kernels.tables`.
 
     S may be the same array as B; where it is not kept, it is made anew for each reader from `radii`. `side`
-    (n_spheres,): what a sphere can touch (`columns.sides`). `order` (n_bodies,): number of each body in the scene and in all
+    (n_spheres,): what a sphere can touch (`kernels.tables`). `order` (n_bodies,): number of each body in the scene and in all
     outputs. `summed`: the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and
     patches have inertia, thus kinetic energy. W, `maps`: what measures have collected (`engine.measures`).
     """

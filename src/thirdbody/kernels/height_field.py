@@ -2,7 +2,7 @@
 
 It is one row of numbers, so that kernels get it as they get all tables:
 
-* the head (`columns.height_field`): periods, numbers of cells, bounds;
+* the head (`kernels.tables.height_field`): periods, numbers of cells, bounds;
 * the coefficients, (count_x + 3, count_y + 3), x by x: coefficient (i, j) of the node at x = i length_x/count_x and
   y = j length_y/count_y is entry (i + 1, j + 1), and the three more per axis repeat the first ones, so no stencil wraps around;
 * the pyramid (`closest_point`): level l has a block for 2^l by 2^l cells with a height that the surface does not exceed there.

@@ -38,7 +38,7 @@ class FrameContacts:
 
     @cached_property
     def side(self) -> Array:
-        """What each touches (`columns.sides`)."""
+        """What each touches (`kernels.tables`)."""
         return sides_of(self.state.slots.partner[self.on]).astype(np.uint8)
 
     @cached_property
