@@ -20,11 +20,8 @@ from thirdbody.kernels.tables import DEBRIS, LOWER, UPPER, contact_state, record
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Numbers = NDArray[np.int32]
-"""Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
-
-SPARE = 1.1
-"""Room in the rows of a batch over their number when they were allocated: few batches need new ones later."""
+Numbers = NDArray[np.int32]  # indices of candidates and spheres; 32 bits halve the memory traffic of the step loop
+SPARE = 1.1  # room in the rows of a batch over their number when they were allocated: few batches need new ones later
 
 EXPECTED = 4.0
 """Closed contacts of a body, to estimate the memory of a run before its first step: 3.1 to 3.9 were counted in clumps of 4 to 8

@@ -26,15 +26,13 @@ from thirdbody.kernels.implicit.residual import MAX_ROTATION
 from thirdbody.kernels.step_tables import body_solution, step_memory, step_settings
 from thirdbody.kernels.tables import LOWER, contact_state, patch, record, run_totals
 
-FEWEST = 8
-"""Fewest bodies of a piece of the work; small enough to spread a few bodies over all cores."""
+FEWEST = 8  # fewest bodies of a piece of the work; small enough to spread a few bodies over all cores
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
-Step = tuple[float, float, float]
-"""Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end."""
+Step = tuple[float, float, float]  # step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end
 
 
 class CommonPlate:

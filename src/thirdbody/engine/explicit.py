@@ -41,8 +41,7 @@ from thirdbody.laws.contract import Material
 BUDGET = 64
 """Steps between two updates of the time step, counted from the start of the run, so that outputs do not shift them."""
 
-CALL = 1.0
-"""Largest wall time [s] of a compiled call: signals are handled only between calls."""
+CALL = 1.0  # largest wall time [s] of a compiled call: signals are handled only between calls
 
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
@@ -283,8 +282,7 @@ DAMPING_FRACTION = 0.7
 contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
 the limit is enough."""
 
-FEWEST = 4096
-"""Candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms."""
+FEWEST = 4096  # candidates, or bodies, that one thread alone examines as fast as two: some 0.2 ms
 
 
 @dataclass(frozen=True)

@@ -55,11 +55,8 @@ class Placed:
         return np.concatenate(given)
 
 
-FEWEST = BODIES * GROUP
-"""Number of bodies up to which all form one group and keep their order."""
-
-WIDTH = 1.25
-"""Width of a column of the grid over the mean diameter of the bodies."""
+FEWEST = BODIES * GROUP  # number of bodies up to which all form one group and keep their order
+WIDTH = 1.25  # width of a column of the grid over the mean diameter of the bodies
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:

@@ -26,11 +26,8 @@ from thirdbody.laws.contract import Material
 from thirdbody.laws.measures import Layout
 from thirdbody.rotations import to_body, to_world
 
-Action = Callable[[], None]
-"""What an integrator calls between steps: it may read the state, save it, or raise."""
-
-FLAT = np.zeros(0)
-"""Heights of a flat plate."""
+Action = Callable[[], None]  # what an integrator calls between steps: it may read the state, save it, or raise
+FLAT = np.zeros(0)  # heights of a flat plate
 
 RAYLEIGH_FRACTION = 0.2
 """Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""

@@ -28,8 +28,7 @@ from typing import Any
 
 from thirdbody.errors import OutputError
 
-VARIABLE = "THIRDBODY_CACHE"
-"""The environment variable that names the parent of the cache folders; its content is trusted."""
+VARIABLE = "THIRDBODY_CACHE"  # the environment variable that names the parent of the cache folders; its content is trusted
 
 MAX_VERSIONS = 4
 """Number of folders of earlier versions to keep, so that switching between two checkouts does not recompile each time."""
@@ -39,13 +38,11 @@ TAG = "CACHEDIR.TAG"
 
 TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache directory tag created by thirdbody.\n"
 
-LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")
-"""Packages whose sources name the folder."""
+LAYERS = ("jit", "kernels", "laws", "bodies", "engine", "statics")  # packages whose sources name the folder
 
 SIZE = hashlib.sha256().digest_size
 
-note = ""
-"""Message for the user about the folder, shown when code is compiled into it."""
+note = ""  # message for the user about the folder, shown when code is compiled into it
 
 _frozen: set[str] = set()
 

@@ -40,23 +40,12 @@ PIECES, FEWEST, WORTH = 8, 8, 64.0
 """Pieces per thread, so that none waits long for the last one; fewest bodies of a piece, which begins and ends in some 10 us, and
 fewest trial steps, of 5 us each: threads start in 0.1 ms."""
 
-WAITING = 1024
-"""Most threads that wait for work; as many are started as work at the same time."""
-
-LINE = 8
-"""Words of a cache line: members must not write to the same one."""
-
-DONE, DISMISSED = 0, LINE
-"""Words of a team: how many parts of the pass are done; 1: no pass will follow."""
-
-FIRST = 2 * LINE
-"""Word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each."""
-
-CLOSED = 1 << 40
-"""Such a number before the first pass is opened: more than there are parts."""
-
-SPINS = 2000
-"""Attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer."""
+WAITING = 1024  # most threads that wait for work; as many are started as work at the same time
+LINE = 8  # words of a cache line: members must not write to the same one
+DONE, DISMISSED = 0, LINE  # words of a team: how many parts of the pass are done; 1: no pass will follow
+FIRST = 2 * LINE  # word of the first member: how many of its own parts are taken. Those of the next ones follow, a line each
+CLOSED = 1 << 40  # such a number before the first pass is opened: more than there are parts
+SPINS = 2000  # attempts before a waiting thread sleeps: some 50 us. Where every core has a thread, hardly one waits longer
 
 _allowed = threading.local()
 
@@ -139,11 +128,8 @@ def _pool(process: int) -> ThreadPoolExecutor:
 STARVED = 0.6
 """CPU time of all threads over wall time below which they mostly wait for a core; two threads on two cores reach 1.5 or more."""
 
-MIN_MEASUREMENT = 0.02
-"""Shortest wall time [s] of a measurement."""
-
-SHORT = 1e-3
-"""Wall time of a step [s] above which more threads are always faster: a single thread is not tried."""
+MIN_MEASUREMENT = 0.02  # shortest wall time [s] of a measurement
+SHORT = 1e-3  # wall time of a step [s] above which more threads are always faster: a single thread is not tried
 
 PAUSE, LONGEST = 0.5, 8.0
 """Time [s] on one thread before all are tried again, doubled after each failed trial up to the longest; a single thread is tried

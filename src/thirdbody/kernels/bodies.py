@@ -23,15 +23,13 @@ from thirdbody.kernels.plates import three
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
 from thirdbody.kernels.vectors import matrix, rotate_small, spin
 
-BODIES = 64
-"""Bodies per chunk."""
+BODIES = 64  # bodies per chunk
 
 WITH_PLATE, WITH_SPHERE, REMOTE = range(3)
 """Rows of `cuts`: where the candidates of a chunk begin, of its spheres with plates, and of its spheres with others that they
 own; then where the remote forces on its bodies begin."""
 
-MAX_DISTANCE = 1e150
-"""Bound of all distances [m]; its square is finite."""
+MAX_DISTANCE = 1e150  # bound of all distances [m]; its square is finite
 
 NEGLIGIBLE_SPEED, NEGLIGIBLE_SPIN, NEGLIGIBLE_MOMENTUM = 1e-60, 1e-60, 1e-90
 """Bounds below which motion is set to zero [m/s, rad/s, kg m2/s], some fifty orders below any motion: a sphere that a dashpot
@@ -177,8 +175,7 @@ def largest_displacement(X0, B, E, orientations):
     return largest
 
 
-STEPS = 16
-"""Steps of a block; the time step changes only at its ends."""
+STEPS = 16  # steps of a block; the time step changes only at its ends
 
 OUTER, INNER = (1, 14), (5, 10)
 """Steps of a block, from 0 on, whose spins are taken. At distances of 6.5 and 2.5 steps from the middle:"""

@@ -32,8 +32,7 @@ CLOSE = 1e-6
 LOCAL = 1e-2
 """In units of a cell: a correction that is accepted whether or not the distance becomes smaller, which rounding would decide."""
 
-ITERATIONS, HALVINGS = 100, 30
-"""Most iterations, and halvings of a correction: each goes down, by one cell at most."""
+ITERATIONS, HALVINGS = 100, 30  # most iterations, and halvings of a correction: each goes down, by one cell at most
 
 CURVED = 0.1
 """Smallest curvature of f/2 along any direction that a correction assumes where f is not convex; it is 1 on a plane."""
@@ -201,8 +200,7 @@ def normal_derivative(foot):
     return xx, xy, xz, yy, yz, xz * jet.x + yz * jet.y
 
 
-MERGE = 1e-3
-"""In units of a cell: minima that are nearer to each other are one."""
+MERGE = 1e-3  # in units of a cell: minima that are nearer to each other are one
 
 
 @njit(**BARE)

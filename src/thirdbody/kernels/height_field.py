@@ -29,8 +29,7 @@ RAMP = 0.05
 (`rounded_jet`)."""
 
 
-Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")
-"""Height of a surface and its derivatives at a point."""
+Jet = namedtuple("Jet", "h x y xx xy yy xxx xxy xyy yyy")  # height of a surface and its derivatives at a point
 
 
 @njit(**BARE)

@@ -47,8 +47,7 @@ def update_surfaces(first, last, context):
     update_at(context.update_surfaces)(np.int64(first), np.int64(last), tables)
 
 
-MOVED = 0.02
-"""Displacement of a sphere relative to a plate, in radii, after which all minima are searched for again."""
+MOVED = 0.02  # displacement of a sphere relative to a plate, in radii, after which all minima are searched for again
 
 MOVED_TOUCHING = 5e-4
 """The same of a sphere that touches where hollows may be sharper than itself: of the order of its overlap.
@@ -57,16 +56,14 @@ A ball that rolls into hollows of 1.01 to 1.2 times its curvature makes at most 
 times load and overlap where minima are searched for every `MOVED` radii.
 """
 
-FARTHEST = 1e100
-"""Bound of the coordinates [m] of a sphere that is somewhere."""
+FARTHEST = 1e100  # bound of the coordinates [m] of a sphere that is somewhere
 
 HOLLOW = -0.5
 """Sum of the turning of the normal along both principal directions, times the radius, below which a minimum may split: in a
 hollow of 0.33 times the curvature of the sphere, or of 0.6 times that with a sharp crest across.
 """
 
-APART = 1.0 + 1e-9
-"""Least distance over the radius plus reach in a row whose minimum has ended."""
+APART = 1.0 + 1e-9  # least distance over the radius plus reach in a row whose minimum has ended
 
 
 @njit(**BARE)

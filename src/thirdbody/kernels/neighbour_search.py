@@ -181,8 +181,7 @@ def order_partners(first, last, at, partner):
         begin = end
 
 
-FEWEST = 4096
-"""Spheres that one thread alone searches as fast as two: some 0.5 ms."""
+FEWEST = 4096  # spheres that one thread alone searches as fast as two: some 0.5 ms
 
 
 def pair_candidates(S, spheres, skin, grid, n, own, partner):

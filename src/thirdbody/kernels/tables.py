@@ -5,8 +5,7 @@ Tables of one algorithm are declared elsewhere: `tile`, `step_tables`, `close_sp
 
 from thirdbody.kernels.table import Table, mark, number, skip, vector
 
-LOWER, UPPER, DEBRIS = 0, 1, 2
-"""Partners of a loaded contact."""
+LOWER, UPPER, DEBRIS = 0, 1, 2  # partners of a loaded contact
 
 ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
 """What a sphere can touch (`engine.state.State.side`): a spot of a given particle touches one plate only."""

@@ -14,8 +14,7 @@ from thirdbody.kernels.bodies import quaternion
 from thirdbody.kernels.tables import body_extra
 from thirdbody.kernels.vectors import matrix
 
-SAFE = 1.0 + 1e-9
-"""Factor on norms, so that rounding excludes no body, not even one of equal stiffness."""
+SAFE = 1.0 + 1e-9  # factor on norms, so that rounding excludes no body, not even one of equal stiffness
 
 
 @njit(**BARE)

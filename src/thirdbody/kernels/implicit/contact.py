@@ -122,12 +122,10 @@ def contact_moment(q, context, tile):
 
 
 Vector = tuple[float, float, float]
-Tensor = tuple[float, float, float, float, float, float]
-"""Symmetric: xx, yy, zz, xy, xz, yz."""
+Tensor = tuple[float, float, float, float, float, float]  # symmetric: xx, yy, zz, xy, xz, yz
 
 NOWHERE, ZERO_TENSOR = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR
-"""Shape of a plane: bend, gradient and its change."""
+PLANE = ZERO_TENSOR, NOWHERE, ZERO_TENSOR  # shape of a plane: bend, gradient and its change
 
 
 class Side(NamedTuple):

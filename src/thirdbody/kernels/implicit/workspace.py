@@ -27,8 +27,7 @@ FREEDOMS = 7
 """Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
 the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
 
-MOTION = types.NamedUniTuple(types.float64, 3, Motion)
-"""Numba's type of a `Motion`."""
+MOTION = types.NamedUniTuple(types.float64, 3, Motion)  # numba's type of a `Motion`
 
 _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 _ROW, _TABLE, _STACK = (types.Array(types.float64, n, "C") for n in (1, 2, 3))
@@ -130,14 +129,12 @@ SCRATCH: Kinds = {
 }  # fmt: skip
 """Types of the scratch of a thread, by name."""
 
-Scratch, THREAD, scratch_of = packed("Scratch", SCRATCH)
-"""Scratch for one island at a time."""
+Scratch, THREAD, scratch_of = packed("Scratch", SCRATCH)  # scratch for one island at a time
 
 PART = types.void(_I, _I, _I, _I, MOTION, CONTEXT, ISLAND_TABLES, THREAD)
 """part(stage, island, position of the body in it, number of contacts, motion, context, islands, scratch)"""
 
-UPDATE_MINIMA = types.void(_I, *UPDATE.args)
-"""update_minima(stage, first candidate, last + 1, tables)"""
+UPDATE_MINIMA = types.void(_I, *UPDATE.args)  # update_minima(stage, first candidate, last + 1, tables)
 
 part_at, update_minima_at = function_at(PART), function_at(UPDATE_MINIMA)
 
