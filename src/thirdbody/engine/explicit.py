@@ -8,23 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.engine import state as states
 from thirdbody.engine.candidates import AllRows, Candidates, Numbers
 from thirdbody.engine.guards import name_of, partner_of, set_guards
 from thirdbody.engine.measures import labels, update_measures
 from thirdbody.engine.neighbours import force_rows, plate_pairs, remote_rows, search
-from thirdbody.engine.state import (
-    RAYLEIGH_FRACTION,
-    SUMMED,
-    Action,
-    Array,
-    Ints,
-    State,
-    constant_arguments,
-    rayleigh_times,
-    refresh_spheres,
-    table,
-    table_arguments,
-)
+from thirdbody.engine.state import SUMMED, Action, Array, Ints, State, constant_arguments, refresh_spheres, table, table_arguments
 from thirdbody.errors import GuardStop
 from thirdbody.jit.arguments import Packer, address
 from thirdbody.jit.threads import ThreadTuner, allowed_threads, distribute, helpers, pieces_of, words_of
@@ -304,10 +293,10 @@ def bound(state: State, materials: list[Material], steps: int, max_overlap: floa
 
     `candidates`: contacts that are or may come; None: those of the last search.
     """
-    times = rayleigh_times(state, materials)
+    times = states.rayleigh_times(state, materials)
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
-    best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
+    best = Bound(states.RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
     if state.physics.stiffness is None:
         return best
     numbers, bodies, patches = _contact_bounds(state, steps * (state.dt or best.step), max_overlap, candidates)

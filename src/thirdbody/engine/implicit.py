@@ -294,9 +294,8 @@ class Implicit:
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
             f"stopped at t = {when:.6g} s: the integrator has created energy: {100.0 * fraction:.0f} % of all that was exchanged "
-            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or "
-            f"solver.largest_step is needed, "
-            "or a contact law that creates no energy (thirdbody laws --check)"
+            f"(guard: {100.0 * CREATED_ENERGY_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or solver.largest_step "
+            "is needed, or a contact law that creates no energy (thirdbody laws --check)"
         )
 
     def summary(self) -> dict[str, Any]:

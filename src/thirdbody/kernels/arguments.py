@@ -52,9 +52,6 @@ class ContactStep(NamedTuple):
     plate: float
 
 
-Array = np.ndarray
-
-
 class Motion(NamedTuple):
     """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
 

@@ -226,12 +226,10 @@ def solve_lanes(L):
         f1, f2, f3 = q1 * u1 * u1 * u1, q2 * u2 * u2 * u2, q3 * u3 * u3 * u3
         write_lane(t + lane.FORCE * LANES, L, (f1, f2, f3))
         write_lane(t + lane.RELIEF * LANES, L, (g * f2 + h * f3, g * f1 + k * f3, h * f1 + k * f2))
-        write_lane(
-            t + lane.PULL_X * LANES, L, (-f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x))
-        )
-        write_lane(
-            t + lane.PULL_Y * LANES, L, (-f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y))
-        )
+        x = -f1 * (f2 * g_x + f3 * h_x), f2 * (f1 * g_x - f3 * k_x), f3 * (f1 * h_x + f2 * k_x)
+        y = -f1 * (f2 * g_y + f3 * h_y), f2 * (f1 * g_y - f3 * k_y), f3 * (f1 * h_y + f2 * k_y)
+        write_lane(t + lane.PULL_X * LANES, L, x)
+        write_lane(t + lane.PULL_Y * LANES, L, y)
 
 
 @njit(**BARE_CHUNK)

@@ -161,11 +161,9 @@ def ratio_derivatives(jet, radius):
     t_y += (1.0 + h_y * h_y) * jet.xxy - 2.0 * h_x * h_y * jet.xyy + (1.0 + h_x * h_x) * jet.yyy
     d_x, d_y = jet.xxx * yy + xx * jet.xyy - 2.0 * xy * jet.xxy, jet.xxy * yy + xx * jet.yyy - 2.0 * xy * jet.xyy
     q_x, q_y = 2.0 * square * (h_x * xx + h_y * xy), 2.0 * square * (h_x * xy + h_y * yy)
-    return (
-        ratio,
-        change * radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x)),
-        change * radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y)),
-    )
+    along_x = change * radius * (radius * fourth * (d_x - 2.0 * determinant * q_x) - cube * (t_x - 1.5 * trace * q_x))
+    along_y = change * radius * (radius * fourth * (d_y - 2.0 * determinant * q_y) - cube * (t_y - 1.5 * trace * q_y))
+    return ratio, along_x, along_y
 
 
 @njit(**BARE)

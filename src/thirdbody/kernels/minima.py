@@ -19,14 +19,7 @@ from numba import njit, types
 from thirdbody.jit.arguments import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS, entry
 from thirdbody.kernels import closest_point, plates
-from thirdbody.kernels.closest_point import (
-    bent_jet,
-    closest,
-    effective_radius,
-    find_minima,
-    log_radius_gradient,
-    normal_derivative,
-)
+from thirdbody.kernels.closest_point import bent_jet, closest, effective_radius, log_radius_gradient, normal_derivative
 from thirdbody.kernels.plates import BASINS, is_upper
 from thirdbody.kernels.tables import domain, height_field, sphere, surface_contact
 
@@ -170,7 +163,7 @@ def search_all(k, field, x, limits, tables):
     and the shortest one without contact."""
     Q, (farthest, shortest) = tables.Q, limits
     minima = Q[k : k + BASINS, surface_contact.NEARBY : surface_contact.NEARBY + 3]
-    n = min(find_minima(field, x, farthest, minima), BASINS)
+    n = min(closest_point.find_minima(field, x, farthest, minima), BASINS)
     for a in range(BASINS):
         known = False  # a minimum that an earlier row has is no longer there to be claimed: else there are more minima than rows
         for m in range(n if has_minimum(k, a, Q) else 0):

@@ -74,11 +74,8 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, extrema):
     fastest, farthest, strange, low, high = extrema
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = simd.less_mask(low, limits[0]) | simd.less_mask(limits[1], high)
-    there = (
-        simd.all_below(high, bodies.MAX_DISTANCE)
-        & simd.all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE)
-        & simd.all_below(strange, 1.0)
-    )
+    there = simd.all_below(high, bodies.MAX_DISTANCE) & simd.all_below(broadcast(0.0) - low, bodies.MAX_DISTANCE)
+    there = there & simd.all_below(strange, 1.0)
     maximum, number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
     if not ((outside == 0) & there & (step <= D[domain.TRAVEL_GUARD])):
         for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):

@@ -122,9 +122,8 @@ def update_ledger(context, step):
     there is a ledger for each group of them, else one for all."""
     A, ledgers, P, n = context.A, context.ledgers, context.P, context.B.shape[0]
     if ledgers.shape[0] == 0:
-        book_step(
-            A, np.int64(0), np.int64(context.lowest.shape[0]), patch_powers(P, np.int64(0), np.int64(P.shape[0])), context, step
-        )
+        powers = patch_powers(P, np.int64(0), np.int64(P.shape[0]))
+        book_step(A, np.int64(0), np.int64(context.lowest.shape[0]), powers, context, step)
     for g in range(ledgers.shape[0]):
         first, last = g * GROUP * BODIES, min((g + 1) * GROUP * BODIES, n)
         if P.shape[0] == n:

@@ -199,11 +199,8 @@ def effects_on(context, island):
 def displacement(x, per_arm, r, upper):
     """Return the displacement (3,) [m] relative to its plate of the point r (3,) of the body by the correction x of its
     coordinates; `per_arm`: one over the arm of the body [1/m]."""
-    return (
-        x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm,
-        x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm,
-        x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0),
-    )
+    u_x, u_y = x[0] + (x[4] * r[2] - x[5] * r[1]) * per_arm, x[1] + (x[5] * r[0] - x[3] * r[2]) * per_arm
+    return u_x, u_y, x[2] + (x[3] * r[1] - x[4] * r[0]) * per_arm - (x[6] if upper else 0.0)
 
 
 @njit(**BARE)

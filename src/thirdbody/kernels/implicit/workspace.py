@@ -21,8 +21,6 @@ from thirdbody.kernels.step_tables import contact_sums, step_contacts, step_memo
 from thirdbody.kernels.tables import observed_body
 from thirdbody.kernels.tile import TILE, contact_tangent, geometry, law_input, law_output, rolling_input, rolling_output
 
-Array = np.ndarray
-
 FREEDOMS = 7
 """Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
 the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
@@ -184,7 +182,7 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
     return Scratch(**tables, **{name: np.array([Packer(SPACE)(space) for space in spaces]) for name, spaces in packed.items()})
 
 
-def spaces_of(tables: dict[str, Array]) -> list[Any]:
+def spaces_of(tables: dict[str, np.ndarray]) -> list[Any]:
     """Return the `Space` of each body in tables of `SCRATCH`."""
     rows = [tables[name] for name in ("inputs", "outputs", "tangents", "geometry", "slots", "before")]
     others = [tables[name] for name in ("jacobian", "diagnostics", "sums", "starts")]
@@ -194,7 +192,7 @@ def spaces_of(tables: dict[str, Array]) -> list[Any]:
     ]
 
 
-def pair_spaces_of(tables: dict[str, Array]) -> list[Any]:
+def pair_spaces_of(tables: dict[str, np.ndarray]) -> list[Any]:
     """Return the `Space` of each tile of contacts between bodies in tables of `SCRATCH`."""
     rows = [tables[f"pair_{name}"] for name in ("inputs", "outputs", "tangents", "geometry", "slots")]
     none = np.zeros(0)
