@@ -178,28 +178,20 @@ def make_scratch(context: Any, bodies: int, pairs: int, band: int, row: int) -> 
     whole = {"slots": (bodies, TILE), "pivots": (FREEDOMS * bodies,), "counts": (bodies,), "pair_slots": (tiles, TILE + SPARE)}
     tables |= {name: np.zeros(shape) for name, shape in shapes.items()}
     tables |= {name: np.zeros(shape, np.int64) for name, shape in whole.items()}
-    packed = {"spaces": spaces_of(tables), "pair_spaces": pair_spaces_of(tables)}
+    packed = dict(zip(("spaces", "pair_spaces"), spaces_of(tables), strict=True))
     return Scratch(**tables, **{name: np.array([Packer(SPACE)(space) for space in spaces]) for name, spaces in packed.items()})
 
 
-def spaces_of(tables: dict[str, np.ndarray]) -> list[Any]:
-    """Return the `Space` of each body in tables of `SCRATCH`."""
-    rows = [tables[name] for name in ("inputs", "outputs", "tangents", "geometry", "slots", "before")]
-    others = [tables[name] for name in ("jacobian", "diagnostics", "sums", "starts")]
-    return [
-        Space(*(table[a] for table in rows), *tables["coordinates"][a], *(table[a] for table in others))
+def spaces_of(tables: dict[str, np.ndarray]) -> tuple[list[Any], list[Any]]:
+    """Return the `Space` of each body, and of each tile of contacts between bodies, in tables of `SCRATCH`."""
+    rows, others = ("inputs", "outputs", "tangents", "geometry", "slots"), ("jacobian", "diagnostics", "sums", "starts")
+    none, no_sums = np.zeros(0), np.zeros((0, contact_sums.WIDTH))
+    bodies = [
+        Space(*(tables[name][a] for name in (*rows, "before")), *tables["coordinates"][a], *(tables[name][a] for name in others))
         for a in range(len(tables["slots"]))
     ]
-
-
-def pair_spaces_of(tables: dict[str, np.ndarray]) -> list[Any]:
-    """Return the `Space` of each tile of contacts between bodies in tables of `SCRATCH`."""
-    rows = [tables[f"pair_{name}"] for name in ("inputs", "outputs", "tangents", "geometry", "slots")]
-    none = np.zeros(0)
-    return [
-        Space(*(table[t] for table in rows), *[none] * 7, np.zeros((0, contact_sums.WIDTH)), none)  # type: ignore[call-arg]
-        for t in range(len(tables["pair_slots"]))
-    ]
+    pairs = range(len(tables["pair_slots"]))
+    return bodies, [Space(*(tables[f"pair_{name}"][t] for name in rows), *[none] * 7, no_sums, none) for t in pairs]  # type: ignore[call-arg]
 
 
 class Island(NamedTuple):
