@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -317,7 +317,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     return state
 
 
-def rayleigh_times(state: State, materials: list[Material]) -> Array:
+def rayleigh_times(state: State, materials: Sequence[Material]) -> Array:
     """Return the times (n_bodies,) [s] of a Rayleigh wave around spheres with the volumes of the bodies.
 
     pi R sqrt(rho/G)/(0.1631 nu + 0.8766)

@@ -204,7 +204,7 @@ def plate_contact(q, b, dt, shape, context, space):
     """Return contact q of body b, with a plate, as a `Contact` of the equations of this body alone; `shape`: see `contact_of`."""
     k = space.slots[q]
     owner = owner_side(q, context.own[k], np.int64(0), 1.0, context.S, space.geometry)
-    sides = owner, Side(-1, np.int64(6) if is_upper(context.partner[k]) else np.int64(-1), 1.0, NOWHERE, NOWHERE, 0.0)
+    sides = owner, Side(-1, 6 if is_upper(context.partner[k]) else -1, 1.0, NOWHERE, NOWHERE, 0.0)
     return contact_of(q, space.before[k - context.plate_edges[b]], dt, sides, shape, context, space)
 
 
