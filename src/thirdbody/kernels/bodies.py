@@ -18,10 +18,10 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS, entry
-from thirdbody.jit.simd import all_below, broadcast, cross, extract, less_mask, load, set4, store, with_last
+from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
 from thirdbody.kernels.plates import three
 from thirdbody.kernels.tables import body, body_extra, domain, orientation, search_pose, sphere
-from thirdbody.kernels.vectors import matrix, rotate_small, spin
+from thirdbody.kernels.vectors import matrix, rotate_small, spin, total
 
 BODIES = 64  # bodies per chunk
 
@@ -197,8 +197,7 @@ def weight_of(step):
 def rotate_sphere(q, w, time):
     """Return the quaternion q after a time [s] of the spin w [rad/s], vectors of four; error r^5/120 of a rotation r."""
     r = broadcast(time) * w
-    square = extract(r, 0) * extract(r, 0) + extract(r, 1) * extract(r, 1) + extract(r, 2) * extract(r, 2)
-    return rotate_small(q, broadcast(1.0 + square / 12.0) * r)
+    return rotate_small(q, broadcast(1.0 + total(r * r) / 12.0) * r)
 
 
 @njit(**BARE)
