@@ -78,7 +78,7 @@ def measures() -> str:
 
 
 def kinds() -> str:
-    from thirdbody.scene.debris.registry import DebrisKinds
+    from thirdbody.debris.registry import DebrisKinds
 
     rows = [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
     return _table("kind | what it makes", rows)

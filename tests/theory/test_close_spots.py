@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from scipy.optimize import brentq
 from spot_groups import solved
-from thirdbody_three_spot import theory
 
 import thirdbody
 from thirdbody.assembly.simulation import build

@@ -14,10 +14,10 @@ from types import SimpleNamespace
 import closed_forms
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from numba import njit
 from steel import scene_text
 from theory.plain import plain
-from thirdbody_three_spot import theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.guards import Ledger

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from slow import slow
-from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build

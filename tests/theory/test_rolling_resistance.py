@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import theory
+import three_spot_theory as theory
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.explicit import bound

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+import three_spot_theory as theory
 from scipy.optimize import brentq
 from slow import slow
-from thirdbody_three_spot import theory
 
 from thirdbody.engine.guards import Ledger
 from thirdbody.errors import GuardStop

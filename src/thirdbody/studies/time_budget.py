@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import UsageError
-from thirdbody.quantity import duration
 from thirdbody.studies.variants import Base, Law, Variant
 from thirdbody.studies.worker_process import LIMIT, RUNS, SCENE_FILE, Worker, request
+from thirdbody.units import duration
 
 BUDGET = 420.0
 """Limit of the wall time of a whole study, from its first line to its last [s]."""

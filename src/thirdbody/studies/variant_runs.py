@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from thirdbody.quantity import duration
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.time_budget import LONG, Budget, Costs, Overheads, repeats_of
 from thirdbody.studies.variant_result import Row
 from thirdbody.studies.variants import UNTIMED, Base, Variant
 from thirdbody.studies.worker import BATCH, ENOUGH
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE, Overdue, Worker, request
+from thirdbody.units import duration
 
 ROUNDS, PRECISE = 25, 0.05
 """Largest number of rounds of timings; relative uncertainty below which a variant needs no more of them."""

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 from pydantic import create_model
 
 from thirdbody import units
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import Fault
-from thirdbody.scene.field_types import Choice, Count, as_float, show
-from thirdbody.scene.schema_base import Location, Part
+from thirdbody.schema.fields import Choice, Count, as_float, show
+from thirdbody.schema.parts import Location, Part
+from thirdbody.units import DIMENSIONS
 
 _FIELDS: dict[str, Any] = {
     "from": (Any, ...),
@@ -117,7 +117,7 @@ def read_column(key: str, given: Any, location: Location, report: Report, sample
 def _read_interval(given: Mapping[str, Any], location: Location, report: Report, sampled: bool) -> Interval | None:
     from pydantic import ValidationError
 
-    from thirdbody.scene.schema_base import wrongs_of
+    from thirdbody.schema.parts import wrongs_of
 
     try:
         table = IntervalTable.model_validate(dict(given))

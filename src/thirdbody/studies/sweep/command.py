@@ -10,7 +10,7 @@ from typing import Any
 
 from thirdbody.errors import GuardStop, Interrupted, UsageError
 from thirdbody.scene.model import Scene
-from thirdbody.scene.overrides import toml_value
+from thirdbody.scene.settings import toml_value
 from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.plan import Plan, make_plan
 from thirdbody.studies.sweep.point import DONE, FAILED

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import ThirdbodyError
-from thirdbody.quantity import duration, file_size
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep.plan import Plan
 from thirdbody.studies.sweep.point import DONE, Point, read_result
 from thirdbody.system.cpu_count import cores
 from thirdbody.system.terminal import print_line
+from thirdbody.units import duration, file_size
 
 TRIALS = 5
 """Largest number of points of which the cost is estimated, spread evenly over the sweep."""

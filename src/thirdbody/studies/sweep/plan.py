@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody import units
-from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import SETTINGS, Fault, InputError
-from thirdbody.scene.field_types import plain
 from thirdbody.scene.model import Scene
-from thirdbody.scene.toml_writer import toml_text, toml_value_text
+from thirdbody.schema.fields import plain
+from thirdbody.schema.write import toml_text, toml_value_text
 from thirdbody.studies.sweep.axes import fault_of_axis
 from thirdbody.studies.sweep.code_version import code_version, point_name
 from thirdbody.studies.sweep.design import Settings
 from thirdbody.studies.sweep.point import Point
 from thirdbody.studies.sweep.results import unknown, with_states
 from thirdbody.studies.sweep.sweep_file import Definition
+from thirdbody.units import DIMENSIONS
 
 POINTS = "points"
 """Folder of the points within that of a sweep."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene.overrides import toml_value
-from thirdbody.scene.read import read_text
+from thirdbody.scene.settings import toml_value
+from thirdbody.schema.read import read_text
 
 _HEADING = re.compile(r"(?P<key>[^\[]+?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 _INDEX = re.compile(r"\[(\d+)\]")

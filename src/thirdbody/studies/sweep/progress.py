@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
-from thirdbody.quantity import duration
 from thirdbody.system.terminal import print_line, progress_bar
+from thirdbody.units import duration
 
 LINES = 10
 """Number of lines of a whole sweep where there is no terminal for a bar."""

@@ -10,7 +10,7 @@ from typing import Any
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.scene.model import Scene
-from thirdbody.scene.read import read_text
+from thirdbody.schema.read import read_text
 from thirdbody.studies.sweep.plan import AxisColumn, Plan
 from thirdbody.studies.sweep.table import FILE as TABLE
 
