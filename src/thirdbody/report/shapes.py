@@ -18,6 +18,7 @@ from thirdbody.debris.mesh import MeshShape, meshes_in
 from thirdbody.debris.registry import DebrisKinds
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.report.tables import print_json, table
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.keys import table_keys
 from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
