@@ -32,7 +32,7 @@ RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="run folder or its 
 def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the version and exit")] = False) -> None:
     """Handle options given without a command."""
     if version:
-        from thirdbody import __version__
+        from thirdbody.version import __version__
 
         print_line(f"thirdbody {__version__}")
         raise typer.Exit

@@ -26,7 +26,7 @@ def machine() -> dict[str, Any]:
     import numba
     import numpy as np
 
-    import thirdbody
+    from thirdbody.version import __version__
 
     return {
         "cpu": processor(),
@@ -37,7 +37,7 @@ def machine() -> dict[str, Any]:
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "system": f"{platform.system()} {platform.machine()}",
         "versions": {
-            "thirdbody": thirdbody.__version__, "python": platform.python_version(),
+            "thirdbody": __version__, "python": platform.python_version(),
             "numba": numba.__version__, "numpy": np.__version__,
         },
     }  # fmt: skip
