@@ -22,6 +22,7 @@ from scalar_step import Reference
 
 from thirdbody.engine import explicit
 from thirdbody.engine.neighbours import search
+from thirdbody.jit import threads as jit_threads
 from thirdbody.jit.threads import allow_threads, allowed_threads
 from thirdbody.kernels import schedule
 from thirdbody.kernels.arguments import WORK, context_of
@@ -197,8 +198,8 @@ def changed(name, spoil, patch):
 def two_threads(monkeypatch):
     before = allowed_threads()
     allow_threads(2)
-    monkeypatch.setattr(explicit, "STARVED", 0.0)  # on a busy machine, too,
-    monkeypatch.setattr(explicit, "SHORT", 0.0)  # and one thread is not tried
+    monkeypatch.setattr(jit_threads, "STARVED", 0.0)  # on a busy machine, too,
+    monkeypatch.setattr(jit_threads, "SHORT", 0.0)  # and one thread is not tried
     yield
     allow_threads(before)
 

@@ -27,7 +27,6 @@ from thirdbody.kernels.implicit.workspace import (
     IslandTables,
     island_at,
     make_scratch,
-    pair_spaces_of,
     spaces_of,
 )
 from thirdbody.kernels.minima import RoughPlates
@@ -86,7 +85,7 @@ def evaluate(context, tables, y, r, J):
     half_width = FREEDOMS * (int(tables.widths[0]) + 1) - 1
     scratch = make_scratch(context, n, 1, FREEDOMS * n * (3 * half_width + 1), len(context.initial_overlaps))
     given = scratch._asdict()
-    scratch = scratch._replace(spaces=spaces_of(given), pair_spaces=pair_spaces_of(given))
+    scratch = scratch._replace(**dict(zip(("spaces", "pair_spaces"), spaces_of(given), strict=True)))
     island, motion = plain(island_at, made)(0, tables), Motion(DT, 0.0, 0.0)
     scratch.starts[:] = context.starts
     scratch.coordinates[:, 0] = y.reshape(n, FREEDOMS)

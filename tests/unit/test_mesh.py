@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from steel import STEEL
 
-from thirdbody.assembly.clumps import shapes_of
+from thirdbody.assembly.populate import shapes_of
 from thirdbody.assembly.simulation import build
 from thirdbody.bodies import mesh_fit_quality, mesh_to_clump
 from thirdbody.bodies.clump import clump

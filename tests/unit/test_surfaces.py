@@ -12,7 +12,7 @@ from scipy.signal import find_peaks, resample
 from thirdbody.assembly.simulation import build
 from thirdbody.assembly.surfaces import plate_surfaces
 from thirdbody.errors import InputError
-from thirdbody.report.surface_report import law_text
+from thirdbody.report.surface import law_text
 from thirdbody.runner.checkpoint import prints_of
 from thirdbody.scene.model import Scene
 from thirdbody.surfaces import grid

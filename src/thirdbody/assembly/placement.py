@@ -104,7 +104,6 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
 
 
 def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, headings: np.ndarray) -> None:
-    """Give the bodies of the layer a stable pose with the given heading (n,) [rad] or any (NaN), a height and a position."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
     laid = [clumps[b] for b in members]
     q[members], heights = settle_all(laid, rng)
@@ -118,7 +117,6 @@ def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, 
 
 
 def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Place the dilute bodies at random positions and in random orientations, up to their common height."""
     bodies = [clumps[b] for b in members]
     height, fraction = _volume(scene, "dilute", bodies)
     # the spots of a given particle touch plates only: no body is in their way
@@ -138,7 +136,6 @@ def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarr
 
 
 def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Pack the dense bodies, mixed, into one bed on the lower plate."""
     bodies = [clumps[b] for b in members]
     _, fraction = _volume(scene, "dense", bodies)
     try:
@@ -174,7 +171,6 @@ def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
 
 
 def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
-    """Return the faults of a placement with their keys in the scene: the domain, or the keys of the common volume."""
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
     volume_keys = _volume_keys(scene, placement)
     where = ("debris", volume_keys[0][0], volume_keys[0][1]) if volume_keys else ("debris", first, "placement")

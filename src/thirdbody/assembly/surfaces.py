@@ -83,11 +83,6 @@ def with_surfaces(world: World, surfaces: Mapping[str, Surface]) -> World:
     )  # fmt: skip
 
 
-def surface_notes(surfaces: Mapping[str, Surface]) -> list[str]:
-    """Return what was done to the measured surfaces, in words."""
-    return [f"{side} plate: {note}" for side, surface in surfaces.items() for note in surface.notes]
-
-
 def _surface(scene: Scene, given: SelfAffine | Waves | SurfaceFile, stream: int) -> Surface:
     size = scene.domain.size
     if isinstance(given, SurfaceFile):
@@ -113,7 +108,6 @@ def _wave_heights(wave: Sine | Groove, shape: tuple[int, int], size: Size):
 
 @contextmanager
 def _faults_of(scene: Scene, side: str) -> Iterator[None]:
-    """Give the faults of a file their place in the scene: the key that they are about, or the name of the file."""
     try:
         yield
     except InputError as error:

@@ -40,7 +40,7 @@ class Clump:
     error : float
         Bound on the relative error of volume and principal moments, 0 for a single sphere.
     sides : ndarray (k,) or None
-        Surfaces and bodies that each sphere can touch (`columns.sides`); None: all.
+        Surfaces and bodies that each sphere can touch (`kernels.tables`); None: all.
     shape : Clump or None
         The clump of which this is a copy of another size (`resized`), so that what follows from the shape is computed once.
     """

@@ -1,9 +1,9 @@
-"""End of a settling of automatic length: when load, gap and kinetic energy are steady, else at a limit, with a warning."""
+"""Stops of a run: outputs, progress reports in between, and the end of settling, which is looked for where it is automatic."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,16 +11,17 @@ import numpy as np
 from thirdbody.engine.guards import stored_energies
 from thirdbody.engine.state import State
 from thirdbody.kernels.tables import body, patch, run_totals
-from thirdbody.units import pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
-LOAD, GAP, BOUNCE, KINETIC = 0.01, 0.01, 0.01, 0.02
-"""Largest `Unrest` of a settled scene.
+SUBTICKS = 8
+"""Progress reports per output interval, so that a run with few frames shows progress too."""
 
-The first three are a half of the 2 % by which load on debris and gap may still change: what is left of a decay is less than its
-rate times the expected settling time. Loose bodies hop between rough plates for ever: their energy is steady."""
+SETTLING = 100
+"""Largest number of frames of a settling phase of automatic length (`solver.settle = "auto"`).
+
+Settling may last a million output intervals that suit the drag, and a frame costs more than the steps before it."""
 
 LONGEST, PERIODS = 3.0, 20.0
 """Latest end of settling, in expected times, or so many periods of the plate on its bed after the expected one if that is later:
@@ -29,6 +30,86 @@ a plate with critical dashpots on springs of which one in 200 carries load needs
 LEAD, TINY = 0.25, 1e-300
 """Time before the end of settling at which an explicit run is looked at, in parts of the expected time (`EXTENSIONS`); guard of
 divisions."""
+
+
+def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
+    """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
+
+    A run by distance stops by distance, one by time stops by time. Stops in between only report progress, but for one at each end
+    of settling, which may move on while the run is on its way there.
+    """
+    output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
+    if output.every_kind == "time":
+        whole, spacing = 0, settling_frames(simulation)[1]
+        for end in _ends_of_settling(simulation):
+            last = _whole_intervals(end, output.every)
+            for x, write in _output_times(whole, last, spacing, output.every, end):
+                yield x, infinite, write
+            yield end, infinite, False
+            whole = last
+        last = max(whole + 1, _number_of_outputs(simulation.planned_time, output.every))
+        for x, write in _output_times(whole, last, 1, output.every, simulation.planned_time):
+            yield x, simulation.end_distance, write
+        return
+    if settle > 0.0:
+        for k in range(1, SUBTICKS):
+            yield settle * k / SUBTICKS, infinite, False
+        for end in _ends_of_settling(simulation):
+            yield end, infinite, False
+        yield simulation.settle, infinite, True
+    by_time, last = math.isfinite(simulation.end_time), _number_of_outputs(simulation.planned_distance, output.every)
+    for x, write in _output_times(0, last, 1, output.every, simulation.planned_distance):
+        # a run by duration may end at rest: its last stop is its end time
+        yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
+
+
+def _ends_of_settling(simulation: Simulation) -> Iterator[float]:
+    """Yield the end of settling [s] and, while the run extends it, the later ones; none without settling."""
+    extended = 0
+    while simulation.settle > 0.0 and extended <= simulation.extended:
+        yield simulation.settle_after(extended)
+        extended += 1
+
+
+def settling_frames(simulation: Simulation) -> tuple[int, int]:
+    """Return (output intervals in a thinned settling phase, intervals per frame there); (0, 1) without thinning."""
+    output = simulation.scene.output
+    if output.every_kind != "time" or simulation.scene.solver.settle != "auto":
+        return 0, 1
+    expected = _whole_intervals(simulation.settle_after(0), output.every)
+    whole = _whole_intervals(simulation.settle, output.every)
+    return (whole, -(-expected // SETTLING)) if expected > SETTLING else (0, 1)
+
+
+def _whole_intervals(time: float, every: float) -> int:
+    return int(time / every + 1e-9)
+
+
+def _output_times(first: int, last: int, spacing: int, every: float, end: float) -> Iterator[tuple[float, bool]]:
+    """Yield stops after interval `first` up to interval `last` and `end` [s or m]: outputs `spacing` intervals apart and at the
+    last one, with reports in between."""
+    while first < last:
+        after = min(first + spacing, last)
+        low, high = first * every, after * every
+        # a stop that equals the end but for rounding is where a longer run has it too
+        high = end if high > end + 1e-9 * every else high
+        for part in range(1, SUBTICKS):
+            yield low + (high - low) * part / SUBTICKS, False
+        yield high, True
+        first = after
+
+
+def _number_of_outputs(end: float, every: float) -> int:
+    return max(1, int(np.ceil(end / every - 1e-9)))
+
+
+def planned_frames(simulation: Simulation) -> int:
+    """Return the number of frames of a whole run: the outputs of `targets`, and the first frame."""
+    output = simulation.scene.output
+    if output.every_kind == "time":
+        settling, spacing = settling_frames(simulation)
+        return 1 + -(-settling // spacing) + _number_of_outputs(simulation.planned_time, output.every) - settling
+    return 1 + int(simulation.settle > 0.0) + _number_of_outputs(simulation.planned_distance, output.every)
 
 
 class Unrest(NamedTuple):
@@ -48,7 +129,14 @@ class Unrest(NamedTuple):
     @property
     def steady(self) -> bool:
         """Whether the scene has settled."""
-        return all(now <= limit for now, limit in zip(self, (LOAD, GAP, BOUNCE, KINETIC), strict=True))
+        return all(now <= limit for now, limit in zip(self, SETTLED, strict=True))
+
+
+SETTLED = Unrest(load=0.01, gap=0.01, bounce=0.01, kinetic=0.02)
+"""Largest unrest of a settled scene.
+
+The first three are a half of the 2 % by which load on debris and gap may still change: what is left of a decay is less than its
+rate times the expected settling time. Loose bodies hop between rough plates for ever: their energy is steady."""
 
 
 def unrest(state: State, time: float, before: float) -> tuple[Unrest, float]:
@@ -96,7 +184,7 @@ class Settling:
         self.period, self.kinetic = math.nan, 0.0
 
     def advance(self, target: tuple[float, float, bool], advance_to: Callable[[float, float], None]) -> None:
-        """Advance to a stop of `output_schedule.targets`, with looks on the way there."""
+        """Advance to a stop of `targets`, with looks on the way there."""
         (time, distance, is_output), integrator = target, self.simulation.integrator
         for instant in self._instants(time):
             advance_to(instant, math.inf)
@@ -140,19 +228,3 @@ class Settling:
             return {}
         time = self.simulation.settle
         return {"settling": {"time": time, "steady": self.last.steady, "periods": time / self.period, **self.last._asdict()}}
-
-
-def settling_warning(settling: Mapping[str, Any] | None) -> Iterator[str]:
-    """Yield a warning of a drag that began before the scene had settled; `settling`: the entry of the summary."""
-    if settling is None or settling["steady"]:
-        return
-    load, gap, bounce, kinetic = (f"{100.0 * settling[name]:.2g} %" for name in Unrest._fields)
-    after = f"{pretty(settling['time'], 'time')} ({settling['periods']:.2g} periods of the plate on its bed)"
-    yield (
-        f"the drag began before the debris had settled, after {after}: {load} of the load was not carried, "
-        f"the gap changed by {gap} in the expected time, the load by {bounce} as plate and debris bounced, "
-        f"and kinetic energy by {kinetic} of the elastic energy "
-        f"(settled: at most {100.0 * LOAD:g}, {100.0 * GAP:g}, {100.0 * BOUNCE:g} and {100.0 * KINETIC:g} %); "
-        f'solver.settle = "{pretty(2.0 * settling["time"], "time")}" would settle for longer, more plates.upper.damping calms a '
-        "plate that bounces"
-    )

@@ -1,4 +1,4 @@
-"""Accuracy of a finished run: energy error, loads that are not carried, dashpot work."""
+"""What is wrong with a finished run: energy error, loads that are not carried, dashpot work, contacts above first yield."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.assembly.plate_load import limit_words, times
+from thirdbody.engine.measures import body_amounts
 from thirdbody.engine.upper_plate import mean_value
 from thirdbody.kernels.tables import contact_state, patch, record
-from thirdbody.runner.settling import settling_warning
-from thirdbody.runner.yield_check import yield_warning
+from thirdbody.runner.stops import SETTLED, Unrest
+from thirdbody.units import pretty
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
@@ -22,7 +24,6 @@ LOAD = 0.1
 
 CARRIED = 0.5
 """Fraction of its load below which a patch counts as not carried."""
-
 
 DASHPOT_REPORTED = 0.05
 """Dashpot force at the drag speed over the load of a patch above which `damping_share` is reported."""
@@ -90,17 +91,30 @@ def patches_not_carried(simulation: Simulation) -> int:
     return int(np.count_nonzero(alone & (carried < CARRIED * P[:, patch.LOAD])))
 
 
+def warnings_at_end(simulation: Simulation, report: Mapping[str, Any]) -> list[str]:
+    """Return the warnings at the end of a run: those of its summary, then those of its measures."""
+    chosen = [measure for measure in simulation.choice.measures if measure.warnings]
+    largest = {name: float(values.max(initial=0.0)) for name, values in body_amounts(simulation.state).items()} if chosen else {}
+    return [*ending_warnings(report), *(text for measure in chosen if measure.warnings for text in measure.warnings(largest))]
+
+
 def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
     """Yield warnings at the end of a run, from its summary; those of its frames: `trajectory.run_summary`."""
-    if flow := yield_warning(report):
-        yield flow
+    yielded = report.get("first_yield")
+    if yielded and not yielded.get("flows") and yielded["ratio"] > 1.0:
+        yield (
+            f"peak pressure {yield_words(report)}, in {yielded['contacts']} contact(s) of one frame: they would flow "
+            "plastically, and are computed as elastic; a lower load stays below, [effects.elastic_plastic] lets them flow"
+        )
     ratio, left = report.get("load_ratio"), report.get("patches_not_carried")
     if ratio is not None and abs(ratio - 1.0) > LOAD and report.get("finished"):
         yield (
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
-    yield from settling_warning(report.get("settling"))
+    settling = report.get("settling")
+    if settling is not None and not settling["steady"]:
+        yield _settling_warning(settling)
     damped, energy = report.get("damping_share"), report.get("energy") or {}
     friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
     if damped is not None and damped > DAMPED and friction > RUBBED:
@@ -127,3 +141,28 @@ def step_words(report: Mapping[str, Any]) -> str:
     counts = report.get("steps_limited_by") or {}
     whole = sum(counts.values())
     return ", ".join(f"{name.replace('_', ' ')} {100.0 * n / whole:.0f} %" for name, n in list(counts.items())[:3])
+
+
+def yield_words(summary: Mapping[str, Any]) -> str:
+    """Describe the largest peak pressure of a run, from its summary; empty for a run without one."""
+    result, pressure = summary.get("first_yield"), summary.get("peak_pressure")
+    if not result or not pressure:
+        return ""
+    words = pretty(pressure, "pressure")
+    if result["pressure"] is None:
+        return f"{words}; no yield strength is known or assumed"
+    where = limit_words(result["material"], result["pressure"], result["yield_strength"], result["assumed"])
+    return f"{words}; {result['between'][0]}/{result['between'][1]}: {times(result['ratio'])} {where}"
+
+
+def _settling_warning(settling: Mapping[str, Any]) -> str:
+    load, gap, bounce, kinetic = (f"{100.0 * settling[name]:.2g} %" for name in Unrest._fields)
+    after = f"{pretty(settling['time'], 'time')} ({settling['periods']:.2g} periods of the plate on its bed)"
+    *first, last = (f"{100.0 * limit:g}" for limit in SETTLED)
+    return (
+        f"the drag began before the debris had settled, after {after}: {load} of the load was not carried, "
+        f"the gap changed by {gap} in the expected time, the load by {bounce} as plate and debris bounced, "
+        f"and kinetic energy by {kinetic} of the elastic energy (settled: at most {', '.join(first)} and {last} %); "
+        f'solver.settle = "{pretty(2.0 * settling["time"], "time")}" would settle for longer, more plates.upper.damping calms a '
+        "plate that bounces"
+    )

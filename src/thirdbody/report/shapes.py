@@ -1,4 +1,4 @@
-"""Report of `thirdbody shapes`: the bodies of a scene's populations, or the fit of spheres to a mesh."""
+"""Report of `thirdbody shapes`: the bodies of a scene's populations, the fit of spheres to a mesh, the kinds of debris."""
 
 from __future__ import annotations
 
@@ -10,18 +10,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.errors import InputError, UsageError
+from thirdbody.assembly.populate import population_context, shapes_of
+from thirdbody.bodies.clump import summit_radii
+from thirdbody.bodies.mesh import SUFFIXES, load_mesh, mass_properties
+from thirdbody.bodies.mesh_to_clump import clump_from_mesh
+from thirdbody.debris.mesh import MeshShape, meshes_in
+from thirdbody.debris.registry import DebrisKinds
+from thirdbody.errors import InputError, UsageError, nearest
+from thirdbody.report.tables import print_json, table
+from thirdbody.rotations import matrix_from_quaternion
+from thirdbody.scene.keys import table_keys
+from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
+from thirdbody.units import parse, pretty, with_unit
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
     from thirdbody.bodies.mesh import Mesh
     from thirdbody.bodies.mesh_to_clump import Fit
-    from thirdbody.debris.mesh import MeshShape
-    from thirdbody.scene.model import Scene
 
 SEED = 1
 """For a mesh file, as for debris of the kind `mesh`."""
+
+
+_ROWS = (
+    ("diameter (of equal volume)", "diameter", "length"), ("spheres per body", "spheres", "dimensionless"),
+    ("volume", "volume", "volume"), ("mass", "mass", "mass"), ("radius of the spheres", "sphere_radius", "length"),
+    ("radius where a plane touches", "contact_radius", "length"), ("  over the equivalent radius", "sharpness", "dimensionless"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +55,10 @@ class Population:
 
 def populations(scene: Scene) -> list[Population]:
     """Return the bodies of every population of a scene. Raises InputError when they cannot be generated."""
-    from thirdbody.assembly.clumps import shapes_of
-
     result = []
     for index, debris in enumerate(scene.debris):
         clumps = shapes_of(scene, index, [])
-        meshes = _followed(scene, index)
+        meshes = debris.mesh_shapes(population_context(scene, index, []))  # those of `shapes_of`, fitted once
         density = scene.materials[debris.material].density
         name, notes = debris.name or f"debris[{index}]", debris.notes()
         result.append(Population(name, debris.kind, debris.material, density, clumps, meshes, notes))
@@ -53,11 +67,6 @@ def populations(scene: Scene) -> list[Population]:
 
 def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int | None) -> Population:
     """Return one body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
-    from thirdbody.bodies.mesh import load_mesh
-    from thirdbody.bodies.mesh_to_clump import clump_from_mesh
-    from thirdbody.debris.mesh import MeshShape
-    from thirdbody.units import parse
-
     if unit is None:
         raise UsageError(f"{path}: a mesh file carries no unit: give one, such as --unit '1 um'")
     try:
@@ -81,44 +90,25 @@ def read_shapes(
 
     Raises UsageError for options that do not belong to the file, InputError for the file.
     """
-    from thirdbody.bodies.mesh import SUFFIXES
-
     folder = os.path.isdir(path)  # `Path.is_dir` raises for names that are too long
     meshes = folder or path.suffix.lower() in SUFFIXES
     if meshes and settings:
         raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
     if folder:
-        return _of_folder(path, unit, spheres, seed)
+        files = meshes_in(path)
+        if not files:
+            raise InputError(f"{path}: the folder holds no mesh file ({', '.join(SUFFIXES)})")
+        return [mesh_population(file, unit, spheres, seed) for file in files]
     if meshes:
         return [mesh_population(path, unit, spheres, seed)]
     given = [name for name, value in (("--unit", unit), ("--spheres", spheres), ("--seed", seed)) if value is not None]
     if given:
         known = ", ".join(SUFFIXES)
         raise UsageError(f"{', '.join(given)}: only for a mesh file ({known}); a scene holds these values itself")
-    from thirdbody.scene.model import Scene
-
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: neither a scene (.toml) nor a mesh ({', '.join(SUFFIXES)})")
     scene = Scene.load(path, plugins)
     return populations(scene.with_settings(settings) if settings else scene)
-
-
-def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | None) -> list[Population]:
-    """Return a body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
-    from thirdbody.bodies.mesh import SUFFIXES
-    from thirdbody.debris.mesh import meshes_in
-
-    files = meshes_in(folder)
-    if not files:
-        raise InputError(f"{folder}: the folder holds no mesh file ({', '.join(SUFFIXES)})")
-    return [mesh_population(path, unit, spheres, seed) for path in files]
-
-
-def _followed(scene: Scene, index: int) -> list[MeshShape]:
-    """Return the meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
-    from thirdbody.assembly.clumps import population_context
-
-    return scene.debris[index].mesh_shapes(population_context(scene, index, []))
 
 
 def population_statistics(population: Population) -> dict[str, Any]:
@@ -127,8 +117,6 @@ def population_statistics(population: Population) -> dict[str, Any]:
     `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same over the
     body's equivalent radius (1 for a sphere).
     """
-    from thirdbody.bodies.clump import summit_radii
-
     clumps, density = population.clumps, population.density
     diameter = np.array([body.diameter for body in clumps])
     summit = np.array([summit_radii(body).mean() for body in clumps])
@@ -166,8 +154,6 @@ def _statistics(values: np.ndarray) -> dict[str, float]:
 
 
 def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
-    from thirdbody.bodies.mesh import mass_properties
-
     mass, ratio = mass_properties(mesh), fit.contact_ratio
     return {
         "mesh": mesh.name,
@@ -185,8 +171,6 @@ def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
 
 def shapes_report(result: list[Population], json: bool) -> None:
     """Print the statistics of all populations, as tables or as JSON."""
-    from thirdbody.report.tables import print_json
-
     entries = [population_statistics(population) for population in result]
     if json:
         print_json({"populations": entries})
@@ -197,21 +181,11 @@ def shapes_report(result: list[Population], json: bool) -> None:
         _print(entry)
 
 
-_ROWS = (
-    ("diameter (of equal volume)", "diameter", "length"), ("spheres per body", "spheres", "dimensionless"),
-    ("volume", "volume", "volume"), ("mass", "mass", "mass"), ("radius of the spheres", "sphere_radius", "length"),
-    ("radius where a plane touches", "contact_radius", "length"), ("  over the equivalent radius", "sharpness", "dimensionless"),
-)  # fmt: skip
-
-
 def _bodies(count: int) -> str:
     return "1 body" if count == 1 else f"{count} bodies"
 
 
 def _print(entry: dict[str, Any]) -> None:
-    from thirdbody.report.tables import table
-    from thirdbody.units import pretty
-
     columns = ("mean", "std", "min", "median", "max")
 
     def row(name: str, values: dict[str, float], dimension: str) -> list[str]:
@@ -229,9 +203,6 @@ def _print(entry: dict[str, Any]) -> None:
 
 
 def _print_fit(fit: dict[str, Any]) -> None:
-    from thirdbody.report.tables import table
-    from thirdbody.units import pretty
-
     ratio = fit["contact_radius_ratio"]
     volume, inertia = pretty(fit["mesh_volume"], "volume"), ", ".join(f"{value:.4g}" for value in fit["mesh_inertia"])
     extents = ", ".join(f"{value:.3g}" for value in fit["union_extent_ratio"])
@@ -250,25 +221,19 @@ def draw_shapes(result: list[Population], title: str, png: Path) -> Path:
     """Draw a gallery of the populations' bodies; return the path. Raises like `render.gallery.draw_gallery`."""
     from thirdbody.render.gallery import draw_gallery
 
-    return draw_gallery([_group(part) for population in result for part in _by_mesh(population)], title, png)
-
-
-def _by_mesh(population: Population) -> list[Population]:
-    """Return the population in parts of one mesh each; itself where it has no more than one."""
-    meshes = population.meshes
-    if len(meshes) < 2:
-        return [population]
-    return [
-        replace(population, name=f"{population.name}: {shape.name}", clumps=population.clumps[k :: len(meshes)], meshes=[shape])
-        for k, shape in enumerate(meshes)
-    ]
+    groups = []
+    for population in result:
+        meshes = population.meshes
+        for k, shape in enumerate(meshes if len(meshes) > 1 else ()):  # a group for each mesh
+            name, clumps = f"{population.name}: {shape.name}", population.clumps[k :: len(meshes)]
+            groups.append(_group(replace(population, name=name, clumps=clumps, meshes=[shape])))
+        if len(meshes) < 2:
+            groups.append(_group(population))
+    return draw_gallery(groups, title, png)
 
 
 def _group(population: Population) -> Any:
-    """Return text and shapes of a population of one mesh or none, for the picture."""
     from thirdbody.render.gallery import Group
-    from thirdbody.rotations import matrix_from_quaternion
-    from thirdbody.units import with_unit
 
     entry = population_statistics(population)
     diameter, spheres = entry["diameter"], entry["spheres"]
@@ -292,3 +257,38 @@ def _group(population: Population) -> Any:
     scale = body.diameter / (2.0 * fit.size)
     vertices = (shape.surface.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
     return Group(heading, facts, population.clumps, vertices, shape.surface.faces)
+
+
+def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
+    """Print all kinds of debris and their sources, or the keys of one kind. Raises UsageError for an unknown kind."""
+    result = DebrisKinds(plugins)
+    failures, usable = result.failures(), result.usable()
+    if kind is not None and kind not in usable:
+        raise UsageError(failures.get(kind) or f"--list {kind}: no such kind of debris, {nearest(kind, usable)}")
+    entries: list[dict[str, Any]] = [
+        {
+            "kind": name,
+            "from": result.source(name),
+            "description": _first_sentence(one.__doc__),
+            "schema": one.model_json_schema(),
+        }
+        for name, one in usable.items()
+        if kind in (None, name)
+    ]
+    if json:
+        print_json({"kinds": entries, "failures": failures})
+        return
+    if kind is None:
+        rows = [[str(entry[key]) for key in ("kind", "from", "description")] for entry in entries]
+        table("kinds of debris (debris.kind)", ("kind", "from", "bodies"), rows)
+        for why in failures.values():
+            print_line(f"kind of debris {why}")
+        print("\nthe keys of one of them: thirdbody shapes --list KIND")
+        return
+    (entry,) = entries
+    rows = [[key.path, key.value, key.default, key.meaning] for key in table_keys(entry["schema"])]
+    table(f"{kind}: {entry['description']}", ("key", "value", "default", "meaning"), rows)
+
+
+def _first_sentence(doc: str | None) -> str:
+    return " ".join((doc or "").split()).split(". ")[0].rstrip(".")

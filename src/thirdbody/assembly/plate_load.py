@@ -1,23 +1,32 @@
-"""Checks of the loads: crushing loads are refused, deep contacts and yield give warnings.
+"""What carries the load of the upper plate: direct contact of the plates, and bodies, which must neither be crushed nor yield."""
 
-Reminders of effects that a scene does not name but would need, and of what its restitution means for clumps.
-"""
-
-import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.guards import OVERLAP_GUARD
-from thirdbody.engine.state import State
+from thirdbody.engine.upper_plate import DirectContact
 from thirdbody.errors import InputError
-from thirdbody.kernels.tables import body
-from thirdbody.laws.damping import HERTZ_DAMPING, damping_number, restitution_of
-from thirdbody.laws.hertz import yield_limit
+from thirdbody.laws.hertz import e_star, yield_limit
 from thirdbody.scene.model import Scene
 from thirdbody.statics.contacts import load_at, overlap_at, response
+from thirdbody.surfaces.surface import Surface
 from thirdbody.units import pretty
+
+Array = NDArray[np.float64]
+
+GAMMA = 0.45
+"""Part of the elastic energy of full contact that is stored in partial contact: C. Yang and B. N. J. Persson, J. Phys.: Condens.
+Matter 20:215214 (2008)."""
+
+EULER = 0.5772156649015329
+
+FULL_CONTACT = 0.407124934634389
+"""Integral of erf(x)^2 exp(-x^2)/x over all x > 0: what the transition to full contact adds."""
 
 MAX_HERTZ_OVERLAP = 0.1
 """Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
@@ -105,34 +114,67 @@ def limit_words(material: str, pressure: float, strength: float, assumed: bool) 
     return f"first yield of {material} at {pretty(pressure, 'pressure')} (yield strength {shown}, {source})"
 
 
-def spinning_balls(scene: Scene, choice: CompiledPhysics, state: State) -> list[str]:
-    """Return a warning where balls between two plates spin about the normal and nothing can stop them."""
-    if scene.plates.lower is None or scene.plates.upper is None or any(law.stage == "twisting" for law in choice.chain.laws):
-        return []
-    single = np.diff(state.start) == 1
-    spinning = int(np.count_nonzero(state.B[single, body.SPIN + 2]))
-    if not spinning or not any(pair.friction > 0.0 for pair in choice.pairs):
+def direct_contact(scene: Scene, choice: CompiledPhysics, surfaces: Mapping[str, Surface]) -> DirectContact | None:
+    """Return the direct contact of the plates, None without. Raises InputError where nothing gives its parameters."""
+    given, upper, lower = scene.plates.contact, scene.plates.upper, scene.plates.lower
+    if given is None:
+        return None
+    assert upper is not None and lower is not None
+    if given.beta is not None and given.u0 is not None:
+        beta, length = given.beta, given.u0
+    else:
+        try:
+            beta, length = persson_parameters([surface.heights for surface in surfaces.values()], scene.domain.size)
+        except ValueError:
+            message = "needs beta and u0: both plates are flat, so nothing estimates them"
+            raise InputError(scene.fault(("plates", "contact"), message)) from None
+    materials = dict(zip(scene.materials, choice.materials, strict=True))
+    modulus = e_star(materials[lower.material], materials[upper.material])
+    area = scene.domain.size[0] * scene.domain.size[1]
+    return DirectContact(beta * modulus * area, length, given.friction)
+
+
+def narrow_gap_warning(direct: DirectContact | None, gap: float) -> list[str]:
+    """Return a warning where the mean gap [m] under the largest load is below u0: the law holds for small contact areas."""
+    if direct is None or gap >= direct.length:
         return []
     return [
-        f"{spinning} {'ball spins' if spinning == 1 else 'balls spin'} about the normal of the plates: at a single spot on each "
-        "plate only pivoting friction brakes that, and it is off; effects.pivoting = {} switches it on"
+        f"the gap under the largest load, {units.pretty(gap, 'length')}, is below plates.contact.u0, "
+        f"{units.pretty(direct.length, 'length')}: the exponential law of direct contact holds for wider gaps"
     ]
 
 
-def clumps_that_fly(scene: Scene, choice: CompiledPhysics, state: State) -> list[str]:
-    """Return a warning where clumps may land on several spheres at once, each with a dashpot of the pair's restitution.
+def persson_parameters(heights: Sequence[Array], size: tuple[float, float]) -> tuple[float, float]:
+    """Return beta and u_0 [m] of two surfaces, from their heights (n_y, n_x) [m] on grids that cover the periodic domain.
 
-    n equal contacts are one with n times the stiffness and the viscosity: sqrt(n) times the damping number.
+    p = beta E* exp(-u/u_0) for a contact area that is a small part of the whole. With the spectrum C(q) of the sum of both
+    surfaces, from the smallest wavenumber on, and w(q) = (pi integral of q^3 C)^(-1/2) up to q:
+
+        u_0 = sqrt(pi) gamma integral of q^2 C w
+        ln beta = -(integral of q^2 C w ln w)/(integral of q^2 C w) - Euler/2 + 3 (1 - gamma)/gamma integral of erf^2 exp(-x^2)/x
+
+    B. N. J. Persson, PRL 99:125502 (2007), with the factor gamma + 3 (1 - gamma) P^2 of the elastic energy of Yang and Persson
+    (2008). Surfaces that are not correlated: their spectra add. Raises ValueError for surfaces that are flat.
     """
-    largest, upper = int(np.diff(state.start).max()), scene.plates.upper
-    free = upper is None or (upper.gap is not None and any(getattr(d, "placement", None) == "dilute" for d in scene.debris))
-    restitution = min((pair.restitution for pair in choice.pairs), default=1.0)
-    if not free or largest == 1 or restitution == 1.0 or HERTZ_DAMPING not in choice.chain.laws:
-        return []
-    alpha = damping_number(restitution)
-    values = ", ".join(f"{restitution_of(math.sqrt(n) * alpha):.2g} on {n}" for n in sorted({2, min(largest, 3), largest}))
-    return [
-        f"restitution {restitution:g} is that of one contact: a clump in free flight that lands on several spheres at once "
-        f"leaves with less, {values} (its largest number); pairs.restitution = {restitution_of(alpha / math.sqrt(2.0)):.2g} "
-        f"gives {restitution:g} on 2"
-    ]
+    if not any(np.ptp(z) > 0.0 for z in heights):
+        raise ValueError("flat surfaces have no spectrum")
+    q, power = (np.concatenate(parts) for parts in zip(*(_spectrum(z, size) for z in heights), strict=True))
+    # wavenumbers in rising order, each once, and the sums over their modes; modes equal but for rounding are one
+    scale = float(q.min())
+    numbers, shell = np.unique(np.round(q / scale, 9), return_inverse=True)
+    q, power = numbers * scale, np.bincount(shell, power).astype(np.float64)
+    slopes = q * q * power
+    # half of the mean squared slope up to q; a mode counts half at its own wavenumber
+    w = 1.0 / np.sqrt(0.5 * np.maximum(np.cumsum(slopes) - 0.5 * slopes, 1e-300))
+    weight = q * power * w / (2.0 * np.pi)
+    total = float(weight.sum())
+    ln_beta = -float(weight @ np.log(w)) / total - 0.5 * EULER + 3.0 * (1.0 - GAMMA) / GAMMA * FULL_CONTACT
+    return float(np.exp(ln_beta)), float(np.sqrt(np.pi)) * GAMMA * total
+
+
+def _spectrum(z: Array, size: tuple[float, float]) -> tuple[Array, Array]:
+    """Return the wavenumbers [1/m] of all modes of a periodic surface but the mean, and their mean squared heights [m2]."""
+    n_y, n_x = z.shape
+    modes = np.abs(np.fft.fft2(z) / z.size) ** 2
+    q_x, q_y = 2.0 * np.pi * np.fft.fftfreq(n_x, size[0] / n_x), 2.0 * np.pi * np.fft.fftfreq(n_y, size[1] / n_y)
+    return np.hypot(*np.meshgrid(q_x, q_y)).ravel()[1:], modes.ravel()[1:]
