@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import thirdbody
-from thirdbody.bodies.layer_packing import projected_area
+from thirdbody.bodies.packing import projected_area
 from thirdbody.kernels.tables import DEBRIS, run_totals
 from thirdbody.runner.simulate import prepare
 from thirdbody.studies.nudge import nudge as displace

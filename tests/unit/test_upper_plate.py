@@ -12,7 +12,7 @@ from theory.plain import plain
 from thirdbody.assembly.integrator import inertial_number
 from thirdbody.assembly.schedule import schedule, why_swings
 from thirdbody.assembly.simulation import build
-from thirdbody.engine.time_step import _pressed
+from thirdbody.engine.explicit import _pressed
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.errors import InputError
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE, next_corner

@@ -11,8 +11,7 @@ from thirdbody import units
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.assembly.populate import position_key, refuse_outside
 from thirdbody.assembly.schedule import first_load
-from thirdbody.bodies.bed_relaxation import Outcome, Walls
-from thirdbody.bodies.overlap_removal import CEILING, FLOOR, OverlapRemoval, Overlaps
+from thirdbody.bodies.overlap_removal import CEILING, FLOOR, Outcome, OverlapRemoval, Overlaps, Walls
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene

@@ -6,9 +6,8 @@ import numpy as np
 
 from thirdbody import units
 from thirdbody.bodies.clump import Clump
-from thirdbody.bodies.dense_packing import pack
-from thirdbody.bodies.layer_packing import place_layer
-from thirdbody.bodies.random_sequential import scatter
+from thirdbody.bodies.overlap_removal import pack
+from thirdbody.bodies.packing import place_layer, scatter
 from thirdbody.bodies.resting_poses import headed, settle_all
 from thirdbody.debris.contract import CLEARANCE, PopulationContext
 from thirdbody.errors import Fault, InputError

@@ -9,7 +9,7 @@ import numpy as np
 from thirdbody import units
 from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
 from thirdbody.bodies.clump import Clump, impossible_moments
-from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.bodies.packing import overlaps
 from thirdbody.debris.contract import UPRIGHT, PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.engine.placed import Placed
 from thirdbody.errors import Fault, InputError, UsageError
@@ -17,8 +17,7 @@ from thirdbody.kernels.tables import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
 from thirdbody.schema.fields import AT_REST
 from thirdbody.schema.parts import key_location
-from thirdbody.surfaces.dilation import dilation
-from thirdbody.surfaces.surface import Surface
+from thirdbody.surfaces.surface import Surface, dilation
 
 UNPLACED = (float("nan"),) * 3
 """Position of a body before its placement."""

@@ -8,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 from thirdbody import units
-from thirdbody.bodies.bounded_read import MAX_ROWS, read_bytes
 from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time, ends_of
 from thirdbody.errors import InputError
+from thirdbody.input_files import MAX_ROWS, read_bytes
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.memory import MEMORY
 from thirdbody.scene.model import Scene

@@ -16,12 +16,11 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.surfaces import SIDES, Groove, SelfAffine, Sine, SurfaceFile, Waves, spacing_of
 from thirdbody.schema.parts import key_location
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.periodic_scan import ScanOptions, periodic_scan
-from thirdbody.surfaces.read_scan import read_scan
-from thirdbody.surfaces.self_affine import Spectrum, self_affine
+from thirdbody.surfaces.grid import GrooveProfile, Spectrum, groove_heights, phases, self_affine, sine_heights
+from thirdbody.surfaces.reading import read_scan
+from thirdbody.surfaces.scan import ScanOptions, periodic_scan
 from thirdbody.surfaces.statistics import Statistics
 from thirdbody.surfaces.surface import Surface, about_mean_plane
-from thirdbody.surfaces.waves import GrooveProfile, groove_heights, phases, sine_heights
 from thirdbody.units import percent, pretty
 
 Size = tuple[float, float]

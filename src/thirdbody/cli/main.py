@@ -2,22 +2,17 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from thirdbody.cli.command_group import Command, Group
-from thirdbody.cli.keys import keys
-from thirdbody.cli.new import new
-from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
-from thirdbody.cli.overrides import override_pairs
-from thirdbody.cli.studies import cost
-from thirdbody.cli.surface import surface
-from thirdbody.cli.sweep import sweep
+from thirdbody.cli.option_groups import Execution, Image, Json, MeshFit, Plugins, Settings, grouped, override_pairs
+from thirdbody.cli.starter_files import new
+from thirdbody.cli.studies import cost, sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
-from thirdbody.system.standard_streams import guarded_streams
-from thirdbody.system.terminal import print_line, printable_output
+from thirdbody.system.terminal import guarded_streams, print_line, printable_output
 
 app = typer.Typer(
     cls=Group,
@@ -44,7 +39,18 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
 
 
 app.command(cls=Command)(new)
-app.command(cls=Command)(keys)
+
+
+@app.command(cls=Command)
+def keys(
+    word: Annotated[str | None, typer.Argument(metavar="WORD", help="part of a name, or a word of its meaning [all]")] = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """Look up keys of a scene file, series and arrays of a run: units, limits, defaults, meanings, examples."""
+    from thirdbody.report.reference import keys_report
+
+    keys_report(word, plugin or (), json)
 
 
 @app.command(cls=Command)
@@ -155,12 +161,11 @@ def render(
     frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
     *,
     image: Image,
-    film: Film,
 ) -> None:
     """Draw the debris between the plates: a picture, a film, or an interactive page for a browser."""
     from thirdbody.render.render import render as draw
 
-    options = vars(image) | vars(film)
+    options = dict(vars(image))
     size = options.pop("width"), options.pop("height")
     print_line(draw(run, out, progress=True, frame=frame, size=size, **options))
 
@@ -236,7 +241,37 @@ def shapes(
         print_line(out, err=json)
 
 
-app.command(cls=Command)(surface)
+@app.command(cls=Command)
+def surface(
+    path: Annotated[Path, typer.Argument(metavar="FILE|SCENE", help="measured surface, or scene (TOML) with a rough plate")],
+    out: Annotated[
+        list[Path] | None,
+        typer.Option("--out", "-o", metavar="FILE", help="height map (.npz) or picture (.png, .pdf, .svg); may be repeated"),
+    ] = None,
+    plate: Annotated[Literal["lower", "upper"] | None, typer.Option("--plate", help="plate of a scene [the rough one]")] = None,
+    unit: Annotated[str | None, typer.Option("--unit", help="unit of a file that names none, such as um")] = None,
+    spacing: Annotated[
+        str | None, typer.Option("--spacing", metavar="LENGTH", help="text: distance of points, or 'x, y'")
+    ] = None,
+    settings: Settings = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
+    from thirdbody.report import surface as report
+
+    targets = out or []
+    report.check_targets(path, targets, plate, unit or spacing)
+    if path.suffix.lower() in report.SCENES:
+        one = report.describe_plate(path, plate, override_pairs(settings), plugin or (), targets)
+    else:
+        one = report.describe_scan(path, unit, spacing, targets)
+    report.surface_report(one, json)
+    report.draw_described(one, targets)
+    for target in targets:
+        print_line(target, err=json)
+
+
 app.command(cls=Command)(sweep)
 app.command(cls=Command)(cost)
 
@@ -263,7 +298,6 @@ def laws(
 
 
 def _wall_times(execution: Execution) -> Any:
-    """Return the wall times of a run. Raises UsageError for invalid ones."""
     from thirdbody import units
     from thirdbody.runner.run_loop import WallTimes
 
@@ -281,7 +315,6 @@ def _wall_times(execution: Execution) -> Any:
 
 
 def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
-    """Run the built simulation, report it, and raise the error that stopped it."""
     from contextlib import nullcontext
 
     from thirdbody.report.tables import run_report
@@ -311,28 +344,23 @@ def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) ->
 def main() -> None:
     """Entry point: turn every error into one message and its exit code; escape control sequences in texts."""
     with guarded_streams(), printable_output():
-        _main()
+        try:
+            app(prog_name="thirdbody")
+        except ThirdbodyError as error:
+            text = error.for_command_line()
+            print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
+            sys.exit(error.exit_code)
+        except KeyboardInterrupt:
+            sys.exit(130)
+        except MemoryError as error:
+            print(f"thirdbody: not enough memory{f' ({error})' if str(error) else ''}", file=sys.stderr)
+            sys.exit(5)
+        except Exception:
+            import traceback
 
-
-def _main() -> None:
-    """Run the command named by the arguments."""
-    try:
-        app(prog_name="thirdbody")
-    except ThirdbodyError as error:
-        text = error.for_command_line()
-        print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    except MemoryError as error:
-        print(f"thirdbody: not enough memory{f' ({error})' if str(error) else ''}", file=sys.stderr)
-        sys.exit(5)
-    except Exception:
-        import traceback
-
-        traceback.print_exc()
-        print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
-        sys.exit(1)
+            traceback.print_exc()
+            print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
+            sys.exit(1)
 
 
 if __name__ == "__main__":

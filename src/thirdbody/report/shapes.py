@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.assembly.populate import population_context, shapes_of
-from thirdbody.bodies.asperities import summit_radii
-from thirdbody.bodies.clump import matrix_from_quaternion
+from thirdbody.bodies.clump import summit_radii
 from thirdbody.bodies.mesh import SUFFIXES, load_mesh, mass_properties
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.debris.mesh import MeshShape, meshes_in
 from thirdbody.debris.registry import DebrisKinds
 from thirdbody.errors import InputError, UsageError, nearest
 from thirdbody.report.tables import print_json, table
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.keys import table_keys
 from thirdbody.scene.model import Scene
 from thirdbody.system.terminal import print_line
@@ -154,7 +154,7 @@ def _statistics(values: np.ndarray) -> dict[str, float]:
 
 
 def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
-    mass, ratio = mass_properties(mesh), fit.contacts.ratio
+    mass, ratio = mass_properties(mesh), fit.contact_ratio
     return {
         "mesh": mesh.name,
         "triangles": len(mesh.faces),
@@ -251,7 +251,7 @@ def _group(population: Population) -> Any:
     (shape,) = population.meshes
     fit, body = shape.fit, population.clumps[0]
     error = f"surfaces {100 * fit.rms:.2g} % of R apart (at most {100 * fit.maximum:.2g} %)"
-    touching = f"touching radius {np.median(fit.contacts.ratio):.2f} of the mesh's"
+    touching = f"touching radius {np.median(fit.contact_ratio):.2f} of the mesh's"
     facts = f"diameter {size}   ·   {error}   ·   {touching}"
     # the mesh is scaled with bodies of another size than the file's
     scale = body.diameter / (2.0 * fit.size)

@@ -10,10 +10,8 @@ from thirdbody.atomic_files import write_whole
 from thirdbody.errors import OutputError, UsageError
 from thirdbody.report.tables import print_json, table
 from thirdbody.scene.model import Scene
-from thirdbody.surfaces.height_map import HeightMap
-from thirdbody.surfaces.levelling import fill_missing, levelled
-from thirdbody.surfaces.npz_scan import npz_bytes
-from thirdbody.surfaces.other_formats import read_any_scan
+from thirdbody.surfaces.reading import npz_bytes, read_any_scan
+from thirdbody.surfaces.scan import HeightMap, fill_missing, levelled
 from thirdbody.surfaces.statistics import Statistics, surface_statistics, with_spectrum
 from thirdbody.system.terminal import print_line
 from thirdbody.units import pretty

@@ -1,4 +1,4 @@
-"""Dense beds, against all pairs with all images and a count of random points; and both kinds of bed in a scene."""
+"""Dilute and dense beds, against all pairs with all images and a count of random points; and both kinds in a scene."""
 
 import itertools
 
@@ -10,12 +10,15 @@ from steel import scene_text
 from thirdbody.assembly.placement import spheres_of
 from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump
-from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.irregular_clumps import population
+from thirdbody.bodies.overlap_removal import pack
+from thirdbody.bodies.packing import scatter
 from thirdbody.errors import InputError
+from thirdbody.rotations import matrix_from_quaternion
 from thirdbody.scene.model import Scene
 
 SIZE = (45e-6, 40e-6)
+WIDE, HEIGHT = (60e-6, 50e-6), 70e-6
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +26,11 @@ def bodies():
     size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 5e-6, "max": 2e-5}
     ball = clump([[0, 0, 0]], [3e-6])
     return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [ball] * 30
+
+
+def world(clumps, x, q):
+    centres, radii, ids = spheres_of(clumps, x, q)
+    return np.column_stack((centres, radii)), ids
 
 
 def images(spheres, ids, size, periodic):
@@ -45,8 +53,7 @@ CASES = [(0.3, True), pytest.param(0.5, True, marks=pytest.mark.full(kind="slow"
 @pytest.mark.parametrize("fraction, periodic", CASES)
 def test_a_bed_has_no_overlap_and_the_fraction_it_says(bodies, periodic, fraction):
     bed = pack(bodies, fraction, SIZE, periodic, np.random.default_rng(1))
-    centres, radii, ids = spheres_of(bodies, bed.positions, bed.quaternions)
-    spheres = np.column_stack((centres, radii))
+    spheres, ids = world(bodies, bed.positions, bed.quaternions)
     assert least_gap(spheres, ids, SIZE, periodic) >= 5e-4 * (1.0 - 1e-6)  # as promised, to rounding
     low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
     assert (low[2], high[2]) == pytest.approx((0.0, bed.height), rel=1e-12, abs=1e-12 * bed.height)
@@ -75,6 +82,46 @@ def test_a_bed_that_jams_reports_how_far_it_came():
     with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:
         pack(balls, 0.7, (3.0, 3.0), True, np.random.default_rng(0))
     assert caught.value.faults[0].key == "solid_fraction"
+
+
+def test_scattered_bodies_keep_clear_and_are_reproducible(bodies):
+    some = bodies[:35]
+    for periodic in (True, False):
+        x, q = scatter(some, HEIGHT, WIDE, periodic, np.random.default_rng(3))
+        spheres, ids = world(some, x, q)
+        assert least_gap(spheres, ids, WIDE, periodic) >= 1e-3 * (1.0 - 1e-9)  # the clearance promised, to rounding
+        low, high = spheres[:, :3] - spheres[:, 3:], spheres[:, :3] + spheres[:, 3:]
+        for axis, most in enumerate((*WIDE, HEIGHT)):
+            if axis == 2 or not periodic:
+                assert low[:, axis].min() > 0.0 and high[:, axis].max() < most
+        assert (x[:, :2] >= 0.0).all() and (x[:, :2] < WIDE).all()
+        assert np.linalg.norm(q, axis=1) == pytest.approx(1.0, rel=1e-14)
+    first, same, other = (scatter(some, HEIGHT, WIDE, True, np.random.default_rng(s)) for s in (1, 1, 2))
+    assert np.array_equal(first[0], same[0]) and np.array_equal(first[1], same[1])
+    assert not np.array_equal(first[0], other[0])
+    # a ball that fills the middle of the volume stays free; without it some body would lie there: it takes a sixth of the volume
+    standing = np.array([[30e-6, 25e-6, 35e-6, 20e-6]])
+    for given, least, below in (((standing,), 1e-3 * (1.0 - 1e-9), np.inf), ((), -np.inf, 0.0)):
+        spheres, ids = world(some, *scatter(some, HEIGHT, WIDE, True, np.random.default_rng(4), *given))
+        assert least <= least_gap(np.vstack((spheres, standing)), np.append(ids, len(some)), WIDE, True) < below
+
+
+def test_the_whole_volume_is_used_in_every_turn():
+    # 400 small balls with a mark: means of uniform numbers scatter by sqrt(1/12/400) = 0.014, four times that is allowed.
+    rod = [clump([[0.0, 0, 0], [0.01, 0, 0]], [0.01, 0.01])] * 400
+    x, q = scatter(rod, 3.0, (2.0, 2.0), True, np.random.default_rng(0))
+    assert (x / (2.0, 2.0, 3.0)).mean(axis=0) == pytest.approx(0.5, abs=0.06)
+    axes = matrix_from_quaternion(q)[:, :, 0]
+    # along each direction the mean square of a random unit vector is 1/3, its scatter sqrt(4/45/400) = 0.015
+    assert (axes**2).mean(axis=0) == pytest.approx(1.0 / 3.0, abs=0.06)
+    # Random addition of balls jams at 0.384 (Torquato, Uche and Stillinger 2006): 0.6 is out of reach.
+    height = 30 * np.pi / 6.0 / 0.6 / 9.0
+    with pytest.raises(InputError, match=r"\d+ of 30 bodies placed, solid fraction 0\.[1-4]\d* reached of 0\.600 wanted"):
+        scatter([clump([[0, 0, 0]], [0.5])] * 30, height, (3.0, 3.0), True, np.random.default_rng(0))
+    rod = clump([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]], [0.6] * 3)
+    with pytest.raises(InputError, match="own image"):
+        scatter([rod], 10.0, (10.0, 3.0), True, np.random.default_rng(0))
+    scatter([rod], 10.0, (10.0, 3.3), True, np.random.default_rng(0))
 
 
 BALLS = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "3 um"\ncount = 30\n'

@@ -1,33 +1,113 @@
-"""From a measured height map to a periodic surface: crop, fill, level, filter, sample, join."""
+"""Measured surfaces: a height map, and the periodic surface made of it: crop, fill, level, filter, sample, join."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.surfaces import grid
-from thirdbody.surfaces.height_map import HeightMap
-from thirdbody.surfaces.levelling import fill_missing, levelled
 from thirdbody.surfaces.surface import Surface, about_mean_plane
 from thirdbody.units import percent, pretty
 
-OVERLAP = (0.1, 0.5)
-"""Least and largest length over which a copy and the next both have heights, over that of a copy: the cut lies there."""
+TEXTS = (".csv", ".txt")
+"""Suffixes of files of text, which name neither a unit nor the spacing of their points."""
+# Smallest spacing and largest side [m] of a map, and the largest range of its heights over the larger side, that are no fault of
+# a unit.
+_FINEST, _WIDEST, _STEEPEST = 1e-12, 1.0, 10.0
+# Largest number of sweeps that smooth filled points.
+_SWEEPS = 300
+# Least and largest length over which a copy and the next both have heights, over that of a copy: the cut lies there.
+_OVERLAP = (0.1, 0.5)
+# Correlation of heights a copy apart from which on copies go on in each other, as those of grooves can.
+_ALIKE = 0.7
+# Range about the length of a copy, relative, in which a better one is looked for.
+_OTHER_LENGTHS = 0.2
+# Wavelength from which on all is kept, over the short one, below which nothing is: in between the filter is a cosine.
+_FULLY_PASSED = 1.5
 
-ALIKE = 0.7
-"""Correlation of heights a copy apart from which on copies go on in each other, as those of grooves can."""
 
-OTHER_LENGTHS = 0.2
-"""Range about the length of a copy, relative, in which a better one is looked for."""
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Heights (n_y, n_x) [m], NaN where there is none; spacing of the points along x and y [m]; name of the file; what a reader
+    has to tell.
+    """
 
-FULLY_PASSED = 1.5
-"""Wavelength from which on all is kept, over the short one, below which nothing is: in between the filter is a cosine."""
+    heights: np.ndarray
+    spacing: tuple[float, float]
+    name: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Number of points times their spacing along x and y [m]: of a map that is periodic its period."""
+        n_y, n_x = self.heights.shape
+        return n_x * self.spacing[0], n_y * self.spacing[1]
+
+    @property
+    def missing(self) -> float:
+        """Fraction of points without a height."""
+        return float(np.mean(np.isnan(self.heights)))
+
+
+def checked_map(heights: np.ndarray, spacing: tuple[float, float], name: str) -> HeightMap:
+    """Return the map. Raises InputError for one that no surface can be: wrong units, no heights, infinite ones."""
+    faults = [Fault("spacing", f"{step:g} m along {axis} must be a positive length", name)
+              for axis, step in zip("xy", spacing, strict=True) if not (np.isfinite(step) and step > 0.0)]  # fmt: skip
+    if min(heights.shape) < 4:
+        faults.append(Fault("heights", f"has {heights.shape[1]} x {heights.shape[0]} points, at least 4 x 4 are needed", name))
+    elif np.isnan(heights).all():
+        faults.append(Fault("heights", "holds no height at all: every point is missing", name))
+    elif infinite := int(np.isinf(heights).sum()):
+        faults.append(Fault("heights", f"{infinite} of its points are infinite; write NaN where a height is missing", name))
+    if faults:
+        raise InputError(faults)
+    result = HeightMap(heights, spacing, name)
+    side, height = max(result.size), float(np.nanmax(heights) - np.nanmin(heights))
+    if min(spacing) < _FINEST or side > _WIDEST:
+        steps = " and ".join(pretty(step, "length") for step in spacing)
+        raise InputError(Fault("spacing", f"points {steps} apart, {pretty(side, 'length')} in all; is the unit right?", name))
+    if height > _STEEPEST * side:
+        where = f"{pretty(height, 'length')} from lowest to highest on {pretty(side, 'length')}"
+        raise InputError(Fault("heights", f"{where}; is the unit right?", name))
+    return result
+
+
+def levelled(heights: np.ndarray, level: str) -> np.ndarray:
+    """Return heights without their mean, plane or polynomial of second order (least squares); `level` names which."""
+    order = {"mean": 0, "plane": 1, "curved": 2}[level]
+    n_y, n_x = heights.shape
+    y, x = np.linspace(-1.0, 1.0, n_y)[:, None], np.linspace(-1.0, 1.0, n_x)[None, :]
+    powers = [(a, b) for a in range(order + 1) for b in range(order + 1 - a)]
+    terms = [np.broadcast_to(x**a * y**b, heights.shape).ravel() for a, b in powers]
+    normal = np.array([[first @ second for second in terms] for first in terms])
+    factors = np.linalg.solve(normal, [term @ heights.ravel() for term in terms])
+    result = heights.copy()
+    for factor, (a, b) in zip(factors, powers, strict=True):
+        result -= factor * (x**a * y**b)
+    return result
+
+
+def fill_missing(heights: np.ndarray) -> np.ndarray:
+    """Return heights with missing points (NaN) filled smoothly: the nearest height, then means of the four neighbours."""
+    from scipy.ndimage import distance_transform_edt
+
+    holes = np.isnan(heights)
+    if not holes.any():
+        return heights
+    nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    padded = np.pad(heights[tuple(nearest)], 1, mode="edge")
+    y, x = np.nonzero(holes)
+    y, x = y + 1, x + 1
+    for _ in range(_SWEEPS):
+        padded[y, x] = 0.25 * (padded[y - 1, x] + padded[y + 1, x] + padded[y, x - 1] + padded[y, x + 1])
+        padded[0], padded[-1], padded[:, 0], padded[:, -1] = padded[1], padded[-2], padded[:, 1], padded[:, -2]
+    return padded[1:-1, 1:-1]
 
 
 class ScanOptions(NamedTuple):
@@ -44,7 +124,7 @@ class _Axis(NamedTuple):
     """Copies of the map along an axis of the domain, grid points of one, and how many samples are taken for each.
 
     `alike`: correlation of heights a copy apart; NaN where copies are not cut. `better`: a length of the domain [m] with one
-    above `ALIKE`, 0 where none is needed or near.
+    above `_ALIKE`, 0 where none is needed or near.
     """
 
     copies: int
@@ -152,17 +232,17 @@ def _axis(length: float, step: float, short: float, z: np.ndarray, mirror: bool)
     z (n, m): its heights along that axis. Copies are as few as possible, or up to twice as many where those go on in each other.
     """
     extent = (len(z) - 1) * step * (1.0 + 1e-9)
-    copies = math.ceil(length / (2.0 * extent) if mirror else length * (1.0 + OVERLAP[0]) / extent)
+    copies = math.ceil(length / (2.0 * extent) if mirror else length * (1.0 + _OVERLAP[0]) / extent)
     alike, better = math.nan, 0.0
     if not mirror:
         correlation = _correlation(z)
         steps = {number: round(length / number / step) for number in range(copies, 2 * copies + 1)}
-        copies = next((number for number, n in steps.items() if correlation[n] >= ALIKE), copies)
+        copies = next((number for number, n in steps.items() if correlation[n] >= _ALIKE), copies)
         alike, n = float(correlation[steps[copies]]), steps[copies]
-        longest = min(int((1.0 + OTHER_LENGTHS) * n), int((len(z) - 1) / (1.0 + OVERLAP[0])))
-        near = np.arange(int((1.0 - OTHER_LENGTHS) * n), longest + 1)
+        longest = min(int((1.0 + _OTHER_LENGTHS) * n), int((len(z) - 1) / (1.0 + _OVERLAP[0])))
+        near = np.arange(int((1.0 - _OTHER_LENGTHS) * n), longest + 1)
         best = near[correlation[near] > correlation[near].max() - 0.02]
-        if alike < ALIKE <= correlation[best].min():
+        if alike < _ALIKE <= correlation[best].min():
             better = copies * step * float(best[np.argmin(np.abs(best - n))])
     points = grid.grid_points(length / copies, short / grid.POINTS_PER_WAVE)
     return _Axis(copies, points, math.ceil(length / copies / points / step * (1.0 - 1e-9)), alike, better)
@@ -183,16 +263,16 @@ def _sampled(heights: np.ndarray, step: float, axis: _Axis, number: int, join: s
     from scipy.interpolate import CubicSpline
 
     last = heights.shape[number] - 1.0
-    wanted = axis.all_samples // 2 + 1 if join == "mirror" else int((1.0 + OVERLAP[1]) * axis.all_samples)
+    wanted = axis.all_samples // 2 + 1 if join == "mirror" else int((1.0 + _OVERLAP[1]) * axis.all_samples)
     at = np.minimum(np.arange(min(wanted, int(last / step * (1.0 + 1e-9)) + 1)) * step, last)
     return np.asarray(CubicSpline(np.arange(heights.shape[number]), heights, axis=number)(at))
 
 
 def _filtered(heights: np.ndarray, spacing: list[float], short: float) -> np.ndarray:
-    """Return periodic heights without waves shorter than `short`; those longer than `FULLY_PASSED` times that stay."""
+    """Return periodic heights without waves shorter than `short`; those longer than `_FULLY_PASSED` times that stay."""
     n_y, n_x = heights.shape
     q = np.hypot(np.fft.fftfreq(n_y, spacing[1])[:, None], np.fft.rfftfreq(n_x, spacing[0])[None, :]) * short
-    fade = np.clip((1.0 - q) / (1.0 - 1.0 / FULLY_PASSED), 0.0, 1.0)
+    fade = np.clip((1.0 - q) / (1.0 - 1.0 / _FULLY_PASSED), 0.0, 1.0)
     return np.asarray(np.fft.irfft2(np.fft.rfft2(heights) * (0.5 - 0.5 * np.cos(np.pi * fade)), s=heights.shape))
 
 
@@ -241,7 +321,6 @@ def _by(lengths: Iterable[float]) -> str:
 
 
 def _notes(part: HeightMap, axes: Sequence[_Axis] = (), size: tuple[float, float] = (0.0, 0.0)) -> list[str]:
-    """Return what was done, in words."""
     notes = list(part.notes)
     if part.missing:
         notes.append(f"{percent(part.missing)} of the points had no height and were filled from their surroundings")
