@@ -17,7 +17,7 @@ from thirdbody.render.film import frame_numbers, gif, mp4
 from thirdbody.render.layout import compute_layout
 from thirdbody.render.picture_data import force_tubes, nearest_image, read_close_up, read_picture_data, read_spots
 from thirdbody.render.render import render
-from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.run_file import open_run
 
 
 @pytest.fixture(scope="module")

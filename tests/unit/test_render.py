@@ -16,7 +16,7 @@ from thirdbody.render.coloring import Coloring, Legend, compute_coloring
 from thirdbody.render.layout import close_up_window
 from thirdbody.render.picture_data import TUBE, read_picture_data
 from thirdbody.render.render import render
-from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.run_file import open_run
 from thirdbody.units import with_unit
 
 
