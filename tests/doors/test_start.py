@@ -20,7 +20,7 @@ from thirdbody.assembly.simulation import build
 from thirdbody.engine import units
 from thirdbody.render import elsewhere
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.output_schedule import planned_frames, targets
+from thirdbody.runner.stops import planned_frames, targets
 from thirdbody.studies.worker_process import Worker
 from thirdbody.system import child_process
 from thirdbody.trajectory.writer import Frame, TrajectoryWriter

@@ -303,6 +303,7 @@ def test_profiles_are_drawn_along_the_motion_of_the_plate():
                           plates=lambda k: {"position": np.tile([0.0, steps[: k + 1].sum(), 1.0], (8, 1))})  # fmt: skip
     drag = SimpleNamespace(steps=steps, durations=1e-6 * np.array([0, 1, 1, 3]), headings=np.outer(side, [0.0, 1.0, 0.0]),
                            steady=np.array([False, False, True, True]))  # fmt: skip
+    run.drag = drag
     data = SimpleNamespace(run=run, drag=drag, start=0, frames=4, fractions=["rolling"],
                            series={"upper_force": forces[0], "lower_force": forces[1]}, colors=STATE_COLORS)  # fmt: skip
     axes = Figure().subplots(3)

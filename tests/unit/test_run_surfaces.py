@@ -23,8 +23,8 @@ from thirdbody.render.picture_data import read_picture_data
 from thirdbody.render.render import render
 from thirdbody.render.surfaces import SHADE, skirt, window_mesh
 from thirdbody.render.web_viewer import FINEST, write_page
+from thirdbody.surfaces.grid import phases, sine_heights
 from thirdbody.surfaces.surface import Surface
-from thirdbody.surfaces.waves import phases, sine_heights
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 COUNT, AMPLITUDE = 12, 2e-6

@@ -48,7 +48,7 @@ def keys(
     json: Json = False,
 ) -> None:
     """Look up keys of a scene file, series and arrays of a run: units, limits, defaults, meanings, examples."""
-    from thirdbody.report.key_reference import keys_report
+    from thirdbody.report.reference import keys_report
 
     keys_report(word, plugin or (), json)
 
@@ -64,7 +64,7 @@ def check(
     """Check a scene and print it with all defaults, laws and their sources, time step and its limit, and run time."""
     from thirdbody.report.scene_check import check_report, print_check
     from thirdbody.report.tables import print_json
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
 
     built = prepare(_load(scene, settings, plugin), plugin or (), force)
     message = check_report(built)
@@ -89,9 +89,8 @@ def run(
     """Run a scene and write its trajectory, labels and series."""
     times = _wall_times(execution)
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.prepare import check_threads, prepare
     from thirdbody.runner.run_folder import refuse_existing
-    from thirdbody.runner.simulate import default_folder
+    from thirdbody.runner.simulate import check_threads, default_folder, prepare
 
     loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
@@ -113,8 +112,8 @@ def resume(
 ) -> None:
     """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
-    from thirdbody.runner.prepare import check_threads
     from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import check_threads
 
     times = _wall_times(execution)
     notes = check_threads(execution.threads)
@@ -133,7 +132,7 @@ def states(
     json: Json = False,
 ) -> None:
     """Print states and their reasons: fractions of all bodies per frame, or body by body for one frame."""
-    from thirdbody.report.slope_report import slopes_report
+    from thirdbody.report.slopes import slopes_report
     from thirdbody.report.tables import states_report
 
     if cycles is not None and (slopes or frame is not None):
@@ -145,7 +144,7 @@ def states(
         return
     if out is not None:
         from thirdbody.plot.forecast_plot import check_format
-        from thirdbody.report.forecast_check import draw_forecast
+        from thirdbody.report.forecast import draw_forecast
 
         check_format(out)  # before the tables
     states_report(run, frame, json, cycles)
@@ -227,13 +226,13 @@ def shapes(
 ) -> None:
     """Describe and draw the bodies of a scene or the clump fitted to a mesh, or list the kinds of debris."""
     if listed:
-        from thirdbody.report.debris_kinds import kinds_report
+        from thirdbody.report.shapes import kinds_report
 
         kinds_report(str(path) if path else None, plugin or (), json)
         return
     if path is None:
         raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
-    from thirdbody.report.clump_shapes import draw_shapes, read_shapes, shapes_report
+    from thirdbody.report.shapes import draw_shapes, read_shapes, shapes_report
 
     result = read_shapes(path, mesh.unit, mesh.spheres, mesh.seed, override_pairs(settings), plugin or ())
     shapes_report(result, json)
@@ -259,7 +258,7 @@ def surface(
     json: Json = False,
 ) -> None:
     """Describe a measured surface or that of a scene's plate, convert it to NPZ, draw it."""
-    from thirdbody.report import surface_report as report
+    from thirdbody.report import surface as report
 
     targets = out or []
     report.check_targets(path, targets, plate, unit or spacing)
@@ -286,13 +285,11 @@ def laws(
 ) -> None:
     """List laws, levels and effects with their sources, run the conformance suite on a file, or print the code of a scene."""
     from thirdbody.laws.registry import discover
-    from thirdbody.report.tables import conformance_report, laws_report
+    from thirdbody.report.reference import conformance_report, laws_report, print_code
 
     if code and check:
         raise UsageError("give --check or --show-code, not both")
     if code:
-        from thirdbody.report.generated_code import print_code
-
         print_code(_load(code, None, plugin), discover(plugin or ()), json)
     elif check:
         conformance_report(check, json)

@@ -31,7 +31,7 @@ CLOSE = 0.8
 
 def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS) -> tuple[Scene, Simulation, list[str]]:
     """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions."""
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     built, report = prepare(scene, plugins), []

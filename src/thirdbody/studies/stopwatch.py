@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from thirdbody.assembly.simulation import Simulation
-from thirdbody.runner.output_schedule import targets
-from thirdbody.runner.settling import Settling
+from thirdbody.runner.stops import Settling, targets
 
 EMPTY = 50
 """Number of timed calls that do nothing, for the cost of a call."""

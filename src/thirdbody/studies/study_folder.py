@@ -12,8 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from thirdbody.errors import OutputError
-from thirdbody.runner.folder_lock import lock_folder
-from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
+from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT, lock_folder
 from thirdbody.studies.worker_process import RUNS, SCENE_FILE
 
 RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json", "effects.png", "effects.pdf")

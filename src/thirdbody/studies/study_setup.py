@@ -149,7 +149,7 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
     """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
     from thirdbody.engine.accuracy import Accuracy
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
     from thirdbody.scene.tables import IMPLICIT_KEYS
 
     option = springs_option(built.choice.family, built.choice.level)

@@ -38,9 +38,8 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float, 
 
     Raises ThirdbodyError for a scene that cannot be built.
     """
-    from thirdbody.runner.prepare import prepare
     from thirdbody.runner.run_loop import WallTimes
-    from thirdbody.runner.simulate import execute
+    from thirdbody.runner.simulate import execute, prepare
 
     built = prepare(scene, plugins)
     if displacement:
@@ -65,7 +64,7 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float, 
 
 def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
     """Return the seconds of integrating a variant: medians of a batch. Raises GuardStop, Late and ThirdbodyError."""
-    from thirdbody.runner.prepare import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     times: list[tuple[float, float]] = []

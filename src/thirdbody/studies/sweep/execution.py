@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError
-from thirdbody.runner.folder_lock import lock_folder
+from thirdbody.runner.run_folder import lock_folder
 from thirdbody.studies.sweep.dask_points import DaskPoints
 from thirdbody.studies.sweep.driver import run_points
 from thirdbody.studies.sweep.local_workers import LocalWorkers

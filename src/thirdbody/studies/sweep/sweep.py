@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import Fault, InputError, UsageError
-from thirdbody.runner.prepare import check_call
+from thirdbody.runner.simulate import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.studies.sweep.execution import Execution, execute_sweep
 from thirdbody.studies.sweep.plan import Plan, make_plan

@@ -25,7 +25,7 @@ def warm_up(points: Sequence[Point]) -> Warmed:
 
     A point that cannot be built is left to its own run, which gives the reason.
     """
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.simulate import prepare
 
     compiled: set[str] = set()
     for point in points[:: 1 + len(points) // EXAMINED]:
