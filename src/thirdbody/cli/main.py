@@ -203,7 +203,7 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
 ) -> None:
     """Export a run: CSV tables, files for older versions of ParaView."""
-    from thirdbody.export.export_run import export_run
+    from thirdbody.export.tables import export_run
 
     for path in export_run(run, csv, pvd, frame, overwrite):
         print_line(path)
