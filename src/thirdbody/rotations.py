@@ -23,7 +23,17 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def matrix_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrices (..., 3, 3), body to world, of unit quaternions (..., 4): w, x, y, z."""
+    """Return the rotation matrices, body to world, of unit quaternions.
+
+    Parameters
+    ----------
+    quaternion : array (..., 4)
+        Unit quaternions w, x, y, z.
+
+    Returns
+    -------
+    array (..., 3, 3)
+    """
     w, x, y, z = np.moveaxis(np.asarray(quaternion), -1, 0)
     matrix = np.array(
         [
