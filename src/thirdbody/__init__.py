@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from thirdbody.runner.resume import resume
     from thirdbody.runner.simulate import run
     from thirdbody.scene.model import Scene
-    from thirdbody.studies.sweep.reader import Sweep
-    from thirdbody.studies.sweep.sweep import sweep
+    from thirdbody.studies.sweep import Sweep, sweep
     from thirdbody.trajectory.reader import Run
     from thirdbody.trajectory.reader import open_run as open
 
@@ -32,8 +31,8 @@ _MODULES = {
     "check": ("report.scene_check", "check"),
     "resume": ("runner.resume", "resume"),
     "run": ("runner.simulate", "run"),
-    "Sweep": ("studies.sweep.reader", "Sweep"),
-    "sweep": ("studies.sweep.sweep", "sweep"),
+    "Sweep": ("studies.sweep", "Sweep"),
+    "sweep": ("studies.sweep", "sweep"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"

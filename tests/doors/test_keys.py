@@ -21,7 +21,7 @@ from thirdbody.report.key_reference import all_keys, all_names
 from thirdbody.scene.json_schema import key_docs
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schema_base import Part
-from thirdbody.studies.sweep.axes import IntervalTable
+from thirdbody.studies.axes import IntervalTable
 
 TABLES = {
     "materials", "pairs", "debris", "domain", "plates", "contact", "effects", "measures", "solver", "output", "lower", "upper",

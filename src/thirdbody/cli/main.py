@@ -11,9 +11,8 @@ from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
 from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
-from thirdbody.cli.studies import cost
+from thirdbody.cli.studies import cost, sweep
 from thirdbody.cli.surface import surface
-from thirdbody.cli.sweep import sweep
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from thirdbody.system.signals import stop_on_signal
 from thirdbody.system.standard_streams import guarded_streams
@@ -177,10 +176,10 @@ def plot(
 ) -> None:
     """Draw the summary page of a run: friction, states, gap or load, energy, contacts; or curves and maps of a sweep."""
     from thirdbody.plot.summary_page import plot as draw
-    from thirdbody.studies.sweep.sweep_folder import is_sweep_folder
+    from thirdbody.studies.folder import is_sweep_folder
 
     if is_sweep_folder(run):
-        from thirdbody.studies.sweep.reader import Sweep
+        from thirdbody.studies.sweep import Sweep
 
         Sweep(run).plot(out, panel, x, y)
         print_line(out)

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.palette import LINE_COLORS
-from thirdbody.studies.convergence import reference_error
 from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from thirdbody.studies.cost_table import scatter_words, speed_words, stopped
-from thirdbody.studies.machine_info import described
+from thirdbody.studies.cost_report import reference_error, scatter_words, speed_words, stopped
+from thirdbody.studies.timing import described
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,23 +1,21 @@
-"""Reader of a sweep: its points, its table as pandas or xarray data, its plot."""
+"""Reader of a sweep: its points, its table as pandas or xarray data, means over its axes."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
-from thirdbody.errors import InputError
-from thirdbody.studies.sweep.plan import POINTS, AxisColumn
-from thirdbody.studies.sweep.point import DONE, WAITING, Point, PointResult, read_result
-from thirdbody.studies.sweep.results import result
-from thirdbody.studies.sweep.sweep_folder import columns_of, read_document, sweep_folder
+import numpy as np
+
+from thirdbody.errors import InputError, UsageError
+from thirdbody.studies.folder import columns_of, read_document, runs_folder, sweep_folder
+from thirdbody.studies.plan import AxisColumn
+from thirdbody.studies.point import DONE, WAITING, Point, PointResult, read_result
+from thirdbody.studies.results import result
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -42,24 +40,8 @@ class SweepPoint:
         return open_run(self.folder)
 
 
-class Sweep:
-    """A sweep on the disk, finished or not; read when opened.
-
-    Parameters
-    ----------
-    path : str or Path
-        Its folder, or the `points.csv` in it.
-
-    Notes
-    -----
-    `points` lists all points in the order of the table; each has `values` of the axes (SI), `status`, `reason`, `exit_code`,
-    `seconds`, `results`, `folder` and `run`. `axes` and `results` give the units by name, "1" for pure numbers and texts.
-
-    Raises
-    ------
-    InputError
-        There is no sweep, or it is damaged.
-    """
+class SweepTable:
+    """The points of a sweep on the disk, finished or not; see `sweep.Sweep`. Raises InputError."""
 
     def __init__(self, path: str | os.PathLike[str]):
         document = read_document(Path(path))
@@ -69,15 +51,14 @@ class Sweep:
         self.columns: tuple[AxisColumn, ...] = columns_of(document)
         self.axes = {column.key: column.unit for column in self.columns}
         self.results = {name: result(name).unit for name in document["results"]}
-        self.points = [self._point(number, entry["folder"]) for number, entry in enumerate(document["points"])]
+        runs = runs_folder(self.path, document)
+        self.points = [self._point(number, runs / entry["folder"]) for number, entry in enumerate(document["points"])]
 
-    def _point(self, number: int, folder: str) -> SweepPoint:
+    def _point(self, number: int, folder: Path) -> SweepPoint:
         values = {column.key: column.values[number] for column in self.columns}
-        own = self.path / POINTS / folder
-        saved = read_result(Point(number, own, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
-        return SweepPoint(
-            number, own, values, saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
-        )  # fmt: skip
+        saved = read_result(Point(number, folder, "", self.path, tuple(self.results))) or PointResult(number, WAITING)
+        outcome = saved.status, saved.reason, saved.exit_code, saved.seconds, dict(saved.results)
+        return SweepPoint(number, folder, values, *outcome)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -146,9 +127,12 @@ class Sweep:
             import xarray
         except ImportError as error:
             raise ImportError("to_xarray() needs xarray: pip install xarray") from error
-        import numpy as np
-
-        dimensions, shape = self._shape()
+        dimensions, shape = ["point"], [len(self.points)]
+        if self.design == "grid":
+            names: dict[int, str] = {}
+            for column in self.columns:
+                names.setdefault(column.axis, column.key)
+            dimensions, shape = list(names.values()), self.lengths
         data = {
             name: (dimensions, np.array(self.column(name)).reshape(shape), {"units": unit}) for name, unit in self.results.items()
         }
@@ -162,38 +146,56 @@ class Sweep:
             coordinates[column.key] = (own, values, {"units": column.unit})
         return xarray.Dataset(data | {"status": (dimensions, status)}, coordinates, {"title": self.title})
 
-    def _shape(self) -> tuple[list[str], list[int]]:
-        """Return names and lengths of the dimensions."""
-        if self.design != "grid":
-            return ["point"], [len(self.points)]
-        names: dict[int, str] = {}
-        for column in self.columns:
-            names.setdefault(column.axis, column.key)
-        return list(names.values()), self.lengths
 
-    def plot(
-        self,
-        out: str | os.PathLike[str] | None = None,
-        panels: Sequence[str] | None = None,
-        x: str | None = None,
-        y: str | None = None,
-    ) -> Figure:
-        """Draw curves of the results over one axis, or maps over two; return the figure.
+class Average(NamedTuple):
+    """Means of the results at distinct values of one or two axes, (n,) each, over points that are done.
 
-        Parameters
-        ----------
-        out : str or Path, optional
-            Picture file: .png, .pdf or .svg.
-        panels : sequence of str, optional
-            Results to draw; None: friction, fractions of states.
-        x, y : str, optional
-            Axes of the picture; None: chosen by their number of values. Seeds, and axes that are not drawn, are averaged, with
-            the standard error as a bar.
+    `errors`: standard errors of the means; for a single point the error of its own friction coefficient, else 0. `largest`: the
+    largest number of points of one mean; `averaged`: keys that differ between them.
+    """
 
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        from thirdbody.studies.sweep.plot import draw_sweep
+    x_key: str
+    y_key: str | None
+    x: np.ndarray
+    y: np.ndarray
+    values: dict[str, np.ndarray]
+    errors: dict[str, np.ndarray]
+    largest: int
+    averaged: tuple[str, ...]
 
-        return draw_sweep(self, None if out is None else Path(out), panels, x, y)
+
+def average(sweep: SweepTable, x: str, y: str | None) -> Average:
+    """Return the means over all axes but these. Raises UsageError for an axis whose values are no numbers."""
+    for key in (x, y):
+        if key is not None and any(isinstance(value, str) for value in sweep.column(key)):
+            raise UsageError(f"{key}: its values are texts, and a picture needs numbers; name another axis")
+    groups: dict[tuple[float, float], list[int]] = {}
+    for point in sweep.points:
+        if point.status == DONE:
+            position = float(point.values[x]), 0.0 if y is None else float(point.values[y])
+            groups.setdefault(position, []).append(point.number)
+    columns = {name: np.array(sweep.column(name), float) for name in sweep.results}
+    values: dict[str, list[float]] = {name: [] for name in columns}
+    errors: dict[str, list[float]] = {name: [] for name in columns}
+    for rows in groups.values():
+        for name, column in columns.items():
+            mean, error = _mean(column[rows])
+            if len(rows) == 1 and name == "friction_coefficient" and "friction_coefficient_error" in columns:
+                error = float(np.nan_to_num(columns["friction_coefficient_error"][rows[0]]))
+            values[name].append(mean)
+            errors[name].append(error)
+    positions = np.array(list(groups), float).reshape(-1, 2)
+    size = max(map(len, groups.values()), default=0)
+    drawn = {column.axis for column in sweep.columns if column.key in (x, y)}  # keys that move with them are not averaged
+    averaged = tuple(column.key for column in sweep.columns if column.axis not in drawn and len(set(column.values)) > 1)
+    return Average(x, y, positions[:, 0], positions[:, 1], {name: np.array(column) for name, column in values.items()},
+                   {name: np.array(column) for name, column in errors.items()}, size, averaged)  # fmt: skip
+
+
+def _mean(values: np.ndarray) -> tuple[float, float]:
+    """Return mean and standard error of the values that are numbers; NaN without any."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return math.nan, 0.0
+    error = float(known.std(ddof=1)) / math.sqrt(len(known)) if len(known) > 1 else 0.0
+    return float(known.mean()), error

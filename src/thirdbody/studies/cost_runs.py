@@ -1,0 +1,361 @@
+"""Runs of a study of cost within its budget: its processes, its variants, their timings.
+
+One process runs and times the variants, another compiles their laws beside it. The plan follows from measured times: variants
+are run from the cheapest to the dearest, after the scene's own, the finest law and the reference, as long as time is left to time
+them.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from thirdbody.errors import ThirdbodyError
+from thirdbody.scene.model import Scene
+from thirdbody.studies.compare import read_outcome
+from thirdbody.studies.copies import Copy, StudySource
+from thirdbody.studies.cost import Row
+from thirdbody.studies.cost_report import LEFT_OUT
+from thirdbody.studies.folder import RUNS, Table
+from thirdbody.studies.plan import AxisColumn, Plan
+from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResult
+from thirdbody.studies.results import DEFAULT, STATES
+from thirdbody.studies.runner import run_points
+from thirdbody.studies.timing import Late, bare, timing
+from thirdbody.studies.variants import UNTIMED, Base, Law, Variant, variants_of
+from thirdbody.studies.workers import LocalWorkers
+
+FINISH, GRACE = 3.0, 3.0
+"""Time on an idle machine after the last variant: table, picture and JSON [s]; time for a run to end itself [s]."""
+
+LATE = 3.0
+"""A variant is given up after this many times its expected time."""
+
+AFFORDABLE = 0.5
+"""Largest fraction of the time left that the finest law and the reference may take together."""
+
+ROUNDS, RESERVED_ROUNDS, PRECISE = 25, 3, 0.10
+"""Largest number of rounds of timings; rounds for which time is reserved while variants are run; relative uncertainty of a time
+below which a variant needs no more of them."""
+
+BATCH, ENOUGH = 3, 0.05
+"""Largest number of runs in the batch of a timing, and its duration [s]; the result is the median.
+
+The first runs find the processor's caches cold, which is not part of their cost.
+"""
+
+SHORT, MANY, LONG, ONLY_TWO = 0.3, 5, 2.0, 5.0
+"""Limits of run times [s] for many repeats, how many, for timing runs that write frames, and for two repeats."""
+
+MEASURED = ("integration_time", *(name for name in DEFAULT if name != STATES))
+"""Results of the variants in the table."""
+
+
+class Overdue(Exception):
+    """The budget is over; the process that computed was ended."""
+
+
+class Bench:
+    """Two processes and the time left: one runs and times the variants, the other compiles their laws meanwhile."""
+
+    def __init__(self, budget: float) -> None:
+        self.budget, self.began = budget, time.time()
+        self.runner, self.compiler = LocalWorkers(1), LocalWorkers(1)
+        self.laws: dict[tuple[Any, ...], Future[Any]] = {}
+        self.wall = self.cpu = 0.0
+
+    @property
+    def pace(self) -> float:
+        """Wall seconds per second of a core: 1 on an idle machine, more on a shared one."""
+        return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
+
+    @property
+    def end(self) -> float:
+        """Time at which the last variant must be done [s of `time.time`]."""
+        return self.began + self.budget - FINISH * min(self.pace, 3.0)
+
+    def left(self) -> float:
+        """Return the seconds until then."""
+        return self.end - time.time()
+
+    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the answer of a function in the process. Raises Overdue, and what the function raised."""
+        began = time.time()
+        future = self.runner.submit(with_cpu, function, arguments)
+        try:
+            answer, cpu = future.result(max(self.left(), 0.0))
+        except (TimeoutError, CancelledError):
+            raise Overdue from None
+        self.wall += time.time() - began
+        self.cpu += cpu
+        return answer
+
+    def close(self) -> None:
+        """End both processes."""
+        self.runner.kill()
+        self.compiler.kill()
+
+
+def with_cpu(function: Callable[..., Any], arguments: tuple[Any, ...], stop: Callable[[], bool]) -> tuple[Any, float]:
+    """Return the result of a function in a worker, and the processor seconds that it took."""
+    began = time.process_time()
+    return function(*arguments, stop), time.process_time() - began
+
+
+def time_point(point: Point, limit: float, stop: Callable[[], bool] = lambda: False) -> tuple[float, float]:
+    """Return the seconds (wall, processor) of integrating a variant: medians of a batch. Raises GuardStop and Late."""
+    from thirdbody.runner.prepare import prepare, set_threads
+
+    set_threads(1)
+    times: list[tuple[float, float]] = []
+    while len(times) < BATCH and (not times or sum(cpu for _, cpu in times) < ENOUGH) and not stop():
+        times.append(bare(prepare(point.parsed(), point.plugins), limit))
+    wall, cpu = (statistics.median(column) for column in zip(*times, strict=True))
+    return wall, cpu
+
+
+def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> None:
+    """Compile the law of a variant into the cache."""
+    from thirdbody.runner.prepare import prepare
+
+    prepare(point.parsed(), point.plugins)
+
+
+def repeats_of(seconds: float, wished: int) -> int:
+    """Return the least number of timings of a variant of this duration."""
+    if seconds > ONLY_TWO:
+        return 2
+    return max(wished, MANY) if seconds < SHORT else wished
+
+
+@dataclass
+class Costs:
+    """Measured seconds of one core of runs of a copy with its own step, by law; `other`: with the other integrator."""
+
+    base: Base
+    own: float
+    finest: Law
+    other: float
+    laws: dict[Law, float]
+
+    def of(self, variant: Variant) -> float:
+        """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
+        own = (self.base.level, self.base.springs)
+        if variant.integrator != self.base.kind:
+            seconds = self.other
+        elif variant.law in self.laws:
+            seconds = self.laws[variant.law]
+        else:
+            seconds = self.own * self._usual(variant.law) / self._usual(own)
+        seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
+        return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
+
+    def _usual(self, law: Law) -> float:
+        """Return the usual time of a law over that of one without springs."""
+        return 1.0 + law[1] / 8.0 if law[1] is not None else 15.0 if law == self.finest else 1.0
+
+    def learn(self, variant: Variant, seconds: float) -> None:
+        """Use the measured seconds of a variant."""
+        if variant.factor == variant.speed == 1.0 and variant.axis in ("law", "integrator"):
+            if variant.integrator != self.base.kind:
+                self.other = seconds
+            else:
+                self.laws[variant.law] = seconds
+
+
+class VariantRuns:
+    """The variants of a study: their points, what they cost, and the table of their runs."""
+
+    def __init__(self, bench: Bench, copy: Copy, source: StudySource, log: Callable[[str], None]) -> None:
+        from thirdbody.laws.registry import discover
+
+        self.bench, self.copy, self.base, self.log = bench, copy, copy.base, log
+        self.files = tuple(Path(file).absolute() for file in source.plugins)
+        scene = Scene.parse(copy.scene, "scene.toml", Path(), self.files)
+        self.variants = variants_of(scene, discover(self.files).families[scene.contact.law], copy.base)
+        self.rows = [
+            Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=f"{number:02d}_{_slug(v.name)}")
+            for number, v in enumerate(self.variants, 1)
+        ]
+        self.points, texts = {}, []
+        for row in self.rows:
+            text = scene.with_settings(row.variant.changes).to_toml()
+            folder = source.folder.absolute() / RUNS / row.folder
+            point = Point(len(texts), folder, text, Path(), MEASURED, self.files, nudge=row.variant.nudge)
+            self.points[id(row)] = point
+            texts.append(text)
+        columns = (AxisColumn("variant", "1", tuple(v.name for v in self.variants), 0),
+                   AxisColumn("axis", "1", tuple(v.axis for v in self.variants), 0))  # fmt: skip
+        settings = tuple(dict(v.changes) for v in self.variants)
+        plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
+        self.table = Table(plan, source.folder)
+        own = next(v for v in self.variants if v.default)
+        self.costs = Costs(copy.base, math.nan, self.variants[-1].law, math.inf, {})
+        self.own, self.other, self.beside, self.timed = own, copy.other, [1.0], [0.3]
+
+    def row_of(self, variant: Variant) -> Row:
+        """Return the row of a variant."""
+        return next(row for row in self.rows if row.variant is variant)
+
+    def run(self, row: Row, seconds: float) -> PointResult:
+        """Run a variant, for at most so many wall seconds; return the result. Raises Overdue where its process was ended."""
+        bench, results, began = self.bench, list[PointResult](), time.time()
+        point = replace(self.points[id(row)], deadline=min(bench.end, began + seconds))
+        last = point.deadline + GRACE
+        run_points([point], bench.runner, results.append, lambda: time.time() > last, grace=0.0)
+        result = results[0]
+        self.enter(row, result)
+        if row.cpu:
+            self.beside.append(max(time.time() - began - bench.pace * row.cpu[0], 0.1))
+        if result.status == WAITING:  # its process was ended
+            raise Overdue
+        return result
+
+    def enter(self, row: Row, result: PointResult) -> None:
+        """Use the result of a variant, which a study that goes on has already."""
+        self.table.record(result)
+        row.stable = result.status == DONE
+        if row.stable:
+            cpu = result.results["integration_time"]
+            row.cpu, row.wall, row.message = [cpu], [cpu], ""
+            row.outcome = read_outcome(self.points[id(row)].folder)
+            self.costs.learn(row.variant, cpu)
+            if row.variant.default:
+                self.costs.own, self.costs.other = cpu, min(self.costs.other, self.other * cpu)
+        elif result.status == INTERRUPTED:
+            row.message = f"given up after {result.seconds:.3g} s: it takes longer than expected"
+        else:
+            row.message = result.reason or "stopped: the budget was over"
+
+    def predicted(self, row: Row) -> float:
+        """Return the expected wall seconds of running a variant once, its law compiled."""
+        beside = statistics.median(self.beside)
+        return self.bench.pace * self.costs.of(row.variant) + beside
+
+    def round(self, row: Row) -> float:
+        """Return the wall seconds of timing a variant once more."""
+        if row.variant.axis in UNTIMED:
+            return 0.0
+        seconds = row.cpu[0] if row.cpu else self.costs.of(row.variant)
+        return self.bench.pace * max(seconds, min(BATCH * seconds, ENOUGH)) + statistics.median(self.timed)
+
+    def compile_beside(self) -> None:
+        """Let the other process compile the laws, those first that the study needs most."""
+        springs = sorted({v.springs for v in self.variants if v.springs is not None})
+        first = [self.costs.finest, *((v.level, v.springs) for v in self.variants if v.springs in springs[1:2])]
+
+        def rank(row: Row) -> tuple[bool, int, float]:
+            v = row.variant
+            return v.integrator != self.base.kind, first.index(v.law) if v.law in first else len(first), self.costs.of(v)
+
+        for row in sorted(self.rows, key=rank):
+            if _code(row.variant) not in self.bench.laws and _code(row.variant) != _code(self.own):
+                point = self.points[id(row)]
+                self.bench.laws[_code(row.variant)] = self.bench.compiler.submit(compile_point, point)
+
+    def is_compiled(self, row: Row) -> bool:
+        """Return whether the law of a variant is compiled, or cannot be."""
+        future = self.bench.laws.get(_code(row.variant))
+        return future is None or future.done()
+
+    def run_all(self) -> None:
+        """Run the variants for which time is left: the reference and what tells the scatter first, then the cheapest ones."""
+        waiting = [row for row in self.rows if not row.cpu]
+        done = [row for row in self.rows if row.cpu]
+        while waiting:
+            left = self.bench.left() - RESERVED_ROUNDS * sum(self.round(row) for row in done)
+            required = [row for row in waiting if _rank(row, self.costs.finest) < 2]
+            needed = sum(self.predicted(row) for row in required)
+            if needed > AFFORDABLE * left:  # the next finer one that can be run becomes the reference
+                required = [row for row in required if not row.variant.reference]
+                needed = sum(self.predicted(row) for row in required)
+            ready = sorted((row for row in waiting if self.is_compiled(row)), key=self._order)
+            fits = [row for row in ready if self._fits(row, left, needed if needed < AFFORDABLE * left else 0.0, required)]
+            if not fits:
+                if len(ready) == len(waiting) or left <= 0.0:
+                    break
+                time.sleep(0.1)  # the other process compiles
+                continue
+            row = fits[0]
+            waiting.remove(row)
+            self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
+            self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
+            if row.cpu:
+                done.append(row)
+
+    def _order(self, row: Row) -> tuple[int, float]:
+        return _rank(row, self.costs.finest), self.costs.of(row.variant)
+
+    def _fits(self, row: Row, left: float, needed: float, required: Sequence[Row]) -> bool:
+        if _rank(row, self.costs.finest) < 2:
+            return row in required and self.predicted(row) <= AFFORDABLE * left
+        return self.predicted(row) + RESERVED_ROUNDS * self.round(row) + needed <= left
+
+    def time_all(self, repeats: int) -> None:
+        """Time variants alternately with the scene's own, until each is known well or no time is left.
+
+        Those needed for errors only are not timed.
+        """
+        own = self.row_of(self.own)
+        rows = sorted((row for row in self.rows if row.stable and row.variant.axis not in UNTIMED), key=lambda row: row.cpu[0])
+        again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in rows}
+        first = {id(row): (row.wall[0], row.cpu[0]) for row in rows}
+        for _ in range(ROUNDS):
+            going = [row for row in rows if row is not own and not _is_known(again[id(row)], repeats)]
+            yardstick = self._timing(own) if going else None
+            if yardstick is None:
+                break
+            again[id(own)].append((*yardstick, yardstick[1]))
+            for row in going:
+                if (result := self._timing(row)) is not None:
+                    again[id(row)].append((*result, yardstick[1]))
+        for row in rows:
+            if again[id(row)]:
+                row.wall, row.cpu, row.beside = (list(column) for column in zip(*again[id(row)], strict=True))
+            elif again[id(own)] and first[id(row)][1] < LONG:
+                row.beside = []
+
+    def _timing(self, row: Row) -> tuple[float, float] | None:
+        """Return the seconds (wall, processor) of a variant; None where no time is left."""
+        if self.round(row) > self.bench.left():
+            return None
+        began = time.time()
+        try:
+            wall, cpu = self.bench.call(time_point, self.points[id(row)], LATE * max(row.cpu[0], 1.0))
+        except (Overdue, Late, ThirdbodyError):
+            return None
+        self.timed.append(max(time.time() - began - self.bench.pace * max(cpu, min(BATCH * cpu, ENOUGH)), 0.0))
+        return wall, cpu
+
+
+def _is_known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
+    """Return whether the ratio of a variant's seconds to the alternating ones is known well enough."""
+    seconds = [cpu for _, cpu, _ in again]
+    if not seconds or len(seconds) < repeats_of(min(seconds), repeats):
+        return False
+    return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
+
+
+def _rank(row: Row, finest: Law) -> int:
+    """Return the rank in the order of runs; within a rank the cheapest comes first."""
+    variant = row.variant
+    if variant.default or (variant.axis == "law" and variant.law == finest):
+        return 0
+    if variant.reference:
+        return 1
+    return 2 if variant.axis == "nudged" else 3
+
+
+def _code(variant: Variant) -> tuple[Any, ...]:
+    """Return a key of the code that a variant needs compiled."""
+    return variant.level, variant.springs, variant.integrator
+
+
+def _slug(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name).replace("__", "_")
