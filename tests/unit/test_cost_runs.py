@@ -164,9 +164,8 @@ class MadeUpBench:
         spent = (self.costs(points[0]) + 1.0) * self.pace
         late = self.now + spent > points[0].deadline
         self.now = min(self.now + spent, points[0].deadline)
-        record(
-            PointResult(points[0].number, INTERRUPTED if late else DONE, "", 0, spent, {"integration_time": spent - self.pace})
-        )
+        status, seconds = INTERRUPTED if late else DONE, {"integration_time": self.costs(points[0])}
+        record(PointResult(points[0].number, status, "", 0, spent, seconds))
 
     def costs(self, point):
         return self.seconds * (15.0 if "exact" in point.scene else 1.0)
@@ -189,7 +188,7 @@ def studied(bench, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("budget", "pace", "whole"), [(30.0, 1.0, False), (200.0, 1.0, True), (60.0, 3.0, False), (600.0, 3.0, True)]
+    ("budget", "pace", "whole"), [(30.0, 1.0, False), (300.0, 1.0, True), (90.0, 3.0, False), (900.0, 3.0, True)]
 )
 def test_a_budget_is_kept_and_cheap_variants_are_never_left_out_for_dear_ones(budget, pace, whole, monkeypatch, tmp_path):
     bench = MadeUpBench(monkeypatch, 0.2, budget, pace)
@@ -199,7 +198,8 @@ def test_a_budget_is_kept_and_cheap_variants_are_never_left_out_for_dear_ones(bu
     names = {row.variant.name for row in ran}
     assert {"mindlin", "exact", "coulomb", "mdr 8", "mindlin, step x4", "mindlin, step x2"} <= names
     costs = Costs(EXPLICIT, 0.2, ("exact", None), 0.2, {})
-    cheap = [costs.of(row.variant) for row in ran if row.variant.name not in ("exact", "exact, step /4")]
+    first = ("exact", "exact, step /4", "mdr 8", "coulomb")  # what every study has
+    cheap = [costs.of(row.variant) for row in ran if row.variant.name not in first]
     assert all(costs.of(row.variant) >= max(cheap) for row in omitted if row.variant.name != "exact, step /4")
     assert all(len(row.cpu) >= 3 for row in ran if row.variant.axis == "step") or not whole
 
@@ -216,14 +216,10 @@ def test_a_budget_that_holds_nothing_is_refused_and_leaves_no_folder(monkeypatch
 
 def test_a_copy_takes_the_time_that_it_is_made_for(file, tmp_path):
     """And the explicit step of all its variants is the smallest that `auto` takes."""
-    source = StudySource(file, {"solver.integrator": "explicit", "solver.distance": "400 nm"}, tmp_path, [])
-    copy = make_copy(source, 0.02, True)
+    source = StudySource(file, {"solver.integrator": "explicit", "solver.distance": "4 um"}, tmp_path, [])
+    copy = make_copy(source, 0.002, True)
     scene = Scene.parse(copy.scene)
-    assert (
-        scene.solver.distance < 400e-9
-        and "400 nm" in copy.reduction[0]
-        and "the smallest that `auto` takes" in copy.reduction[-1]
-    )
+    assert scene.solver.distance < 4e-6 and "4 um" in copy.reduction[0] and "the smallest that `auto` takes" in copy.reduction[-1]
     assert copy.base.kind == "explicit" and 0.0 < copy.base.step <= prepare(scene).state.dt
     assert Copy.of(json.loads(json.dumps(copy.document()))) == copy
 

@@ -28,7 +28,7 @@ from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResu
 from thirdbody.studies.results import DEFAULT, STATES
 from thirdbody.studies.runner import run_points
 from thirdbody.studies.timing import Late, bare, timing
-from thirdbody.studies.variants import UNTIMED, Base, Law, Variant, variants_of
+from thirdbody.studies.variants import SPRINGS, UNTIMED, Base, Law, Variant, variants_of
 from thirdbody.studies.workers import LocalWorkers
 
 FINISH, GRACE = 3.0, 3.0
@@ -270,12 +270,13 @@ class VariantRuns:
         done = [row for row in self.rows if row.cpu]
         while waiting:
             left = self.bench.left() - RESERVED_ROUNDS * sum(self.round(row) for row in done)
-            required = [row for row in waiting if _rank(row, self.costs.finest) < 2]
+            required = [row for row in waiting if self._rank(row) < 2]
             needed = sum(self.predicted(row) for row in required)
             if needed > AFFORDABLE * left:  # the next finer one that can be run becomes the reference
                 required = [row for row in required if not row.variant.reference]
                 needed = sum(self.predicted(row) for row in required)
-            ready = sorted((row for row in waiting if self.is_compiled(row)), key=self._order)
+            ready = [row for row in waiting if self.is_compiled(row)]
+            ready.sort(key=lambda row: (self._rank(row), self.costs.of(row.variant)))
             fits = [row for row in ready if self._fits(row, left, needed if needed < AFFORDABLE * left else 0.0, required)]
             if not fits:
                 if len(ready) == len(waiting) or left <= 0.0:
@@ -289,11 +290,22 @@ class VariantRuns:
             if row.cpu:
                 done.append(row)
 
-    def _order(self, row: Row) -> tuple[int, float]:
-        return _rank(row, self.costs.finest), self.costs.of(row.variant)
+    def _rank(self, row: Row) -> int:
+        """Return the rank in the order of runs; within a rank the cheapest comes first.
+
+        First what every study has: the scene's own variant, the finest law, the reference, the scatter, the coarsest law and a
+        few springs.
+        """
+        variant = row.variant
+        if variant.default or (variant.axis == "law" and variant.law == self.costs.finest):
+            return 0
+        if variant.reference:
+            return 1
+        few = variant.axis == "law" and (variant is self.variants[0] or variant.springs == SPRINGS[0])
+        return 2 if few or variant.axis == "nudged" else 3
 
     def _fits(self, row: Row, left: float, needed: float, required: Sequence[Row]) -> bool:
-        if _rank(row, self.costs.finest) < 2:
+        if self._rank(row) < 2:
             return row in required and self.predicted(row) <= AFFORDABLE * left
         return self.predicted(row) + RESERVED_ROUNDS * self.round(row) + needed <= left
 
@@ -340,16 +352,6 @@ def _is_known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool
     if not seconds or len(seconds) < repeats_of(min(seconds), repeats):
         return False
     return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
-
-
-def _rank(row: Row, finest: Law) -> int:
-    """Return the rank in the order of runs; within a rank the cheapest comes first."""
-    variant = row.variant
-    if variant.default or (variant.axis == "law" and variant.law == finest):
-        return 0
-    if variant.reference:
-        return 1
-    return 2 if variant.axis == "nudged" else 3
 
 
 def _code(variant: Variant) -> tuple[Any, ...]:
