@@ -33,9 +33,12 @@ SHORTEST = 0.02
 BESIDE = 0.5
 """Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
 
-DEAR, CHEAP, SMALLER, SIZES = 2.5, 0.25, 0.25, 4
-"""Time of a copy, over the one that it was made for, above and below which another copy is made; how much smaller one is made
-whose time is not known; number of copies that are tried."""
+DEAR, CHEAP, LAST, SMALLER, SIZES = 2.5, 0.25, 60.0, 0.25, 4
+"""Time of a copy, over the one that it was made for, above and below which another copy is made, and above which the trial of the
+smallest one ends; how much smaller one is made whose time is not known; number of copies that are tried."""
+
+SHORTEST_SETTLING = 0.125
+"""Least fraction of the expected settling time left."""
 
 CLOSE = 0.8
 """Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
@@ -107,14 +110,18 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     from thirdbody.scene.output import STORED
 
     scene, before, maximum = source.read(), "", target
-    lean = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
-    scene = scene.with_settings(lean) if lean else scene  # contacts and orientations are compared
+    lean: dict[str, Any] = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
+    if few:  # what is compared
+        lean |= {"output.blocks": ["clumps"], "output.arrays": ["quaternion"]}
+    scene = scene.with_settings(lean) if lean else scene
     for _ in range(SIZES):
         copy, built, reduction = reduce_scene(scene, source.plugins, maximum)
-        text = copy.to_toml()
+        text, limit = copy.to_toml(), DEAR * target
+        if text == before:  # no smaller one can be made
+            limit = LAST * target
         trial = prepare(copy, source.plugins)
         try:
-            seconds = bare(trial, DEAR * target)[1]
+            seconds = bare(trial, limit)[1]
         except Late:
             seconds = math.inf
         except GuardStop:  # its run will tell
@@ -209,27 +216,39 @@ def _power_of_two(fraction: float) -> float:
 def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[str]]:
     """Return the changes to keep a fraction of the time, if well below 1, and their description.
 
-    A shorter distance (or time) after settling, with the frames closer together; the fraction is a power of two as in `thin`.
+    A shorter distance (or time) after settling, with the frames closer together; where that does not suffice, shorter settling,
+    down to an eighth. Fractions are powers of two as in `thin`.
     """
     solver, output = built.requested.solver, built.requested.output
     settled = built.settle / built.planned_time
     if fraction >= CLOSE or settled >= 1.0:
         return {}, []
     fits = _power_of_two(max((fraction - settled) / (1.0 - settled), 0.5 * SHORTEST))
-    fraction = min(1.0, max(fits, SHORTEST, BESIDE * settled / (1.0 - settled)))
+    calm = 1.0  # what stays of settling
+    least = min(1.0, max(SHORTEST, BESIDE * settled / (1.0 - settled)))
+    if solver.distance is not None and solver.settle == "auto" and fraction < 0.5 * (settled + least * (1.0 - settled)):
+        calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + least * (1.0 - settled))))
+    fraction = min(1.0, max(fits, SHORTEST, BESIDE * calm * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
     whole = solver.distance if solver.distance is not None else solver.duration
     assert whole is not None
     left = _round(fraction * whole)
-    report = f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}"
-    changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)}
+    changes: dict[str, Any] = {}
+    words: list[str] = []
+    if left < whole:
+        changes[f"solver.{key}"] = units.format_si(left, kind)
+        words.append(f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}")
+    if calm < 1.0:
+        settle = _round(calm * built.settle)
+        changes["solver.settle"] = units.format_si(settle, "time")
+        words.append(f"{units.pretty(settle, 'time')} of {units.pretty(built.settle, 'time')} of settling")
     span = built.planned_distance if output.every_kind == "distance" else built.scene_time(built.planned_time)
     every = min(output.every, _round(fraction * span / FRAMES))
     if every < output.every:
         unit = "length" if output.every_kind == "distance" else "time"
         changes["output.every"] = units.format_si(every, unit)
-        report += f", a frame each {units.pretty(every, unit)}"
-    return changes, [report]
+        words.append(f"a frame each {units.pretty(every, unit)}")
+    return changes, [", ".join(words)] if words else []
 
 
 def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str]]:

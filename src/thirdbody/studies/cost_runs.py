@@ -302,7 +302,7 @@ class VariantRuns:
         if variant.reference:
             return 1
         few = variant.axis == "law" and (variant is self.variants[0] or variant.springs == SPRINGS[0])
-        return 2 if few or variant.axis == "nudged" else 3
+        return 2 if few or variant.nudge == 1 else 3
 
     def _fits(self, row: Row, left: float, needed: float, required: Sequence[Row]) -> bool:
         if self._rank(row) < 2:

@@ -176,6 +176,8 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
     """Return the plan of a sweep file, or that of a sweep's folder, and the folder. Raises InputError."""
     if is_sweep_folder(path):
         folder, document = sweep_folder(path), read_document(path)
+        if "study" in document:
+            raise InputError(f"{path}: is a study of cost; thirdbody cost SCENE -o {folder} --resume goes on with it")
         scene, files = saved_scene(folder, document), [Path(file) for file in document["plugins"]]
         return make_plan(scene, saved_definition(document), folder, files), folder
     if path.is_dir():
