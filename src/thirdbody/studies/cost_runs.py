@@ -183,13 +183,12 @@ class VariantRuns:
             Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=f"{number:02d}_{_slug(v.name)}")
             for number, v in enumerate(self.variants, 1)
         ]
-        self.points, texts = {}, []
-        for row in self.rows:
+        self.points = {}
+        for number, row in enumerate(self.rows):
             text = scene.with_settings(row.variant.changes).to_toml()
             folder = source.folder.absolute() / RUNS / row.folder
-            point = Point(len(texts), folder, text, Path(), MEASURED, self.files, nudge=row.variant.nudge)
+            point = Point(number, folder, text, Path(), MEASURED, self.files, nudge=row.variant.nudge)
             self.points[id(row)] = point
-            texts.append(text)
         columns = (AxisColumn("variant", "1", tuple(v.name for v in self.variants), 0),
                    AxisColumn("axis", "1", tuple(v.axis for v in self.variants), 0))  # fmt: skip
         settings = tuple(dict(v.changes) for v in self.variants)

@@ -183,10 +183,10 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
     if path.is_dir():
         raise InputError(Fault("", "is no folder of a sweep", str(path)))
     definition, folder = read_sweep(path), out or FOLDER / path.stem
-    scene = definition.folder / definition.tables.scene  # a sweep file lies beside it
-    if not scene.exists():
-        raise InputError(definition.fault(("scene",), f"{scene}: no such file"))
-    return make_plan(Scene.load(scene, plugins), definition, folder, plugins), folder
+    file = definition.folder / definition.tables.scene  # relative to the sweep file
+    if not file.exists():
+        raise InputError(definition.fault(("scene",), f"{file}: no such file"))
+    return make_plan(Scene.load(file, plugins), definition, folder, plugins), folder
 
 
 @dataclass(frozen=True)
@@ -224,9 +224,9 @@ def sweep_command(arguments: SweepArguments, execution: Execution, dry_run: bool
             raise problem
     points = SweepTable(folder).points
     if not any(point.status == DONE for point in points):
-        error = GuardStop(f"{folder}: every point failed")
-        error.exit_code = points[0].exit_code or error.exit_code
-        raise error
+        failure = GuardStop(f"{folder}: every point failed")
+        failure.exit_code = points[0].exit_code or failure.exit_code
+        raise failure
 
 
 def plan_of_arguments(arguments: SweepArguments) -> tuple[Plan, Path]:
