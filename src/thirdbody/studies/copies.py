@@ -152,17 +152,23 @@ def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float) ->
     built, report = prepare(scene, plugins), []
     if built.plan.estimated:  # a smaller copy might have another one
         scene = scene.with_settings({"solver.integrator": built.plan.kind})
+    fewest = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST
     for step in ("thin", "shorten"):
         fraction = maximum / seconds_of(prepare(scene, plugins))
         if step == "thin":
-            fewest = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST
             changes, words = thin(scene, built.state.n_bodies, fraction, fewest)
         else:
             changes, words = shorten(built, fraction)
-        if changes:
+        while changes:
+            try:
+                smaller = prepare(scene.with_settings(changes), plugins)
+            except InputError:  # a domain narrower than its largest bodies need
+                fewest *= 2
+                changes, words = thin(scene, built.state.n_bodies, fraction, fewest) if step == "thin" else ({}, [])
+                continue
             report += words
-            scene = scene.with_settings(changes)
-            built = prepare(scene, plugins)
+            scene, built = scene.with_settings(changes), smaller
+            break
     return scene, built, report
 
 
@@ -225,9 +231,9 @@ def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[st
         return {}, []
     fits = _power_of_two(max((fraction - settled) / (1.0 - settled), 0.5 * SHORTEST))
     calm = 1.0  # what stays of settling
-    least = min(1.0, max(SHORTEST, BESIDE * settled / (1.0 - settled)))
-    if solver.distance is not None and solver.settle == "auto" and fraction < 0.5 * (settled + least * (1.0 - settled)):
-        calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + least * (1.0 - settled))))
+    shortest = min(1.0, max(SHORTEST, BESIDE * settled / (1.0 - settled)))
+    if solver.distance is not None and solver.settle == "auto" and fraction < 0.5 * (settled + shortest * (1.0 - settled)):
+        calm = max(SHORTEST_SETTLING, _power_of_two(fraction / (settled + shortest * (1.0 - settled))))
     fraction = min(1.0, max(fits, SHORTEST, BESIDE * calm * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
     whole = solver.distance if solver.distance is not None else solver.duration

@@ -24,7 +24,7 @@ ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "l
           "mean_friction_error", "mean_position_error", "state_fraction_error")  # fmt: skip
 
 
-@dataclass
+@dataclass(eq=False)
 class Row:
     """Result of one variant.
 

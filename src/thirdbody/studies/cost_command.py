@@ -58,7 +58,11 @@ def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, js
             compute(source, options, json, log)
         return
     with new_study_folder(source.folder, overwrite) as work_folder:
-        compute(source._replace(folder=work_folder), options, json, log, source.folder)
+        try:
+            compute(source._replace(folder=work_folder), options, json, log, source.folder)
+        except KeyboardInterrupt:
+            goes_on = "--resume goes on with the runs that are there"
+            raise Interrupted(f"interrupted; {goes_on if work_folder == source.folder else 'the older study stays'}") from None
 
 
 def _cost(source: StudySource, options: StudyOptions, json: bool, log: Callable[[str], None], final: Path | None = None) -> None:
@@ -136,8 +140,6 @@ def study(
             f"--budget {duration(budget)}: it was over before the scene was built and had run once with its own settings; what "
             "was compiled till then is kept, so a second try gets farther"
         ) from None
-    except KeyboardInterrupt:
-        raise Interrupted("interrupted; --resume goes on with the runs that are there") from None
     finally:
         bench.close()
     one_pace(runs.rows)
@@ -163,7 +165,7 @@ def _begin(bench: Bench, source: StudySource, copy: Copy | None, log: Callable[[
     memory = CopyMemory(source.read(), source.plugins, bench.budget)
     save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
     for row in runs.rows:
-        if (result := read_result(runs.points[id(row)])) is not None:
+        if row in runs.points and (result := read_result(runs.points[row])) is not None:
             runs.enter(row, result)
     own = runs.row_of(runs.own)
     if not own.cpu:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from thirdbody.errors import ThirdbodyError
+from thirdbody.errors import InputError, ThirdbodyError
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.copies import Copy, StudySource
@@ -40,9 +40,9 @@ LATE = 3.0
 AFFORDABLE = 0.5
 """Largest fraction of the time left that the finest law and the reference may take together."""
 
-ROUNDS, RESERVED_ROUNDS, PRECISE = 25, 3, 0.10
-"""Largest number of rounds of timings; rounds for which time is reserved while variants are run; relative uncertainty of a time
-below which a variant needs no more of them."""
+ROUNDS, RESERVED_ROUNDS, DEAR, PRECISE = 25, 3, 0.02, 0.10
+"""Largest number of rounds of timings; rounds for which time is reserved while variants are run, but for those that take more
+than this fraction of the budget; relative uncertainty of a time below which a variant needs no more of them."""
 
 BATCH, ENOUGH = 3, 0.05
 """Largest number of runs in the batch of a timing, and its duration [s]; the result is the median.
@@ -179,19 +179,22 @@ class VariantRuns:
         self.files = tuple(Path(file).absolute() for file in source.plugins)
         scene = Scene.parse(copy.scene, "scene.toml", Path(), self.files)
         self.variants = variants_of(scene, discover(self.files).families[scene.contact.law], copy.base)
-        self.rows = [
-            Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=f"{number:02d}_{_slug(v.name)}")
-            for number, v in enumerate(self.variants, 1)
-        ]
-        self.points = {}
-        for number, row in enumerate(self.rows):
-            text = scene.with_settings(row.variant.changes).to_toml()
-            folder = source.folder.absolute() / RUNS / row.folder
-            point = Point(number, folder, text, Path(), MEASURED, self.files, nudge=row.variant.nudge)
-            self.points[id(row)] = point
-        columns = (AxisColumn("variant", "1", tuple(v.name for v in self.variants), 0),
-                   AxisColumn("axis", "1", tuple(v.axis for v in self.variants), 0))  # fmt: skip
-        settings = tuple(dict(v.changes) for v in self.variants)
+        self.rows, self.points = list[Row](), dict[Row, Point]()
+        for number, v in enumerate(self.variants, 1):
+            name = f"{number:02d}_{''.join(c if c.isalnum() else '_' for c in v.name).replace('__', '_')}"
+            row = Row(v, message=LEFT_OUT, integrator=v.integrator, step=v.step(copy.base), folder=name)
+            self.rows.append(row)
+            try:
+                text = scene.with_settings(v.changes).to_toml()
+            except InputError as error:  # a law that this scene cannot have
+                row.message = str(error)
+                continue
+            folder = source.folder.absolute() / RUNS / name
+            self.points[row] = Point(len(self.points), folder, text, Path(), MEASURED, self.files, nudge=v.nudge)
+        valid = [row.variant for row in self.rows if row in self.points]
+        columns = (AxisColumn("variant", "1", tuple(v.name for v in valid), 0),
+                   AxisColumn("axis", "1", tuple(v.axis for v in valid), 0))  # fmt: skip
+        settings = tuple(dict(v.changes) for v in valid)
         plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
         self.table = Table(plan, source.folder)
         own = next(v for v in self.variants if v.default)
@@ -205,7 +208,7 @@ class VariantRuns:
     def run(self, row: Row, seconds: float) -> PointResult:
         """Run a variant, for at most so many wall seconds; return the result. Raises Overdue where its process was ended."""
         bench, results, began = self.bench, list[PointResult](), time.time()
-        point = replace(self.points[id(row)], deadline=min(bench.end, began + seconds))
+        point = replace(self.points[row], deadline=min(bench.end, began + seconds))
         last = point.deadline + GRACE
         run_points([point], bench.runner, results.append, lambda: time.time() > last, grace=0.0)
         result = results[0]
@@ -223,7 +226,7 @@ class VariantRuns:
         if row.stable:
             cpu = result.results["integration_time"]
             row.cpu, row.wall, row.message = [cpu], [cpu], ""
-            row.outcome = read_outcome(self.points[id(row)].folder)
+            row.outcome = read_outcome(self.points[row].folder)
             self.costs.learn(row.variant, cpu)
             if row.variant.default:
                 self.costs.own, self.costs.other = cpu, min(self.costs.other, self.other * cpu)
@@ -244,6 +247,11 @@ class VariantRuns:
         seconds = row.cpu[0] if row.cpu else self.costs.of(row.variant)
         return self.bench.pace * max(seconds, min(BATCH * seconds, ENOUGH)) + statistics.median(self.timed)
 
+    def reserved(self, row: Row) -> float:
+        """Return the wall seconds to reserve for timing a variant; none for a dear one, whose run tells enough."""
+        each = self.round(row)
+        return RESERVED_ROUNDS * each if each < DEAR * self.bench.budget else 0.0
+
     def compile_beside(self) -> None:
         """Let the other process compile the laws, those first that the study needs most."""
         springs = sorted({v.springs for v in self.variants if v.springs is not None})
@@ -253,9 +261,9 @@ class VariantRuns:
             v = row.variant
             return v.integrator != self.base.kind, first.index(v.law) if v.law in first else len(first), self.costs.of(v)
 
-        for row in sorted(self.rows, key=rank):
+        for row in sorted((row for row in self.rows if row in self.points), key=rank):
             if _code(row.variant) not in self.bench.laws and _code(row.variant) != _code(self.own):
-                point = self.points[id(row)]
+                point = self.points[row]
                 self.bench.laws[_code(row.variant)] = self.bench.compiler.submit(compile_point, point)
 
     def is_compiled(self, row: Row) -> bool:
@@ -264,30 +272,42 @@ class VariantRuns:
         return future is None or future.done()
 
     def run_all(self) -> None:
-        """Run the variants for which time is left: the reference and what tells the scatter first, then the cheapest ones."""
-        waiting = [row for row in self.rows if not row.cpu]
-        done = [row for row in self.rows if row.cpu]
+        """Run the variants for which time is left: the reference and what every study has first, then the cheapest ones."""
+        waiting = [row for row in self.rows if row in self.points and not row.cpu]
         while waiting:
-            left = self.bench.left() - RESERVED_ROUNDS * sum(self.round(row) for row in done)
-            required = [row for row in waiting if self._rank(row) < 2]
+            left = self.bench.left() - sum(self.reserved(row) for row in self.rows if row.cpu)
+            required = self._required(waiting, left)
             needed = sum(self.predicted(row) for row in required)
-            if needed > AFFORDABLE * left:  # the next finer one that can be run becomes the reference
-                required = [row for row in required if not row.variant.reference]
-                needed = sum(self.predicted(row) for row in required)
             ready = [row for row in waiting if self.is_compiled(row)]
-            ready.sort(key=lambda row: (self._rank(row), self.costs.of(row.variant)))
-            fits = [row for row in ready if self._fits(row, left, needed if needed < AFFORDABLE * left else 0.0, required)]
-            if not fits:
-                if len(ready) == len(waiting) or left <= 0.0:
-                    break
+            ready.sort(key=lambda row: (row not in required, self._rank(row), self.costs.of(row.variant)))
+            fits = [
+                row for row in ready
+                if row in required
+                or (self._rank(row) > 1 and self.predicted(row) + self.reserved(row) + needed <= left)
+            ]  # fmt: skip
+            if fits:
+                row = fits[0]
+                waiting.remove(row)
+                self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
+                self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
+            elif len(ready) < len(waiting) and left > 0.0:
                 time.sleep(0.1)  # the other process compiles
-                continue
-            row = fits[0]
-            waiting.remove(row)
-            self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
-            self.log(f"{row.variant.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
-            if row.cpu:
-                done.append(row)
+            else:
+                break
+
+    def _required(self, waiting: Sequence[Row], left: float) -> list[Row]:
+        """Return the finest law and the reference, as far as they have to run yet and take at most half of the time left.
+
+        Where the reference takes longer, the finest law in steps that are less fine becomes the reference.
+        """
+        finest = [row for row in waiting if self._rank(row) == 0]
+        for axis in ("reference", "fine"):
+            row = next((row for row in self.rows if row.variant.axis == axis and row.variant.factor < 1.0), None)
+            if row is not None and row not in waiting:
+                return finest
+            if row is not None and sum(self.predicted(one) for one in (*finest, row)) <= AFFORDABLE * left:
+                return [*finest, row]
+        return [row for row in finest if self.predicted(row) <= AFFORDABLE * left]
 
     def _rank(self, row: Row) -> int:
         """Return the rank in the order of runs; within a rank the cheapest comes first.
@@ -303,11 +323,6 @@ class VariantRuns:
         few = variant.axis == "law" and (variant is self.variants[0] or variant.springs == SPRINGS[0])
         return 2 if few or variant.nudge == 1 else 3
 
-    def _fits(self, row: Row, left: float, needed: float, required: Sequence[Row]) -> bool:
-        if self._rank(row) < 2:
-            return row in required and self.predicted(row) <= AFFORDABLE * left
-        return self.predicted(row) + RESERVED_ROUNDS * self.round(row) + needed <= left
-
     def time_all(self, repeats: int) -> None:
         """Time variants alternately with the scene's own, until each is known well or no time is left.
 
@@ -315,21 +330,21 @@ class VariantRuns:
         """
         own = self.row_of(self.own)
         rows = sorted((row for row in self.rows if row.stable and row.variant.axis not in UNTIMED), key=lambda row: row.cpu[0])
-        again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in rows}
-        first = {id(row): (row.wall[0], row.cpu[0]) for row in rows}
+        again: dict[Row, list[tuple[float, float, float]]] = {row: [] for row in rows}
+        first = {row: (row.wall[0], row.cpu[0]) for row in rows}
         for _ in range(ROUNDS):
-            going = [row for row in rows if row is not own and not _is_known(again[id(row)], repeats)]
+            going = [row for row in rows if row is not own and not _is_known(again[row], repeats)]
             yardstick = self._timing(own) if going else None
             if yardstick is None:
                 break
-            again[id(own)].append((*yardstick, yardstick[1]))
+            again[own].append((*yardstick, yardstick[1]))
             for row in going:
                 if (result := self._timing(row)) is not None:
-                    again[id(row)].append((*result, yardstick[1]))
+                    again[row].append((*result, yardstick[1]))
         for row in rows:
-            if again[id(row)]:
-                row.wall, row.cpu, row.beside = (list(column) for column in zip(*again[id(row)], strict=True))
-            elif again[id(own)] and first[id(row)][1] < LONG:
+            if again[row]:
+                row.wall, row.cpu, row.beside = (list(column) for column in zip(*again[row], strict=True))
+            elif again[own] and first[row][1] < LONG:
                 row.beside = []
 
     def _timing(self, row: Row) -> tuple[float, float] | None:
@@ -338,7 +353,7 @@ class VariantRuns:
             return None
         began = time.time()
         try:
-            wall, cpu = self.bench.call(time_point, self.points[id(row)], LATE * max(row.cpu[0], 1.0))
+            wall, cpu = self.bench.call(time_point, self.points[row], LATE * max(row.cpu[0], 1.0))
         except (Overdue, Late, ThirdbodyError):
             return None
         self.timed.append(max(time.time() - began - self.bench.pace * max(cpu, min(BATCH * cpu, ENOUGH)), 0.0))
@@ -356,7 +371,3 @@ def _is_known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool
 def _code(variant: Variant) -> tuple[Any, ...]:
     """Return a key of the code that a variant needs compiled."""
     return variant.level, variant.springs, variant.integrator
-
-
-def _slug(name: str) -> str:
-    return "".join(c if c.isalnum() else "_" for c in name).replace("__", "_")
