@@ -21,10 +21,6 @@ from thirdbody.studies.point import read_result
 REPEATS, BUDGET = 3, 420.0
 """Least number of timings of a variant; wall time of a study [s]."""
 
-RUNS_OF_COPY = 400.0
-"""Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as
-long as a hundred of these runs, and their timings."""
-
 FEW_FRAMES = 420.0
 """Budget [s] below which the copy has few frames, which take longer to write than a short run to integrate."""
 
@@ -124,14 +120,10 @@ def study(
 
     if repeats < 2:
         raise UsageError(f"--repeats {repeats}: at least 2, to know the scatter of the times")
-    report, scene = machine(), source.read()
-    memory = CopyMemory(scene, source.plugins, budget)
-    saved = _saved_copy(source.folder, memory) if resume else None
-    log("starting the processes")
-    bench = Bench(budget)
+    bench = Bench(budget)  # its processes start meanwhile
     try:
-        runs = _begin(bench, source, saved or memory.read(), log)
-        memory.write(runs.copy)
+        report, scene = machine(), source.read()
+        runs = _begin(bench, source, CopyMemory(scene, source.plugins, budget), resume, log)
         runs.compile_beside()
         runs.run_all()
         runs.time_all(repeats)
@@ -148,24 +140,26 @@ def study(
     return built
 
 
-def _saved_copy(folder: Path, memory: CopyMemory) -> Copy:
-    """Return the copy of the study in a folder. Raises InputError for one of another scene or version."""
-    document = read_document(folder)
-    if document.get("study", {}).get("name") != memory.name:
-        raise InputError(f"{folder}: is a study of another scene or version; --overwrite computes it anew")
-    return Copy.of(document["study"]["copy"])
+def _begin(bench: Bench, source: StudySource, memory: CopyMemory, resume: bool, log: Callable[[str], None]) -> VariantRuns:
+    """Return the variants of a copy, the own one of the scene already run. Raises Overdue.
 
-
-def _begin(bench: Bench, source: StudySource, copy: Copy | None, log: Callable[[str], None]) -> VariantRuns:
-    """Return the variants of a copy, the own one of the scene already run. Raises Overdue."""
-    if copy is None:
+    Raises InputError for a study that should go on and is one of another scene or version.
+    """
+    if resume:
+        document = read_document(source.folder)
+        if document.get("study", {}).get("name") != memory.name:
+            raise InputError(f"{source.folder}: is a study of another scene or version; --overwrite computes it anew")
+        copy = Copy.of(document["study"]["copy"])
+    elif (saved := memory.read()) is not None:
+        copy = saved
+    else:
         log("building the scene and estimating its time")
-        copy = bench.call(make_copy, source, bench.budget / RUNS_OF_COPY, bench.budget < FEW_FRAMES)
+        copy = bench.call(make_copy, source, bench.target, bench.budget < FEW_FRAMES)
+        memory.write(copy)
     runs = VariantRuns(bench, copy, source, log)
-    memory = CopyMemory(source.read(), source.plugins, bench.budget)
     save_plan(runs.table.plan, source.folder, {"study": {"name": memory.name, "copy": copy.document()}})
-    for row in runs.rows:
-        if row in runs.points and (result := read_result(runs.points[row])) is not None:
+    for row, point in runs.points.items():
+        if (result := read_result(point)) is not None:
             runs.enter(row, result)
     own = runs.row_of(runs.own)
     if not own.cpu:

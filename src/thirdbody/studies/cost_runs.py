@@ -31,6 +31,10 @@ from thirdbody.studies.timing import Late, bare, timing
 from thirdbody.studies.variants import SPRINGS, UNTIMED, Base, Law, Variant, variants_of
 from thirdbody.studies.workers import LocalWorkers
 
+RUNS_OF_COPY = 400.0
+"""Budget over the time of one run of the copy with the scene's own settings: some 20 variants, of which the reference takes as
+long as a hundred of these runs, and their timings."""
+
 FINISH, GRACE = 3.0, 3.0
 """Time on an idle machine after the last variant: table, picture and JSON [s]; time for a run to end itself [s]."""
 
@@ -74,6 +78,11 @@ class Bench:
     def pace(self) -> float:
         """Wall seconds per second of a core: 1 on an idle machine, more on a shared one."""
         return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
+
+    @property
+    def target(self) -> float:
+        """Time of one run of the copy with the scene's own settings on one core [s]."""
+        return self.budget / RUNS_OF_COPY
 
     @property
     def end(self) -> float:
@@ -198,7 +207,7 @@ class VariantRuns:
         plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
         self.table = Table(plan, source.folder)
         own = next(v for v in self.variants if v.default)
-        self.costs = Costs(copy.base, math.nan, self.variants[-1].law, math.inf, {})
+        self.costs = Costs(copy.base, bench.target, self.variants[-1].law, math.inf, {})
         self.own, self.other, self.beside, self.timed = own, copy.other, [1.0], [0.3]
 
     def row_of(self, variant: Variant) -> Row:

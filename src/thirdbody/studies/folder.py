@@ -24,9 +24,7 @@ from thirdbody.errors import Fault, InputError, Interrupted, OutputError, Thirdb
 from thirdbody.export.csv_tables import as_text
 from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
-from thirdbody.scene.model import Scene
-from thirdbody.scene.read import read_text
-from thirdbody.studies.plan import POINTS, AxisColumn, Plan
+from thirdbody.studies.plan import Plan
 from thirdbody.studies.point import RESULT_FILE, WAITING, PointResult
 from thirdbody.studies.results import result
 
@@ -161,25 +159,6 @@ def read_document(path: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError):
         raise InputError(Fault("", "is damaged", str(file))) from None
     return dict(document)
-
-
-def columns_of(document: dict[str, Any]) -> tuple[AxisColumn, ...]:
-    """Return the axes of a saved plan with their values."""
-    return tuple(
-        AxisColumn(entry["key"], entry["unit"], tuple(point["values"][k] for point in document["points"]), entry["axis"])
-        for k, entry in enumerate(document["columns"])
-    )
-
-
-def runs_folder(folder: Path, document: dict[str, Any]) -> Path:
-    """Return the folder of the runs of a saved plan in a folder."""
-    return folder / (RUNS if "study" in document else POINTS)
-
-
-def saved_scene(folder: Path, document: dict[str, Any]) -> Scene:
-    """Return the scene of a sweep in its folder. Raises InputError."""
-    path = folder / SCENE_FILE
-    return Scene.parse(read_text(path), str(path), document["scene_folder"], [Path(file) for file in document["plugins"]])
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import os
 import re
 import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -206,27 +206,12 @@ def _number(value: Any) -> tuple[float, str]:
     return value, "dimensionless"
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Cost of the points that are missing: seconds of one core, wall time [s] on `workers`, disk and memory [bytes].
+def estimate(plan: Plan, workers: int | None) -> dict[str, Any]:
+    """Return what the missing points of a plan cost, from points that are done or from trials of a few; writes nothing.
 
-    `measured`: number of points whose time is known; else that of `trials` is estimated. `failures`: trials that cannot start.
+    `core_seconds` of one core, `wall_time` [s] on `workers`, `disk` and `memory_per_worker` [bytes]; `measured`: number of points
+    whose time is known, else that of `trials` is estimated; `failures`: trials that cannot start.
     """
-
-    points: int
-    done: int
-    workers: int
-    core_seconds: float
-    wall_time: float
-    disk: int
-    memory_per_worker: int
-    measured: int
-    trials: int
-    failures: tuple[str, ...]
-
-
-def estimate(plan: Plan, workers: int | None) -> Estimate:
-    """Return the cost of a plan, from points that are done or from trials of a few; a dry run, which writes nothing."""
     saved = {point.number: result for point in plan.points if (result := read_result(point)) is not None}
     missing = [point for point in plan.points if point.number not in saved]
     seconds = [result.seconds for result in saved.values() if result.status == DONE]
@@ -237,10 +222,18 @@ def estimate(plan: Plan, workers: int | None) -> Estimate:
     disk = statistics.fmean(sizes) if sizes else stored * _mean([float(trial["disk"]) for trial in trials])
     count = max(1, min(workers or cores(), len(missing)))
     total = each * len(missing) if missing else 0.0
-    memory = max((int(trial["memory"]) for trial in trials), default=0)
-    bytes_written = int(disk * len(missing)) if missing and math.isfinite(disk) else 0
-    return Estimate(len(plan.points), len(saved), count, total, total / count, bytes_written, memory,
-                    len(seconds), len(trials), tuple(failures))  # fmt: skip
+    return {
+        "points": len(plan.points),
+        "done": len(saved),
+        "workers": count,
+        "core_seconds": total,
+        "wall_time": total / count,
+        "disk": int(disk * len(missing)) if missing and math.isfinite(disk) else 0,
+        "memory_per_worker": max((int(trial["memory"]) for trial in trials), default=0),
+        "measured": len(seconds),
+        "trials": len(trials),
+        "failures": failures,
+    }
 
 
 def _trials(points: list[Point]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -270,14 +263,14 @@ def _bytes(folder: Path) -> int:
         return 0
 
 
-def print_estimate(plan: Plan, cost: Estimate, json: bool) -> None:
+def print_estimate(plan: Plan, cost: Mapping[str, Any], json: bool) -> None:
     """Print the axes and the cost of a sweep."""
     from thirdbody.report.tables import print_json, table
 
     values = {column.key: list(dict.fromkeys(column.values)) for column in plan.columns}
     if json:
         axes = [{"key": column.key, "unit": column.unit, "values": values[column.key]} for column in plan.columns]
-        print_json({"title": plan.title, "design": plan.design, "axes": axes, "results": plan.results} | asdict(cost))
+        print_json({"title": plan.title, "design": plan.design, "axes": axes, "results": plan.results} | dict(cost))
         return
     rows = []
     for column in plan.columns:
@@ -285,12 +278,12 @@ def print_estimate(plan: Plan, cost: Estimate, json: bool) -> None:
         shown = ", ".join(texts) if len(texts) <= 8 else f"{', '.join(texts[:3])} ... {texts[-1]} ({len(texts)})"
         rows.append([column.key, column.unit, shown])
     table(plan.title, ["axis", "unit", "values"], rows)
-    origin = f"{cost.measured} points that are done" if cost.measured else f"trials of {cost.trials} points"
-    hours = f"{duration(cost.core_seconds)} of one core, {duration(cost.wall_time)} on {cost.workers} workers"
-    print_line(f"points: {cost.points}, {cost.done} of them done already")
+    origin = f"{cost['measured']} points that are done" if cost["measured"] else f"trials of {cost['trials']} points"
+    hours = f"{duration(cost['core_seconds'])} of one core, {duration(cost['wall_time'])} on {cost['workers']} workers"
+    print_line(f"points: {cost['points']}, {cost['done']} of them done already")
     print_line(f"time: {hours} (from {origin})")
     print_line(
-        f"disk: {file_size(cost.disk)}; memory of a worker: about 0.3 GB, and {file_size(cost.memory_per_worker)} for a run"
+        f"disk: {file_size(cost['disk'])}; memory of a worker: about 0.3 GB, and {file_size(cost['memory_per_worker'])} for a run"
     )
-    for failure in cost.failures:
+    for failure in cost["failures"]:
         print_line(f"warning: {failure}", err=True)

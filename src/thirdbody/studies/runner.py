@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 from thirdbody.errors import Interrupted, OutputError, ThirdbodyError
 from thirdbody.quantity import duration
@@ -104,22 +104,16 @@ def reporting(progress: bool | SweepReporter, title: str) -> Iterator[SweepRepor
         yield report
 
 
-class PointExecutor(Protocol):
-    """Anything with the `submit` of `concurrent.futures.Executor`, whose futures have callbacks and can be cancelled."""
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Return the future of `function(*arguments)`."""
-
-
 def run_points(
     points: Sequence[Point],
-    executor: PointExecutor,
+    executor: Any,
     record: Callable[[PointResult], None],
     stop: Callable[[], bool] = lambda: False,
     grace: float = math.inf,
 ) -> bool:
     """Run all points and call `record` with the result of each, in the calling thread; return False where `stop` ended it.
 
+    `executor`: anything with the `submit` of `concurrent.futures.Executor`, whose futures have callbacks and can be cancelled.
     After `stop`, points that wait are cancelled, and those that run end by themselves, local ones with a checkpoint; local
     processes that have not after `grace` seconds are ended. Raises OutputError where the executor itself broke or a disk is
     full: points without a result then wait for a resume.

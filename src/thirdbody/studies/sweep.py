@@ -12,7 +12,8 @@ from thirdbody.errors import Fault, GuardStop, InputError, Interrupted, UsageErr
 from thirdbody.runner.prepare import check_call
 from thirdbody.scene.model import Scene
 from thirdbody.scene.overrides import toml_value
-from thirdbody.studies.folder import is_sweep_folder, read_document, saved_scene, sweep_folder
+from thirdbody.scene.read import read_text
+from thirdbody.studies.folder import SCENE_FILE, is_sweep_folder, read_document, sweep_folder
 from thirdbody.studies.plan import Plan, estimate, make_plan, print_estimate
 from thirdbody.studies.point import DONE, FAILED
 from thirdbody.studies.runner import Execution, SweepReporter, execute_sweep, reporting
@@ -178,7 +179,8 @@ def plan_of_path(path: Path, out: Path | None, plugins: Iterable[str | Path] = (
         folder, document = sweep_folder(path), read_document(path)
         if "study" in document:
             raise InputError(f"{path}: is a study of cost; thirdbody cost SCENE -o {folder} --resume goes on with it")
-        scene, files = saved_scene(folder, document), [Path(file) for file in document["plugins"]]
+        file, files = folder / SCENE_FILE, [Path(file) for file in document["plugins"]]
+        scene = Scene.parse(read_text(file), str(file), document["scene_folder"], files)
         return make_plan(scene, saved_definition(document), folder, files), folder
     if path.is_dir():
         raise InputError(Fault("", "is no folder of a sweep", str(path)))

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thirdbody.errors import InputError, UsageError
-from thirdbody.studies.folder import columns_of, read_document, runs_folder, sweep_folder
-from thirdbody.studies.plan import AxisColumn
+from thirdbody.studies.folder import RUNS, read_document, sweep_folder
+from thirdbody.studies.plan import POINTS, AxisColumn
 from thirdbody.studies.point import DONE, WAITING, Point, PointResult, read_result
 from thirdbody.studies.results import result
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
@@ -48,10 +48,13 @@ class SweepTable:
         self.path = sweep_folder(Path(path))
         self.title, self.design = str(document["title"]), str(document["design"])
         self.lengths: list[int] = document["lengths"]
-        self.columns: tuple[AxisColumn, ...] = columns_of(document)
+        self.columns = tuple(
+            AxisColumn(entry["key"], entry["unit"], tuple(point["values"][k] for point in document["points"]), entry["axis"])
+            for k, entry in enumerate(document["columns"])
+        )
         self.axes = {column.key: column.unit for column in self.columns}
         self.results = {name: result(name).unit for name in document["results"]}
-        runs = runs_folder(self.path, document)
+        runs = self.path / (RUNS if "study" in document else POINTS)
         self.points = [self._point(number, runs / entry["folder"]) for number, entry in enumerate(document["points"])]
 
     def _point(self, number: int, folder: Path) -> SweepPoint:
