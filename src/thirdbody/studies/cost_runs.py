@@ -54,8 +54,8 @@ BATCH, ENOUGH = 3, 0.05
 The first runs find the processor's caches cold, which is not part of their cost.
 """
 
-SHORT, MANY, LONG, ONLY_TWO = 0.3, 5, 2.0, 5.0
-"""Limits of run times [s] for many repeats, how many, for timing runs that write frames, and for two repeats."""
+SHORT, MANY, ONLY_TWO = 0.3, 5, 5.0
+"""Limit of run times [s] for many repeats, how many these are, and limit for two repeats."""
 
 MEASURED = ("integration_time", *(name for name in DEFAULT if name != STATES))
 """Results of the variants in the table."""
@@ -221,6 +221,8 @@ class VariantRuns:
         last = point.deadline + GRACE
         run_points([point], bench.runner, results.append, lambda: time.time() > last, grace=0.0)
         result = results[0]
+        bench.wall += result.seconds if result.processor else 0.0
+        bench.cpu += result.processor
         self.enter(row, result)
         if row.cpu:
             self.beside.append(max(time.time() - began - bench.pace * row.cpu[0], 0.1))
@@ -340,9 +342,9 @@ class VariantRuns:
         own = self.row_of(self.own)
         rows = sorted((row for row in self.rows if row.stable and row.variant.axis not in UNTIMED), key=lambda row: row.cpu[0])
         again: dict[Row, list[tuple[float, float, float]]] = {row: [] for row in rows}
-        first = {row: (row.wall[0], row.cpu[0]) for row in rows}
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS if own.stable else 0):
             going = [row for row in rows if row is not own and not _is_known(again[row], repeats)]
+            going = [row for row in going if self.reserved(row)] or going  # dear ones last
             yardstick = self._timing(own) if going else None
             if yardstick is None:
                 break
@@ -353,8 +355,6 @@ class VariantRuns:
         for row in rows:
             if again[row]:
                 row.wall, row.cpu, row.beside = (list(column) for column in zip(*again[row], strict=True))
-            elif again[own] and first[row][1] < LONG:
-                row.beside = []
 
     def _timing(self, row: Row) -> tuple[float, float] | None:
         """Return the seconds (wall, processor) of a variant; None where no time is left."""

@@ -66,7 +66,10 @@ class Point:
 
 @dataclass(frozen=True)
 class PointResult:
-    """Row of a point: `status`, for a failed one `reason`, the exit code of such a run, seconds spent, and results by name."""
+    """Row of a point: `status`, for a failed one `reason`, the exit code of such a run, seconds spent, and results by name.
+
+    `processor`: seconds of the processor, of those spent.
+    """
 
     number: int
     status: str
@@ -74,6 +77,7 @@ class PointResult:
     exit_code: int | None = None
     seconds: float = 0.0
     results: Mapping[str, float] = field(default_factory=dict)
+    processor: float = 0.0
 
 
 def write_result(point: Point, result: PointResult) -> None:
@@ -103,7 +107,7 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
     Never raises for a point that fails. The status is `interrupted`, and nothing is final, where `stop` returned True or the
     deadline passed (the run then ends with a checkpoint) and where the disk is full (exit code 5).
     """
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     if (saved := read_result(point)) is not None:
         return saved
     if not _unlocked(point.folder):
@@ -120,7 +124,7 @@ def run_point(point: Point, stop: Callable[[], bool] = lambda: False) -> PointRe
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"a bug of thirdbody: {type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
         result = PointResult(point.number, FAILED, reason, 1)
-    result = replace(result, seconds=time.perf_counter() - began)
+    result = replace(result, seconds=time.perf_counter() - began, processor=time.process_time() - used)
     try:
         write_result(point, result)
         if result.status == DONE and point.keep == "summary":
