@@ -147,7 +147,7 @@ class MadeUpBench:
     def __init__(self, monkeypatch, seconds, budget, pace=1.0):
         self.now, self.end, self.seconds, self.pace, self.laws = 0.0, budget, seconds, pace, {}
         self.runner = self.compiler = self
-        self.budget, self.target = budget, seconds
+        self.budget, self.target, self.wall, self.cpu = budget, seconds, 0.0, 0.0
         monkeypatch.setattr(time, "time", lambda: self.now)
         monkeypatch.setattr(time, "sleep", lambda seconds: None)
         monkeypatch.setattr(cost_runs, "read_outcome", lambda folder: outcome())
