@@ -13,8 +13,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_report
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, rms_error
 from thirdbody.studies.cost_report import reference_error
-from thirdbody.studies.cost_runs import Costs
-from thirdbody.studies.variants import CURVES, Base, Variant, variants_of
+from thirdbody.studies.variants import CURVES, Base, Costs, Variant, variants_of
 
 DRAG = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {x = {velocity = "0.5 m/s"}}\n'
 DEBRIS = '[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "5 um"\ncount = 2'

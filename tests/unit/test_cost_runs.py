@@ -22,9 +22,10 @@ from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, thin
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
-from thirdbody.studies.cost_runs import Costs, Overdue, VariantRuns, repeats_of, time_point
+from thirdbody.studies.cost_runs import Overdue, VariantRuns, rate_point, repeats_of, time_point
 from thirdbody.studies.point import DONE, INTERRUPTED, Point, PointResult, run_point
 from thirdbody.studies.timing import NUDGE, Late, bare, nudge, slower, timing
+from thirdbody.studies.variants import Costs
 
 from .test_cost import EXPLICIT, IMPLICIT, SCENE, TWO, ladder, made, outcome  # noqa: F401
 
@@ -172,6 +173,8 @@ class MadeUpBench:
         return self.seconds * (15.0 if "exact" in point.scene else 1.0)
 
     def call(self, function, point, limit):
+        if function is rate_point:
+            return self.costs(point)
         self.now += self.costs(point) * self.pace
         if self.left() < 0.0:
             raise Overdue

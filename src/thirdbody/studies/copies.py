@@ -37,6 +37,9 @@ DEAR, CHEAP, LAST, SMALLER, SIZES = 2.5, 0.25, 60.0, 0.25, 4
 """Time of a copy, over the one that it was made for, above and below which another copy is made, and above which the trial of the
 smallest one ends; how much smaller one is made whose time is not known; number of copies that are tried."""
 
+UNKNOWN = 10.0
+"""Time with the other integrator over that with its own, where it is not known."""
+
 SHORTEST_SETTLING = 0.125
 """Least fraction of the expected settling time left."""
 
@@ -61,7 +64,7 @@ class StudySource(NamedTuple):
 class Copy(NamedTuple):
     """A copy of a scene: its TOML with absolute paths, the settings of the scene itself, what was reduced.
 
-    `other`: expected time with the other integrator over that with its own; infinite where it is not known.
+    `other`: expected time with the other integrator over that with its own.
     """
 
     scene: str
@@ -137,7 +140,7 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
         words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
     bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
     base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
-    other = math.inf
+    other = UNKNOWN
     if (steps := built.plan.steps) is not None:
         other = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
     copy = portable(copy.with_settings(changes) if changes else copy)

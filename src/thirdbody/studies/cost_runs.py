@@ -7,12 +7,11 @@ them.
 
 from __future__ import annotations
 
-import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from thirdbody.studies.point import DONE, INTERRUPTED, WAITING, Point, PointResu
 from thirdbody.studies.results import DEFAULT, STATES
 from thirdbody.studies.runner import run_points
 from thirdbody.studies.timing import Late, bare, timing
-from thirdbody.studies.variants import SPRINGS, UNTIMED, Base, Law, Variant, variants_of
+from thirdbody.studies.variants import SPRINGS, UNTIMED, Costs, Variant, variants_of
 from thirdbody.studies.workers import LocalWorkers
 
 RUNS_OF_COPY = 400.0
@@ -136,46 +135,23 @@ def compile_point(point: Point, _stop: Callable[[], bool] = lambda: False) -> No
     prepare(point.parsed(), point.plugins)
 
 
+def rate_point(point: Point, limit: float, _stop: Callable[[], bool] = lambda: False) -> float:
+    """Return the expected seconds of integrating a variant on one core, from a trial of at most `limit` seconds."""
+    from thirdbody.runner.prepare import prepare, set_threads
+
+    set_threads(1)
+    built = prepare(point.parsed(), point.plugins)
+    try:
+        return bare(built, limit)[1]
+    except Late:
+        return limit * built.planned_time / max(built.state.time, 1e-3 * built.planned_time)
+
+
 def repeats_of(seconds: float, wished: int) -> int:
     """Return the least number of timings of a variant of this duration."""
     if seconds > ONLY_TWO:
         return 2
     return max(wished, MANY) if seconds < SHORT else wished
-
-
-@dataclass
-class Costs:
-    """Measured seconds of one core of runs of a copy with its own step, by law; `other`: with the other integrator."""
-
-    base: Base
-    own: float
-    finest: Law
-    other: float
-    laws: dict[Law, float]
-
-    def of(self, variant: Variant) -> float:
-        """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
-        own = (self.base.level, self.base.springs)
-        if variant.integrator != self.base.kind:
-            seconds = self.other
-        elif variant.law in self.laws:
-            seconds = self.laws[variant.law]
-        else:
-            seconds = self.own * self._usual(variant.law) / self._usual(own)
-        seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
-        return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
-
-    def _usual(self, law: Law) -> float:
-        """Return the usual time of a law over that of one without springs."""
-        return 1.0 + law[1] / 8.0 if law[1] is not None else 15.0 if law == self.finest else 1.0
-
-    def learn(self, variant: Variant, seconds: float) -> None:
-        """Use the measured seconds of a variant."""
-        if variant.factor == variant.speed == 1.0 and variant.axis in ("law", "integrator"):
-            if variant.integrator != self.base.kind:
-                self.other = seconds
-            else:
-                self.laws[variant.law] = seconds
 
 
 class VariantRuns:
@@ -207,8 +183,8 @@ class VariantRuns:
         plan = Plan(scene.title, copy.scene, "variants", (), columns, tuple(self.points.values()), settings)
         self.table = Table(plan, source.folder)
         own = next(v for v in self.variants if v.default)
-        self.costs = Costs(copy.base, bench.target, self.variants[-1].law, math.inf, {})
-        self.own, self.other, self.beside, self.timed = own, copy.other, [1.0], [0.3]
+        self.costs = Costs(copy.base, bench.target, self.variants[-1].law, copy.other * bench.target, {})
+        self.own, self.beside, self.timed = own, [1.0], [0.3]
 
     def row_of(self, variant: Variant) -> Row:
         """Return the row of a variant."""
@@ -240,7 +216,7 @@ class VariantRuns:
             row.outcome = read_outcome(self.points[row].folder)
             self.costs.learn(row.variant, cpu)
             if row.variant.default:
-                self.costs.own, self.costs.other = cpu, min(self.costs.other, self.other * cpu)
+                self.costs.own, self.costs.other = cpu, self.copy.other * cpu
         elif result.status == INTERRUPTED:
             row.message = f"given up after {result.seconds:.3g} s: it takes longer than expected"
         else:
@@ -296,7 +272,9 @@ class VariantRuns:
                 if row in required
                 or (self._rank(row) > 1 and self.predicted(row) + self.reserved(row) + needed <= left)
             ]  # fmt: skip
-            if fits:
+            if fits and self._is_guess(fits[0]):
+                self._try(fits[0])
+            elif fits:
                 row = fits[0]
                 waiting.remove(row)
                 self.run(row, LATE * self.predicted(row) + 5.0 * self.bench.pace)
@@ -305,6 +283,19 @@ class VariantRuns:
                 time.sleep(0.1)  # the other process compiles
             else:
                 break
+
+    def _is_guess(self, row: Row) -> bool:
+        """Return whether it is expected to take long, and nothing of its law or integrator is measured."""
+        return self.costs.key(row.variant) not in self.costs.laws and self.costs.of(row.variant) > DEAR * self.bench.budget
+
+    def _try(self, row: Row) -> None:
+        """Measure the expected time of a variant in a short trial. Raises Overdue."""
+        variant = row.variant
+        try:
+            seconds = self.bench.call(rate_point, self.points[row], 0.5 * DEAR * self.bench.budget)
+        except ThirdbodyError:  # its run tells the reason
+            seconds = self.costs.own
+        self.costs.laws[self.costs.key(variant)] = seconds * self.costs.of(replace(variant, factor=1.0)) / self.costs.of(variant)
 
     def _required(self, waiting: Sequence[Row], left: float) -> list[Row]:
         """Return the finest law and the reference, as far as they have to run yet and take at most half of the time left.

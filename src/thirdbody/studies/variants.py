@@ -95,6 +95,44 @@ class Variant:
         return self.factor * (base.step if self.integrator == "explicit" else base.tolerance)
 
 
+@dataclass
+class Costs:
+    """Measured seconds of one core of runs of a copy with its own step; `other`: expected with the other integrator.
+
+    `laws`: by law and integrator.
+    """
+
+    base: Base
+    own: float
+    finest: Law
+    other: float
+    laws: dict[tuple[Law, str], float]
+
+    def key(self, variant: Variant) -> tuple[Law, str]:
+        """Return what decides on the time of a step."""
+        return variant.law, variant.integrator
+
+    def of(self, variant: Variant) -> float:
+        """Return the expected seconds of a variant: proportional to the number of steps, measured for its law or estimated."""
+        own = (self.base.level, self.base.springs)
+        seconds = self.laws.get(self.key(variant), math.nan)
+        if math.isnan(seconds) and variant.integrator != self.base.kind:
+            seconds = self.other
+        elif math.isnan(seconds):
+            seconds = self.own * self._usual(variant.law) / self._usual(own)
+        seconds /= min(variant.speed, 1.0)  # a faster plate saves nothing while the debris settles
+        return seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5)
+
+    def _usual(self, law: Law) -> float:
+        """Return the usual time of a law over that of one without springs."""
+        return 1.0 + law[1] / 8.0 if law[1] is not None else 15.0 if law == self.finest else 1.0
+
+    def learn(self, variant: Variant, seconds: float) -> None:
+        """Use the measured seconds of a variant."""
+        if variant.factor == variant.speed == 1.0 and variant.axis in ("law", "integrator"):
+            self.laws[self.key(variant)] = seconds
+
+
 def variants_of(scene: Scene, family: LawFamily, base: Base) -> list[Variant]:
     """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
 
