@@ -19,7 +19,7 @@ from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_runs
 from thirdbody.studies.compare import read_outcome
-from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, thin
+from thirdbody.studies.copies import FEWEST, FEWEST_THAT_MEET, Copy, StudySource, make_copy, reduce_scene, reductions, thin
 from thirdbody.studies.cost_command import StudyOptions, cost_command, study
 from thirdbody.studies.cost_report import LEFT_OUT, as_json, convergence, falling
 from thirdbody.studies.cost_runs import Overdue, VariantRuns, rate_point, repeats_of, time_point
@@ -53,17 +53,20 @@ def test_a_thinned_copy_has_its_bodies_as_close_as_they_were_and_as_many_meet():
     """So what contact between bodies costs and changes is measured: by variants from displaced starts, and without it."""
     text = SCENE.replace("count = 2", "count = 200").replace('radius = "5 um"', 'radius = "5 um"\nplacement = "layer"')
     scene = Scene.parse(text.replace('"100 um", "100 um"', '"300 um", "200 um"').replace('debris_contact = "none"', ""))
-    near, words = thin(scene, 200, 0.25)
+    near = thin(scene, 200, 0.25)
     copy = scene.with_settings(near)
-    assert copy.debris[0].count == 50 and words == ["50 of 200 bodies, as close as they were"]
+    assert copy.debris[0].count == 50
     assert copy.domain.size == pytest.approx((150e-6, 100e-6), rel=1e-12)  # a quarter of the area
-    assert thin(scene, 200, 1.5) == ({}, []) and thin(scene, FEWEST, 0.1) == ({}, [])
-    copy, built, words = reduce_scene(scene, [], 1e-9)
-    assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets and "as close" in words[0]
+    assert thin(scene, 200, 1.5) == {} == thin(scene, FEWEST, 0.1)
+    first = prepare(scene)
+    copy, built = reduce_scene(scene, [], 1e-9, first)
+    words = reductions(scene, first, copy, built)
+    assert copy.debris[0].count == FEWEST_THAT_MEET and built.state.world.debris_meets
+    assert words[0] == "50 of 200 bodies, as close as they were"
     assert np.prod(copy.domain.size) / FEWEST_THAT_MEET == pytest.approx(np.prod(scene.domain.size) / 200, rel=1e-12)
     # a plate that all carry keeps its pressure, and its mass and dashpot for each body
     rigid = {"plates.upper.support": "rigid", "plates.upper.load": "8 mN", "plates.upper.mass": "8 ug"}
-    near, _ = thin(scene.with_settings(rigid), 200, 0.3)
+    near = thin(scene.with_settings(rigid), 200, 0.3)
     assert near["debris.0.count"] == 50 and (near["plates.upper.load"], near["plates.upper.mass"]) == ("2 mN", "2 ug")
     more = [variant for variant in ladder(replace(EXPLICIT, meets=True), scene) if variant.axis in ("nudged", "meeting")]
     assert [(variant.axis, variant.nudge) for variant in more] == [("nudged", 1), ("nudged", 2), ("meeting", 0)]

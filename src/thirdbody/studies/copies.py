@@ -33,9 +33,9 @@ SHORTEST = 0.02
 BESIDE = 0.5
 """Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
 
-DEAR, CHEAP, LAST, SMALLER, SIZES = 2.5, 0.25, 60.0, 0.25, 4
-"""Time of a copy, over the one that it was made for, above and below which another copy is made, and above which the trial of the
-smallest one ends; how much smaller one is made whose time is not known; number of copies that are tried."""
+DEAR, LAST, SMALLER, SIZES = 2.5, 60.0, 0.25, 4
+"""Time of a copy, over the one that it was made for, above which a smaller one is made, and above which the trial of the smallest
+ends; how much smaller one is made whose time is not known; number of copies that are tried."""
 
 UNKNOWN = 10.0
 """Time with the other integrator over that with its own, where it is not known."""
@@ -109,70 +109,91 @@ def make_copy(source: StudySource, target: float, few: bool, _stop: Callable[[],
     whose time is far off is replaced. `few`: with few frames, which take longer to write than a short run to integrate.
     """
     from thirdbody.runner.measurements import is_bed
-    from thirdbody.runner.prepare import prepare
+    from thirdbody.runner.prepare import prepare, set_threads
     from thirdbody.scene.output import STORED
 
-    scene, before, maximum = source.read(), "", target
+    scene = source.read()
     lean: dict[str, Any] = {f"output.{key}": None for key in STORED if key in scene.output.model_fields_set}
     if few:  # what is compared
         lean |= {"output.blocks": ["clumps"], "output.arrays": ["quaternion"]}
     scene = scene.with_settings(lean) if lean else scene
-    for _ in range(SIZES):
-        copy, built, reduction = reduce_scene(scene, source.plugins, maximum)
-        text, limit = copy.to_toml(), DEAR * target
-        if text == before:  # no smaller one can be made
+    set_threads(1)
+    copy, maximum, limit = scene, target, DEAR * target
+    first = built = prepare(scene, source.plugins)
+    for attempt in range(SIZES):
+        smaller, built = reduce_scene(copy, source.plugins, maximum, built)
+        if attempt and smaller == copy:  # no smaller one can be made
             limit = LAST * target
-        trial = prepare(copy, source.plugins)
+        copy, trial = smaller, prepare(smaller, source.plugins)
         try:
             seconds = bare(trial, limit)[1]
         except Late:
             seconds = math.inf
         except GuardStop:  # its run will tell
             seconds = target
-        if CHEAP * target <= seconds <= DEAR * target or text == before or (seconds < target and not reduction):
+        if seconds <= DEAR * target or limit > DEAR * target:
             break
-        before, maximum = text, maximum * (target / seconds if 0.0 < seconds < math.inf else SMALLER)
+        maximum = SMALLER * target if math.isinf(seconds) else target
     base = base_of(copy, built, source.plugins)
-    if base.kind == "explicit" and isinstance(copy.solver.time_step, str) and math.isfinite(seconds):
-        base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
-    changes, words = coarsened(copy, built) if few else ({}, [])
+    if few:
+        changes = coarsened(copy, built)
+        copy = copy.with_settings(changes) if changes else copy
+    words = reductions(scene, first, copy, built)
     if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
+        if math.isfinite(seconds):
+            base = replace(base, step=min(base.step, float(trial.integrator.summary()["time_step_limit"]["smallest"])))
         words.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
     bed = built.plan.kind == "explicit" and is_bed(built) and scene.plates.moving()
     base = replace(base, sheared_bed=bed, meets=bool(built.state.world.debris_meets))
     other = UNKNOWN
     if (steps := built.plan.steps) is not None:
         other = steps.gain if built.plan.kind == "implicit" else 1.0 / steps.gain
-    copy = portable(copy.with_settings(changes) if changes else copy)
-    return Copy(copy.to_toml(), base, [*reduction, *words], other)
+    return Copy(portable(copy).to_toml(), base, words, other)
 
 
-def reduce_scene(scene: Scene, plugins: Sequence[str | Path], maximum: float) -> tuple[Scene, Simulation, list[str]]:
-    """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions."""
+def reduce_scene(
+    scene: Scene, plugins: Sequence[str | Path], maximum: float, built: Simulation | None = None
+) -> tuple[Scene, Simulation]:
+    """Return the scene, or a smaller copy that is integrated in `maximum` seconds, and its simulation, after a trial.
+
+    `built`: the simulation of the scene, if there is one.
+    """
     from thirdbody.runner.prepare import prepare, set_threads
 
     set_threads(1)
-    built, report = prepare(scene, plugins), []
+    built = built or prepare(scene, plugins)
     if built.plan.estimated:  # a smaller copy might have another one
         scene = scene.with_settings({"solver.integrator": built.plan.kind})
-    fewest = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST
-    for step in ("thin", "shorten"):
-        fraction = maximum / seconds_of(prepare(scene, plugins))
-        if step == "thin":
-            changes, words = thin(scene, built.state.n_bodies, fraction, fewest)
-        else:
-            changes, words = shorten(built, fraction)
-        while changes:
-            try:
-                smaller = prepare(scene.with_settings(changes), plugins)
-            except InputError:  # a domain narrower than its largest bodies need
-                fewest *= 2
-                changes, words = thin(scene, built.state.n_bodies, fraction, fewest) if step == "thin" else ({}, [])
-                continue
-            report += words
-            scene, built = scene.with_settings(changes), smaller
-            break
-    return scene, built, report
+    fewest, fraction = FEWEST_THAT_MEET if built.state.world.debris_meets else FEWEST, maximum / seconds_of(built)
+    while changes := thin(scene, built.state.n_bodies, fraction, fewest):
+        try:
+            built, scene = prepare(scene.with_settings(changes), plugins), scene.with_settings(changes)
+        except InputError:  # a domain narrower than its largest bodies need
+            fewest *= 2
+            continue
+        fraction = maximum / seconds_of(built)
+        break
+    if changes := shorten(built, fraction):
+        scene = scene.with_settings(changes)
+        built = prepare(scene, plugins)
+    return scene, built
+
+
+def reductions(scene: Scene, first: Simulation, copy: Scene, built: Simulation) -> list[str]:
+    """Return in words what a copy omits of a scene; of both also a simulation."""
+    words = []
+    if built.state.n_bodies < first.state.n_bodies:
+        words.append(f"{built.state.n_bodies} of {first.state.n_bodies} bodies, as close as they were")
+    for key, kind, what in (("distance", "length", "way"), ("duration", "time", "time")):
+        whole, left = getattr(scene.solver, key), getattr(copy.solver, key)
+        if whole is not None and left is not None and left < whole:
+            words.append(f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {what}")
+    if copy.solver.settle != scene.solver.settle:
+        words.append(f"{units.pretty(built.settle, 'time')} of {units.pretty(first.settle, 'time')} of settling")
+    if copy.output.every != scene.output.every:
+        unit = "length" if copy.output.every_kind == "distance" else "time"
+        words.append(f"a frame each {units.pretty(copy.output.every, unit)}")
+    return words
 
 
 def seconds_of(built: Simulation) -> float:
@@ -186,8 +207,8 @@ def seconds_of(built: Simulation) -> float:
     return math.inf if math.isnan(seconds) else max(seconds * busy, 1e-9)
 
 
-def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> tuple[dict[str, Any], list[str]]:
-    """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted, and their description.
+def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> dict[str, Any]:
+    """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted.
 
     They can where bodies are drawn at random, and where a plate that they carry together keeps its pressure: its load, mass and
     dashpot shrink with the domain, which gets smaller such that the bodies stay as close as they are. The fraction is a power of
@@ -196,7 +217,7 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> tu
     upper = scene.plates.upper
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") for debris in scene.debris)
     if fraction >= 1.0 or bodies <= fewest or not drawn:
-        return {}, []
+        return {}
     retained = max(fewest / bodies, _power_of_two(fraction))
     counts = {k: max(1, round(retained * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
     left = sum(counts.values())
@@ -205,7 +226,7 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> tu
     changes["domain.size"] = [units.format_si(near * side, "length") for side in scene.domain.size]
     if upper is not None and upper.support != "load_per_particle" and upper.gap is None:
         if upper.loading is not None and upper.pressure is None:
-            return {}, []
+            return {}
         alone = ("mass", "damping") if upper.support == "rigid" else ()
         for key, kind in {"load": "force", "mass": "mass", "damping": "damping"}.items():
             value = getattr(upper, key)
@@ -214,16 +235,16 @@ def thin(scene: Scene, bodies: int, fraction: float, fewest: int = FEWEST) -> tu
     try:
         scene.with_settings(changes)
     except InputError:  # a domain shorter than the waves of its surfaces
-        return {}, []
-    return changes, [f"{left} of {bodies} bodies, as close as they were"]
+        return {}
+    return changes
 
 
 def _power_of_two(fraction: float) -> float:
     return 2.0 ** math.floor(math.log2(fraction)) if 0.0 < fraction < math.inf else 1e-9
 
 
-def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[str]]:
-    """Return the changes to keep a fraction of the time, if well below 1, and their description.
+def shorten(built: Simulation, fraction: float) -> dict[str, Any]:
+    """Return the changes to keep a fraction of the time, if it is well below 1.
 
     A shorter distance (or time) after settling, with the frames closer together; where that does not suffice, shorter settling,
     down to an eighth. Fractions are powers of two as in `thin`.
@@ -231,7 +252,7 @@ def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[st
     solver, output = built.requested.solver, built.requested.output
     settled = built.settle / built.planned_time
     if fraction >= CLOSE or settled >= 1.0:
-        return {}, []
+        return {}
     fits = _power_of_two(max((fraction - settled) / (1.0 - settled), 0.5 * SHORTEST))
     calm = 1.0  # what stays of settling
     shortest = min(1.0, max(SHORTEST, BESIDE * settled / (1.0 - settled)))
@@ -242,26 +263,18 @@ def shorten(built: Simulation, fraction: float) -> tuple[dict[str, Any], list[st
     whole = solver.distance if solver.distance is not None else solver.duration
     assert whole is not None
     left = _round(fraction * whole)
-    changes: dict[str, Any] = {}
-    words: list[str] = []
-    if left < whole:
-        changes[f"solver.{key}"] = units.format_si(left, kind)
-        words.append(f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}")
+    changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)} if left < whole else {}
     if calm < 1.0:
-        settle = _round(calm * built.settle)
-        changes["solver.settle"] = units.format_si(settle, "time")
-        words.append(f"{units.pretty(settle, 'time')} of {units.pretty(built.settle, 'time')} of settling")
+        changes["solver.settle"] = units.format_si(_round(calm * built.settle), "time")
     span = built.planned_distance if output.every_kind == "distance" else built.scene_time(built.planned_time)
     every = min(output.every, _round(fraction * span / FRAMES))
     if every < output.every:
-        unit = "length" if output.every_kind == "distance" else "time"
-        changes["output.every"] = units.format_si(every, unit)
-        words.append(f"a frame each {units.pretty(every, unit)}")
-    return changes, [", ".join(words)] if words else []
+        changes["output.every"] = units.format_si(every, "length" if output.every_kind == "distance" else "time")
+    return changes
 
 
-def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str]]:
-    """Return the change to an output interval that leaves `FRAMES` frames, where there are more, and its description.
+def coarsened(scene: Scene, built: Simulation) -> dict[str, Any]:
+    """Return the change to an output interval that leaves `FRAMES` frames, where there are more.
 
     Writing them takes as long for every variant.
     """
@@ -269,8 +282,8 @@ def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str
     span, unit = (built.planned_distance, "length") if by_length else (built.scene_time(built.planned_time), "time")
     every = _round(span / FRAMES)
     if every <= 1.2 * scene.output.every or every > span:
-        return {}, []
-    return {"output.every": units.format_si(every, unit)}, [f"a frame each {units.pretty(every, unit)}"]
+        return {}
+    return {"output.every": units.format_si(every, unit)}
 
 
 def _round(value: float) -> float:

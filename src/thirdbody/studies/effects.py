@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import ThirdbodyError, UsageError, nearest
 from thirdbody.palette import INK, LINE_COLORS, SOFT_INK
+from thirdbody.runner.prepare import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
-from thirdbody.studies.copies import StudySource, portable, reduce_scene
+from thirdbody.studies.copies import StudySource, portable, reduce_scene, reductions
 from thirdbody.studies.cost import percent
 from thirdbody.studies.cost_runs import time_point
 from thirdbody.studies.folder import RUNS, SCENE_FILE
@@ -63,8 +64,10 @@ def effects_study(source: StudySource, repeats: int, log: Callable[[str], None],
     `only`: names of effects, and no others are studied; all without any.
     """
     log("building the scene and estimating its time")
-    scene, built, reduction = reduce_scene(source.read(), source.plugins, SECONDS)
-    reduction = [f"{key} = {value}" for key, value in source.settings.items()] + reduction
+    whole = source.read()
+    first = prepare(whole, source.plugins)
+    scene, built = reduce_scene(whole, source.plugins, SECONDS, first)
+    reduction = [f"{key} = {value}" for key, value in source.settings.items()] + reductions(whole, first, scene, built)
     scene, left_out = portable(scene), list[str]()
     trials = candidates(scene, built, source.plugins, left_out)
     for name in only:
