@@ -159,7 +159,8 @@ def efficient(built: Study) -> list[Row]:
             return (other.seconds, id(other)) < (row.seconds, id(row))
         return better < error and not slower(other.timing, row.timing)
 
-    saved = [row for row in rows if row is built.reference or not any(beaten(row, other) for other in rows)]
+    others = [row for row in rows if row is not built.reference]
+    saved = [row for row in rows if row is built.reference or not any(beaten(row, other) for other in others)]
     return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
 
 
@@ -183,20 +184,19 @@ def speed_error(built: Study) -> tuple[float, float]:
 def recommended(built: Study) -> tuple[Row, str]:
     """Return the recommended variant, and the reason in words.
 
-    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one of
-    the front. Times within their spread, or that differ by less than a quarter, are equal: of such variants the scene's own is
+    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one.
+    Times within their spread, or that differ by less than a quarter, are equal: of such variants the scene's own is
     preferred, else the most accurate one. Where runs from starts 1e-9 apart differ by more than 1 %, the mean friction and the
     shares of the states decide, and errors below that scatter are equal. A run whose bodies do not meet is reported separately.
     """
     merit, default = figure_of_merit(built), built.default
-    rows = [row for row in efficient(built) if not row.variant.reference] or [built.reference]
     choices = [row for row in built.rows if row.stable and is_choice(row) and not row.variant.reference]
     close = [row for row in choices if row.errors[merit] <= max(GOOD, built.scatter.get(merit, 0.0))]
     labels = "state_fraction_error" if is_chaotic(built) else "label_difference"
     limit = max(SAME, built.scatter.get(labels, 0.0))
     good = [row for row in close if not row.errors[labels] > limit]
     ties = _ties(good)
-    row = _best_of(built, ties) if good else rows[-1]
+    row = _best_of(built, ties or choices or [built.reference], own=bool(good))
     own = ", the variant of the scene," if row is default else ""
     words = [f"`{row.variant.name}`{own} gives {percent(row.errors[merit])} {merit_in_words(built)} error"]
     if default is not None and default.stable and default is not row:
@@ -224,11 +224,11 @@ def _ties(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if not slower(row.timing, first.timing) or row.seconds <= (1.0 + GAIN) * first.seconds]
 
 
-def _best_of(built: Study, rows: Sequence[Row]) -> Row:
-    """Return, of variants of equal time, the scene's own, else the most accurate one, of equally accurate ones the fastest."""
+def _best_of(built: Study, rows: Sequence[Row], own: bool) -> Row:
+    """Return the most accurate of these variants, of equally accurate ones the fastest; with `own` rather the scene's own."""
     merit = figure_of_merit(built)
-    own = next((row for row in rows if row is built.default), None)
-    return own or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
+    default = next((row for row in rows if own and row is built.default), None)
+    return default or min(rows, key=lambda row: (significant_error(built, row, merit), row.seconds))
 
 
 def _why_not_the_fastest(built: Study, row: Row, close: Sequence[Row], good: Sequence[Row]) -> Iterator[str]:
